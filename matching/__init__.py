@@ -1,0 +1,1 @@
+"""Matching, judging and diagnosing: what is done with drivetrain models."""

@@ -1,0 +1,1 @@
+"""Drivetrain models: what a drivetrain is and does."""
