@@ -1,0 +1,227 @@
+"""A system put together: coordinates, energies, virtual work, states and paths, as SymPy expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import sympy as sm
+
+from modelling.constraints import eliminate
+from modelling.derivative import differentiate
+from modelling.system import Shaft, System
+
+Symbols = Mapping[str, sm.Symbol]
+_TWIST = sm.Dummy("twist", real=True)
+STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A rotation as a linear combination of coordinates: ``share[i]`` is the coefficient of coordinate i."""
+
+    share: dict[int, sm.Expr]
+    assembly: Assembly = field(repr=False)
+
+    def _sum(self, symbols: list[sm.Symbol]) -> sm.Expr:
+        return sm.Add(*(coefficient * symbols[i] for i, coefficient in self.share.items()))
+
+    @property
+    def angle(self) -> sm.Expr:
+        """Angle, rad."""
+        return self._sum(self.assembly.q)
+
+    @property
+    def speed(self) -> sm.Expr:
+        """Speed, rad/s."""
+        return self._sum(self.assembly.qd)
+
+    @property
+    def acceleration(self) -> sm.Expr:
+        """Acceleration, rad/s²."""
+        return self._sum(self.assembly.qdd)
+
+    def __sub__(self, other: Motion) -> Motion:
+        share = dict(self.share)
+        for i, coefficient in other.share.items():
+            share[i] = share.get(i, sm.Integer(0)) - coefficient
+        return Motion({i: c for i, c in share.items() if c != 0}, self.assembly)
+
+    def over(self, ratio: sm.Expr) -> Motion:
+        """The motion divided by a ratio."""
+        return Motion({i: c / ratio for i, c in self.share.items()}, self.assembly)
+
+
+class ShaftLaw:
+    """The torque law of a shaft while effects shape it; ``torque`` once closed."""
+
+    def __init__(self, shaft: Shaft, assembly: Assembly):
+        self.place = f"shafts.{shaft.name}"
+        first, self.second = (assembly.motions[end] for end in shaft.between)
+        self.first = first.over(assembly.symbol(f"{self.place}.ratio")) if shaft.ratio is not None else first
+        self.stiffness = assembly.symbol(f"{self.place}.stiffness")
+        self.damping = assembly.symbol(f"{self.place}.damping")
+        self.potentials: list[Callable[[sm.Expr], sm.Expr]] = [lambda twist: self.stiffness * twist**2 / 2]
+        self.gap: sm.Expr | None = None
+        self.series: sm.Expr | None = None
+        self.parallel: list[sm.Expr] = []
+        self.rate: sm.Expr = sm.Symbol(f"{self.place}.rate", real=True)  # stands in until the law is closed
+        self.torque: sm.Expr = sm.Integer(0)
+
+    def close(self, assembly: Assembly) -> None:
+        """Write the law into energies where it is elastic and viscous, into virtual work where it is not."""
+        twist = self.first - self.second
+        stand_in, rate = self.rate, twist.speed
+        x = _TWIST
+        potential = sm.Add(*(part(x) for part in self.potentials))
+        elastic = differentiate(potential, x)
+        parallel = sm.Add(*self.parallel)
+        if self.gap is None and self.series is None:
+            assembly.potential[self.place] = potential.xreplace({x: twist.angle})
+            assembly.dissipation[self.place] = self.damping * rate**2 / 2
+            torque = elastic.xreplace({x: twist.angle}) + self.damping * rate
+            if parallel != 0:
+                assembly.act(self.place, -parallel.xreplace({stand_in: rate}), twist)
+        else:
+            spring = twist.angle
+            relax: sm.Expr = sm.Integer(1)
+            if self.series is not None:
+                spring = assembly.state(f"{self.place}.slip", lambda _: stand_in)
+                relax = 1 + self.damping / self.series  # the damper in series takes its part of the rate
+            torque = self._gapped(elastic, x, spring, rate, relax)
+            if self.series is not None:
+                # in series: torque = series·(twist rate − spring rate); parallel elements pull on the same spring
+                spring_rate = rate - torque / self.series - parallel / self.series / relax
+                torque = torque + parallel / relax
+                assembly.substitute(stand_in, spring_rate.xreplace({stand_in: rate}))
+                rate = spring_rate
+            else:
+                torque = torque + parallel
+            assembly.act(self.place, -torque.xreplace({stand_in: rate}), twist)
+            torque = torque.xreplace({stand_in: rate})
+            parallel = sm.Integer(0)
+        self.torque = torque + parallel.xreplace({stand_in: rate})
+        assembly.substitute(stand_in, rate)
+
+    def _gapped(self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, relax: sm.Expr) -> sm.Expr:
+        if self.gap is None:
+            return (elastic.xreplace({x: spring}) + self.damping * rate) / relax
+        half = self.gap / 2
+        pushed = (elastic.xreplace({x: spring - half}) + self.damping * rate) / relax
+        pulled = (elastic.xreplace({x: spring + half}) + self.damping * rate) / relax
+        zero = sm.Integer(0)
+        return sm.Piecewise((sm.Max(zero, pushed), spring > half), (sm.Min(zero, pulled), spring < -half), (zero, True))
+
+
+@dataclass
+class InputPath:
+    """What a recorded input becomes before it acts."""
+
+    place: str
+    value: sm.Expr
+    delay: sm.Expr
+
+
+@dataclass
+class SensorPath:
+    """What the truth becomes before it is read."""
+
+    place: str
+    value: sm.Expr
+    delay: sm.Expr
+
+
+class Assembly:
+    """Energies, virtual work, states, input and sensor paths of a system; effects write into it.
+
+    ``kinetic``, ``potential`` and ``dissipation`` (Rayleigh) are expressions by component; ``work`` lists
+    (component, torque, motion): the torque does work on the motion.
+    """
+
+    def __init__(self, system: System):
+        self.system = system
+        self.parameters: dict[str, sm.Symbol] = {name: sm.Symbol(name, real=True) for name in system.parameters}
+        self._override = {
+            effect.at: self.parameters[f"{effect.name}.value"] for effect in system.effects if effect.kind == "wrong_parameter"
+        }
+        self.time = sm.Symbol("t", real=True)
+        self.coordinates: list[str] = []
+        self.q: list[sm.Symbol] = []
+        self.qd: list[sm.Symbol] = []
+        self.qdd: list[sm.Symbol] = []
+        self.kinetic: dict[str, sm.Expr] = {}
+        self.potential: dict[str, sm.Expr] = {}
+        self.dissipation: dict[str, sm.Expr] = {}
+        self.work: list[tuple[str, sm.Expr, Motion]] = []
+        self.states: dict[str, tuple[sm.Symbol, sm.Expr]] = {}
+        self.motions: dict[str, Motion] = {}
+        self.shafts: dict[str, ShaftLaw] = {}
+        self.inputs: dict[str, InputPath] = {}
+        self.sensors: dict[str, SensorPath] = {}
+        self._assemble()
+
+    def symbol(self, name: str) -> sm.Symbol:
+        """The symbol of a parameter; what a ``wrong_parameter`` says instead, where there is one."""
+        return self._override.get(name, self.parameters[name])
+
+    def coordinate(self, name: str) -> Motion:
+        """A new degree of freedom."""
+        index = len(self.coordinates)
+        self.coordinates.append(name)
+        for symbols, mark in ((self.q, "q"), (self.qd, "qd"), (self.qdd, "qdd")):
+            symbols.append(sm.Symbol(f"{mark}({name})", real=True))
+        return Motion({index: sm.Integer(1)}, self)
+
+    def state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
+        """A new first-order state with its time derivative."""
+        symbol = sm.Symbol(f"z({name})", real=True)
+        self.states[name] = (symbol, derivative(symbol))
+        return symbol
+
+    def act(self, component: str, torque: sm.Expr, motion: Motion) -> None:
+        """Let a torque do virtual work on a motion."""
+        self.work.append((component, torque, motion))
+
+    def sign(self, speed: sm.Expr) -> sm.Expr:
+        """Sign of a speed, turning over a stick speed that the simulation keeps small."""
+        stick = self.parameters.setdefault(STICK_SPEED, sm.Symbol(STICK_SPEED, real=True))
+        return sm.tanh(speed / stick)
+
+    def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
+        """Replace a stand-in in the states' derivatives."""
+        self.states = {name: (z, rate.xreplace({old: new}) if rate.has(old) else rate) for name, (z, rate) in self.states.items()}
+
+    def _assemble(self) -> None:
+        from modelling.effects import EFFECTS
+
+        system = self.system
+        by_place: dict[str, list] = {}
+        for effect in system.effects:
+            p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
+            by_place.setdefault(effect.at, []).append((EFFECTS[effect.kind], p))
+        eliminate(self)
+        for shaft in system.shafts:
+            law = self.shafts[shaft.name] = ShaftLaw(shaft, self)
+            for kind, p in by_place.get(law.place, ()):
+                kind.shaft(law, p, self)
+            law.close(self)
+        for part in system.inertias:
+            place, motion = f"inertias.{part.name}", self.motions[part.name]
+            self.kinetic[place] = self.symbol(f"{place}.J") * motion.speed**2 / 2
+            self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
+            for kind, p in by_place.get(place, ()):
+                kind.inertia(motion, p, self, place)
+        for part in system.inputs:
+            place = f"inputs.{part.name}"
+            path = self.inputs[part.name] = InputPath(place, sm.Symbol(f"u({part.name})", real=True), sm.Integer(0))
+            for kind, p in by_place.get(place, ()):
+                kind.input(path, p, self)
+            self.act(place, path.value, self.motions[part.on])
+        for part in system.sensors:
+            place = f"sensors.{part.name}"
+            sensor = self.sensors[part.name] = SensorPath(place, self._truth(part.measures, part.of), sm.Integer(0))
+            for kind, p in by_place.get(place, ()):
+                kind.sensor(sensor, p, self)
+
+    def _truth(self, measures: str, of: str) -> sm.Expr:
+        return self.shafts[of].torque if measures == "torque" else getattr(self.motions[of], measures)

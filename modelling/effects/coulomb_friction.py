@@ -1,0 +1,17 @@
+"""Dry friction of an inertia against ground."""
+
+from modelling.effects.kind import Kind, Parameter
+
+
+class CoulombFriction(Kind):
+    """torque·sgn(speed); with ``torque_reverse`` unequal by direction."""
+
+    kind = "coulomb_friction"
+    tables = ("inertias",)
+    parameters = {"torque": Parameter("N*m", lower=0.0), "torque_reverse": Parameter("N*m", lower=0.0, optional=True)}
+
+    def inertia(self, motion, p, assembly, name):
+        sign = assembly.sign(motion.speed)
+        forward, reverse = p["torque"], p.get("torque_reverse", p["torque"])
+        friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
+        assembly.act(name, -friction, motion)

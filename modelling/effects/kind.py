@@ -1,0 +1,89 @@
+"""What every effect says of itself: where it can sit, its parameters, its law."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from modelling.errors import InputError
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+    from modelling.system import Effect, System
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect: SI unit (or ``"sensor"``, ``"sensor/s"``, ``"quantity"``: that of the place), physical bounds."""
+
+    unit: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    optional: bool = False
+
+
+class Kind:
+    """One kind of effect. A subclass sets the class attributes and overrides the law of the tables it can sit at."""
+
+    kind: ClassVar[str] = ""
+    tables: ClassVar[tuple[str, ...]] = ()
+    parameters: ClassVar[dict[str, Parameter]] = {}
+
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+        """Change the torque law of a shaft."""
+        raise NotImplementedError
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
+        """Add a torque on an inertia."""
+        raise NotImplementedError
+
+    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
+        """Change what reaches the inertia of a recorded input."""
+        raise NotImplementedError
+
+    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
+        """Change what a sensor reads."""
+        raise NotImplementedError
+
+    def unit(self, key: str, at: str, system: System) -> str:
+        """SI unit of the parameter ``key`` of this effect at the place ``at``."""
+        unit = self.parameters[key].unit
+        if unit == "quantity":
+            return system.units[at]
+        if unit.startswith("sensor"):
+            own = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
+            return own + unit.removeprefix("sensor")
+        return unit
+
+    def check(self, effect: Effect, system: System, where: str) -> None:
+        """Check place, keys and bounds.
+
+        Raises
+        ------
+        InputError
+            Naming the key that is wrong.
+        """
+        from modelling.system import unknown
+
+        places = self.places(system)
+        if effect.at not in places:
+            raise unknown(effect.at, places, f"{where}.at")
+        given = dict(effect.parameters)
+        for key in given:
+            if key not in self.parameters:
+                raise unknown(key, list(self.parameters), f"{where} ({effect.kind})")
+        for key, parameter in self.parameters.items():
+            if key not in given:
+                if parameter.optional:
+                    continue
+                raise InputError(f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {self.unit(key, effect.at, system)}")
+            value = given[key].value
+            if not parameter.lower <= value <= parameter.upper:
+                raise InputError(
+                    f"{where}.{key}", f"{value:g} is not possible", f"{parameter.lower:g} … {parameter.upper:g} is needed"
+                )
+
+    def places(self, system: System) -> list[str]:
+        """Every place of a system where this kind can sit."""
+        return [place for place in system.places() if place.split(".")[0] in self.tables]

@@ -1,0 +1,101 @@
+"""SymPy → CasADi: an iterative, memoised tree walk that raises on what it does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import sympy as sm
+
+_ONE = {
+    sm.sin: ca.sin, sm.cos: ca.cos, sm.tan: ca.tan, sm.asin: ca.asin, sm.acos: ca.acos, sm.atan: ca.atan,
+    sm.sinh: ca.sinh, sm.cosh: ca.cosh, sm.tanh: ca.tanh, sm.exp: ca.exp, sm.log: ca.log, sm.Abs: ca.fabs,
+    sm.sign: ca.sign, sm.floor: ca.floor, sm.ceiling: ca.ceil,
+}  # fmt: skip
+_RELATION = {sm.StrictGreaterThan: ca.gt, sm.GreaterThan: ca.ge, sm.StrictLessThan: ca.lt, sm.LessThan: ca.le}
+
+
+def to_casadi(expressions: Sequence[sm.Expr], known: Mapping[sm.Symbol, ca.SX]) -> list[ca.SX]:
+    """Translate SymPy expressions, shared parts once.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+    known : mapping
+        The CasADi scalar of every symbol.
+
+    Raises
+    ------
+    NotImplementedError
+        If a function, relation or symbol is not known.
+    """
+    done: dict[sm.Basic, ca.SX] = dict(known)
+    for expression in expressions:
+        stack = [sm.sympify(expression)]
+        while stack:
+            node = stack[-1]
+            if node in done:
+                stack.pop()
+                continue
+            todo = [part for part in _parts(node) if part not in done]
+            if todo:
+                stack.extend(todo)
+            else:
+                done[stack.pop()] = _one(node, done)
+    return [done[sm.sympify(expression)] for expression in expressions]
+
+
+def _parts(node: sm.Basic) -> Sequence[sm.Basic]:
+    if isinstance(node, sm.Piecewise):
+        return [part for value, condition in node.args for part in (value, condition)]
+    return node.args
+
+
+def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
+    if node.is_Number or isinstance(node, sm.NumberSymbol):
+        return ca.SX(float(node))
+    if node is sm.true or node is sm.false:
+        return ca.SX(float(node is sm.true))
+    parts = [done[part] for part in _parts(node)]
+    if node.is_Add:
+        return sum(parts[1:], parts[0])
+    if node.is_Mul:
+        product = parts[0]
+        for part in parts[1:]:
+            product = product * part
+        return product
+    if node.is_Pow:
+        return _power(node, parts)
+    if isinstance(node, sm.Piecewise):
+        return _piecewise(parts)
+    if isinstance(node, sm.Max | sm.Min):
+        pick = ca.fmax if isinstance(node, sm.Max) else ca.fmin
+        out = parts[0]
+        for part in parts[1:]:
+            out = pick(out, part)
+        return out
+    if node.func in _ONE:
+        return _ONE[node.func](*parts)
+    if node.func in _RELATION:
+        return _RELATION[node.func](*parts)
+    if node.func is sm.atan2:
+        return ca.atan2(*parts)
+    raise NotImplementedError(f"no translation to CasADi for {node.func.__name__}: {node}")
+
+
+def _power(node: sm.Pow, parts: list[ca.SX]) -> ca.SX:
+    if node.exp == 2:
+        return ca.sq(parts[0])
+    if node.exp == -1:
+        return 1 / parts[0]
+    if node.exp == sm.Rational(1, 2):
+        return ca.sqrt(parts[0])
+    return parts[0] ** parts[1]
+
+
+def _piecewise(parts: list[ca.SX]) -> ca.SX:
+    """Nested choices from the last piece inwards; without a piece that always holds it is NaN there, as in SymPy."""
+    out = ca.SX(float("nan"))
+    for value, condition in reversed(list(zip(parts[::2], parts[1::2], strict=True))):
+        out = value if condition.is_constant() and float(condition) == 1 else ca.if_else(condition, value, out)
+    return out
