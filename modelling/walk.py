@@ -84,13 +84,7 @@ def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
 
 
 def _power(node: sm.Pow, parts: list[ca.SX]) -> ca.SX:
-    if node.exp == 2:
-        return ca.sq(parts[0])
-    if node.exp == -1:
-        return 1 / parts[0]
-    if node.exp == sm.Rational(1, 2):
-        return ca.sqrt(parts[0])
-    return parts[0] ** parts[1]
+    return 1 / parts[0] if node.exp == -1 else parts[0] ** parts[1]
 
 
 def _piecewise(parts: list[ca.SX]) -> ca.SX:
