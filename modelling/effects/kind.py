@@ -48,9 +48,11 @@ class Kind:
 
     def unit(self, key: str, at: str, system: System) -> str:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""
+        from modelling.system import UNITS
+
         unit = self.parameters[key].unit
         if unit == "quantity":
-            return system.units[at]
+            return UNITS[at.rsplit(".", 1)[1]]
         if unit.startswith("sensor"):
             own = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
             return own + unit.removeprefix("sensor")
