@@ -21,5 +21,5 @@ class InputError(ValueError):
         line = f"{self.where}: {self.wrong}" if self.where else self.wrong
         super().__init__(f"{line}; {self.right}" if self.right else line)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         return type(self), (self.where, self.wrong, self.right)

@@ -1,0 +1,68 @@
+# `make run` and `make test` need python3 (3.11 or newer) and make, nothing else.
+# Each sets up .venv by itself; where packages come from is pip's own configuration on the machine.
+SHELL := /bin/bash
+.ONESHELL:
+.SHELLFLAGS := -eu -o pipefail -c
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+.PHONY: help run test check bench campaign lock clean
+
+PYTHON ?= python3
+WORKERS ?= 2
+BIN := .venv/bin
+# Wheels only and by hash: no compiler is called and nothing unknown comes in. No build isolation: the backend is in the lock.
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+INSTALL := $(PIP) install --quiet --only-binary :all: --require-hashes --requirement
+PROJECT := $(PIP) install --quiet --no-deps --no-build-isolation --no-index --editable .
+COMPILE := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
+	--only-binary :all: --no-emit-index-url --no-annotate --custom-compile-command "make lock" --quiet --group build
+
+# One thread a process, so that two workers fit two cores; figures without a display.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MPLBACKEND ?= Agg
+export PYTHONNOUSERSITE := 1
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' Makefile
+
+run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; the report is out/road_to_rig/report.html
+	$(BIN)/rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig
+
+test: .venv/test.stamp  ## set up, then lint, types and all tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -q -n $(WORKERS)
+
+bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
+	$(BIN)/python -m benchmarks
+
+campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many made faults, scored)
+	$(BIN)/python -m benchmarks.campaign
+
+lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
+	$(PIP) install --quiet uv
+	$(BIN)/$(COMPILE) --upgrade --output-file locks/run.txt
+	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group test --output-file locks/test.txt
+	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group bench --output-file locks/bench.txt
+
+clean:  ## remove the environment and everything made
+	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Debian's python3 makes environments but has no ensurepip, so pip comes from the wheel shipped here, everywhere.
+.venv/pip.stamp: $(wildcard .ci/bootstrap/pip-*.whl)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "rigmatch needs Python 3.11 or newer, this is " + sys.version.split()[0])'
+	@echo "setting up .venv"
+	$(PYTHON) -m venv --clear --without-pip .venv
+	$(BIN)/python $</pip --disable-pip-version-check install --quiet --no-index $<
+	touch $@
+
+.venv/run.stamp .venv/test.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
+	@echo "installing $<"
+	$(INSTALL) $<
+	$(PROJECT)
+	touch $@

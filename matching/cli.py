@@ -1,0 +1,171 @@
+"""The front door: `rigmatch COMMAND …`. Exit 0: answered; 2: bad input, said in one line; 1: a fault of the program."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NoReturn
+
+from matching.commands import available
+from modelling.errors import InputError
+
+ANSWERED, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+# What the operating system says of a path that a user gave wrongly; a full disk, say, is not among them.
+WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
+    FileNotFoundError: ("no such file", "a path that exists"),
+    IsADirectoryError: ("is a directory", "a file"),
+    NotADirectoryError: ("goes through a file as if it were a directory", "a path through directories"),
+    FileExistsError: ("is there already and is not a directory", "another name"),
+    PermissionError: ("access denied", "a path you may read, or write to for output"),
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line on standard error and exit with 2."""
+        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
+
+
+class ShowVersion(argparse.Action):
+    """Print the version, which is looked up only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print and exit with 0."""
+        from matching import __version__
+
+        print(f"rigmatch {__version__}")
+        parser.exit()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code: 0 answered, 2 bad input, 1 fault of the program, 130 interrupted."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser, modules = build_parser(_words_to_complete() or words)
+    _offer_completion(parser)
+    try:
+        arguments = parser.parse_args(words)
+    except SystemExit as end:  # --help, --version and wrong arguments
+        return int(end.code or 0)
+    return _guarded(lambda: _answer(modules[arguments.command], arguments), arguments)
+
+
+def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
+    """Parser for all commands, of which only the one that `words` call for is imported (help must be instant)."""
+    parser = Parser(prog="rigmatch", description="Tunes a powertrain test bed until it answers like the vehicle.")
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    modules = {}
+    for name, line in available().items():
+        command = commands.add_parser(name, help=line)
+        command.add_argument(
+            "--json", action="store_true", help="print the result object on standard output, nothing else"
+        )
+        command.add_argument("--traceback", action="store_true", help="show where a fault of the program arose")
+        if name == wanted:
+            modules[name] = import_module(f"matching.commands.{name}")
+            command.description = modules[name].HELP
+            modules[name].add_arguments(command)
+    return parser, modules
+
+
+def _answer(command: ModuleType, arguments: argparse.Namespace) -> None:
+    from modelling.output import strict_json
+
+    if arguments.json:
+        with _standard_output_kept_clean():
+            text = strict_json(command.run(arguments))
+    else:
+        result = command.run(arguments)
+        text = command.summary(result) if hasattr(command, "summary") else ""
+    if text:
+        print(text.rstrip("\n"), flush=True)
+
+
+def _guarded(work: Callable[[], None], arguments: argparse.Namespace) -> int:
+    name = f"rigmatch {arguments.command}"
+    try:
+        work()
+    except InputError as error:
+        return _say(name, str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        return _say(name, "interrupted", INTERRUPTED)
+    except BrokenPipeError:  # whoever read the output has gone; keep the interpreter from complaining at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAULT
+    except Exception as error:
+        line = _wrong_input(error, arguments)
+        if line:
+            return _say(name, line, BAD_INPUT)
+        if arguments.traceback or os.environ.get("RIGMATCH_TRACEBACK"):
+            import traceback
+
+            traceback.print_exc()
+        return _say(name, f"a fault of rigmatch, not of your input: {_place(error)} (--traceback shows more)", FAULT)
+    return ANSWERED
+
+
+def _wrong_input(error: Exception, arguments: argparse.Namespace) -> str:
+    """Line for a wrong path among the arguments that no reader caught; empty if the error is the program's own."""
+    wrong, right = WRONG_PATH.get(type(error), ("", ""))
+    if not wrong or not isinstance(error, OSError) or not isinstance(error.filename, str | bytes | os.PathLike):
+        return ""
+    path = Path(os.fsdecode(error.filename))
+    return str(InputError(str(path), wrong, f"give {right}")) if _was_given(path, arguments) else ""
+
+
+def _was_given(path: Path, arguments: argparse.Namespace) -> bool:
+    values = [each for value in vars(arguments).values() for each in (value if isinstance(value, list) else [value])]
+    given = [Path(value).absolute() for value in values if isinstance(value, str | Path)]
+    path = path.absolute()
+    return any(path == each or path in each.parents for each in given)
+
+
+def _place(error: Exception) -> str:
+    step, last = error.__traceback__, None
+    while step:
+        step, last = step.tb_next, step
+    place = f" at {Path(last.tb_frame.f_code.co_filename).name}:{last.tb_lineno}" if last else ""
+    return f"{type(error).__name__}: {_one_line(str(error)) or 'no message'}{place}"
+
+
+def _say(name: str, line: str, code: int) -> int:
+    print(f"{name}: {_one_line(line)}", file=sys.stderr)
+    return code
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+@contextmanager
+def _standard_output_kept_clean() -> Iterator[None]:
+    """Send what commands, solvers in C and worker processes print to standard error instead."""
+    with redirect_stdout(sys.stderr):
+        sys.__stdout__.flush()  # type: ignore[union-attr]
+        saved = os.dup(1)
+        os.dup2(2, 1)
+        try:
+            yield
+        finally:
+            os.dup2(saved, 1)
+            os.close(saved)
+
+
+def _words_to_complete() -> list[str]:
+    """Words on the command line so far when a shell asks for completions, else none."""
+    return os.environ["COMP_LINE"].split()[1:] if "_ARGCOMPLETE" in os.environ and "COMP_LINE" in os.environ else []
+
+
+def _offer_completion(parser: Any) -> None:
+    if "_ARGCOMPLETE" in os.environ:  # asked by a shell; otherwise the import would only cost time
+        import argcomplete
+
+        argcomplete.autocomplete(parser)

@@ -1,0 +1,29 @@
+"""The commands of `rigmatch`, one module each; none is imported before it is called for.
+
+A command's module has
+
+- `HELP`: a paragraph on what the command does, shown by `rigmatch COMMAND --help`,
+- `add_arguments(parser)`: its arguments, except `--json` and `--traceback`, which every command has,
+- `run(arguments) -> dict`: does it, writes its files by `modelling.output.write_all`, returns the result object,
+- optionally `summary(result) -> str`: the same for a reader at a terminal, printed unless `--json` is given.
+"""
+
+from importlib.util import find_spec
+
+ONE_LINE = {
+    "modes": "modes of a model with energy shares and symmetry",
+    "match": "tune loop, residual vehicle and adapters until the rig answers like the vehicle",
+    "map": "draw the achievable error over two quantities",
+    "simulate": "run a model on recorded inputs",
+    "diagnose": "find out what a model lacks against recordings",
+    "uncertainty": "measurement uncertainty budget after the GUM",
+    "fidelity": "partial and total XiL fidelity",
+    "tolerance": "how manufacturing and identification tolerances spread a match",
+    "export": "write the tuned residual vehicle as an FMU",
+    "new": "start a new model or case file",
+}
+
+
+def available() -> dict[str, str]:
+    """Commands whose module is there, with one line of help each, in the order to show them."""
+    return {name: line for name, line in ONE_LINE.items() if find_spec(f"{__name__}.{name}")}

@@ -1,0 +1,211 @@
+"""The front door: exit codes, one line on standard error, only the result on standard output, help at once."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from matching import cli, commands
+from modelling.errors import InputError
+
+
+@pytest.fixture
+def answer(monkeypatch):
+    """Install a command `modes` that takes MODEL and does what the test says."""
+
+    def install(run, **more):
+        module = SimpleNamespace(
+            HELP="A command for the test.", add_arguments=lambda parser: parser.add_argument("model"), run=run, **more
+        )
+        monkeypatch.setattr(cli, "available", lambda: {"modes": "modes", "match": "match"})
+        monkeypatch.setattr(cli, "import_module", {"matching.commands.modes": module}.__getitem__)
+
+    return install
+
+
+def fail_with(error):
+    def run(_):
+        raise error
+
+    return run
+
+
+def test_json_prints_the_result_and_nothing_else(answer, capfd):
+    def run(arguments):
+        print("chatter from Python")
+        os.write(1, b"chatter from a solver in C\n")
+        return {"model": arguments.model, "value": 0.1}
+
+    answer(run)
+    assert cli.main(["modes", "a.toml", "--json"]) == 0
+    out, err = capfd.readouterr()
+    assert json.loads(out) == {"model": "a.toml", "value": 0.1}
+    assert "chatter from Python" in err
+    assert "chatter from a solver in C" in err
+
+
+def test_standard_output_works_again_after_json(answer, capfd):
+    answer(fail_with(InputError("a.toml", "is wrong")))
+    cli.main(["modes", "a.toml", "--json"])
+    os.write(1, b"still here")
+    assert capfd.readouterr().out == "still here"
+
+
+def test_summary_is_printed_for_a_reader(answer, capsys):
+    answer(lambda _: {"n": 3}, summary=lambda result: f"{result['n']} modes")
+    assert cli.main(["modes", "a.toml"]) == 0
+    assert capsys.readouterr().out == "3 modes\n"
+
+
+def test_result_that_is_not_finite_is_a_fault(answer, capsys):
+    answer(lambda _: {"modes": [{"frequency": float("nan")}]})
+    assert cli.main(["modes", "a.toml", "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "modes[0].frequency is nan" in err
+
+
+def test_bad_input_is_one_line_and_exit_2(answer, capsys):
+    answer(fail_with(InputError("a.toml: inertias.motor.J", "is negative\nvery", "give a number above 0 kg·m²")))
+    assert cli.main(["modes", "a.toml"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "rigmatch modes: a.toml: inertias.motor.J: is negative very; give a number above 0 kg·m²\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ([], "COMMAND"),
+        (["nonsense"], "invalid choice: 'nonsense'"),
+        (["modes"], "required: model"),
+        (["modes", "a.toml", "--nonsense"], "--nonsense"),
+        (["modes", "a.toml", "b.toml"], "b.toml"),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_exit_2(answer, capsys, words, part):
+    answer(lambda _: {})
+    assert cli.main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert part in err
+
+
+def test_missing_file_that_no_reader_caught(answer, capsys, tmp_path):
+    answer(lambda arguments: Path(arguments.model).read_text())
+    assert cli.main(["modes", str(tmp_path / "none.toml")]) == 2
+    assert capsys.readouterr().err.endswith("none.toml: no such file; give a path that exists\n")
+    assert cli.main(["modes", str(tmp_path)]) == 2
+    assert "is a directory" in capsys.readouterr().err
+
+
+def test_missing_file_of_the_program_itself_is_a_fault(answer, capsys, tmp_path):
+    answer(lambda _: (tmp_path / "template.html").read_text())
+    assert cli.main(["modes", "a.toml"]) == 1
+
+
+def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, monkeypatch):
+    answer(fail_with(ZeroDivisionError("division by zero")))
+    assert cli.main(["modes", "a.toml"]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "a fault of rigmatch" in err
+    assert "ZeroDivisionError: division by zero at test_cli.py:" in err
+    assert cli.main(["modes", "a.toml", "--traceback"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+    monkeypatch.setenv("RIGMATCH_TRACEBACK", "1")
+    assert cli.main(["modes", "a.toml"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_interrupt_is_130(answer):
+    answer(fail_with(KeyboardInterrupt()))
+    assert cli.main(["modes", "a.toml"]) == 130
+
+
+def test_every_command_there_is_keeps_the_agreement():
+    for name in commands.available():
+        _, modules = cli.build_parser([name])
+        module = modules[name]
+        assert module.HELP.strip()
+        assert callable(module.run)
+    assert {path.stem for path in _command_files()} <= set(commands.ONE_LINE)
+
+
+def _command_files():
+    return [path for path in Path(commands.__path__[0]).glob("*.py") if not path.stem.startswith("_")]
+
+
+def python(code, **environment):
+    return subprocess.run(
+        [sys.executable, *code], capture_output=True, text=True, env={**os.environ, **environment}, check=False
+    )
+
+
+HEAVY = ("numpy", "scipy", "sympy", "casadi", "matplotlib", "pint", "jinja2", "importlib.metadata")
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys; from matching.cli import main; main(['--help']); print('LOADED', *sys.modules)"
+    loaded = python(["-c", code]).stdout.split("LOADED ")[1].split()
+    assert set(HEAVY).isdisjoint(loaded)
+    assert not any(name.startswith("matching.commands.") for name in loaded)
+
+
+def test_import_modelling_is_light():
+    loaded = python(["-c", "import sys, modelling; print(*sys.modules)"]).stdout.split()
+    assert "modelling" in loaded
+    assert {"scipy", "sympy", "casadi", "matplotlib", "pint"}.isdisjoint(loaded)
+
+
+def test_module_call_is_the_same_front_door():
+    result = python(["-m", "matching", "--version"])
+    assert result.returncode == 0
+    assert result.stdout.startswith("rigmatch ")
+    result = python(["-m", "matching", "nonsense"])
+    assert result.returncode == 2
+    assert result.stdout == ""
+
+
+def test_reader_gone_early_leaves_no_traceback():
+    code = (
+        "import sys, types; from matching import cli; "
+        "module = types.SimpleNamespace(HELP='', add_arguments=lambda p: None, run=lambda a: {}, "
+        "summary=lambda r: 'x' * 1_000_000); "
+        "cli.available = lambda: {'modes': ''}; cli.import_module = lambda name: module; "
+        "sys.exit(cli.main(['modes']))"
+    )
+    shell = f'{sys.executable} -c "$CODE" | head -c 1'
+    result = subprocess.run(
+        ["bash", "-c", shell], capture_output=True, text=True, env={**os.environ, "CODE": code}, check=False
+    )
+    assert result.stderr == ""
+
+
+def completions(line, tmp_path):
+    found = tmp_path / "found"
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(found),
+        "_ARGCOMPLETE_IFS": "\n",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    code = (
+        "import types; from matching import cli; "
+        "add = lambda parser: parser.add_argument('--damped', action='store_true'); "
+        "module = types.SimpleNamespace(HELP='', add_arguments=add); "
+        "cli.available = lambda: {'modes': '', 'match': ''}; cli.import_module = lambda name: module; cli.main([])"
+    )
+    python(["-c", code], **asked)
+    return {word.strip() for word in found.read_text().split("\n")}
+
+
+def test_tab_completes_commands_and_their_arguments(tmp_path):
+    assert completions("rigmatch m", tmp_path) == {"modes", "match"}
+    assert completions("rigmatch modes --d", tmp_path) == {"--damped"}

@@ -1,0 +1,126 @@
+"""Strict JSON and files that are whole or not there."""
+
+import json
+import os
+import pathlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modelling.errors import InputError
+from modelling.output import strict_json, write_all
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=15,
+)
+
+
+@given(PLAIN)
+def test_json_gives_back_what_went_in(value):
+    assert json.loads(strict_json(value)) == value
+
+
+def test_json_of_numpy():
+    value = {"a": np.float64(0.5), "b": np.arange(3), "c": np.bool_(True), "d": (np.int64(2),), "e": np.ones((2, 2))}
+    assert json.loads(strict_json(value)) == {"a": 0.5, "b": [0, 1, 2], "c": True, "d": [2], "e": [[1, 1], [1, 1]]}
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf"), np.float64("nan"), np.float32("inf")])
+def test_json_refuses_what_is_not_finite_and_says_where(bad):
+    with pytest.raises(FloatingPointError, match=r"^modes\[1\]\.frequency is -?(nan|inf)"):
+        strict_json({"modes": [{"frequency": 1.0}, {"frequency": bad}]})
+    with pytest.raises(FloatingPointError, match=r"^values\[1\]\[0\] is"):
+        strict_json({"values": np.array([[1.0], [float(bad)]])})
+
+
+@pytest.mark.parametrize("bad", [{"a": 1j}, {"a": object()}, {"a": {1: 2}}, {"a": {3, 4}}])
+def test_json_refuses_what_it_cannot_hold(bad):
+    with pytest.raises(TypeError, match=r"^a "):
+        strict_json(bad)
+
+
+def contents(directory):
+    return {str(path.relative_to(directory)): path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+
+
+def test_files_are_written_and_nothing_beside_them(tmp_path):
+    out = tmp_path / "new" / "out"
+    write_all(out, {"result.json": "{}", "figures/modes.png": b"\x89PNG", "ω.txt": "ω"})
+    assert contents(tmp_path) == {
+        "new/out/result.json": b"{}",
+        "new/out/figures/modes.png": b"\x89PNG",
+        "new/out/ω.txt": "ω".encode(),
+    }
+    assert sorted(path.name for path in out.iterdir()) == ["figures", "result.json", "ω.txt"]
+
+
+def test_old_files_are_replaced_and_others_left(tmp_path):
+    (tmp_path / "result.json").write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    write_all(tmp_path, {"result.json": "new"})
+    assert contents(tmp_path) == {"result.json": b"new", "notes.txt": b"mine"}
+
+
+def test_nothing_changes_when_a_file_cannot_be_made(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(TypeError):
+        write_all(tmp_path, {"a.txt": "new", "b.txt": 3})
+    assert contents(tmp_path) == {"a.txt": b"old"}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_nothing_changes_when_the_disk_is_full(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_all(out, {"a.txt": "new"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reader_never_sees_half_a_file(tmp_path, monkeypatch):
+    (tmp_path / "a.txt").write_text("old")
+    seen, replace = [], pathlib.Path.replace
+
+    def watch(path, target):
+        seen.append((path.read_text(), target.read_text()))
+        return replace(path, target)
+
+    monkeypatch.setattr(pathlib.Path, "replace", watch)
+    write_all(tmp_path, {"a.txt": "new"})
+    assert seen == [("new", "old")]
+
+
+def test_a_place_that_cannot_be_written_is_bad_input(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder" / "result.json").mkdir(parents=True)
+    for directory, files in [
+        (tmp_path / "file", {"a.txt": ""}),
+        (tmp_path / "file" / "deeper", {"a.txt": ""}),
+        (tmp_path, {"file/a.txt": ""}),
+        (tmp_path / "folder", {"a.txt": "", "result.json": ""}),
+    ]:
+        with pytest.raises(InputError, match="cannot be written"):
+            write_all(directory, files)
+    assert contents(tmp_path) == {"file": b"mine"}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_directory_without_access_is_bad_input(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="permission denied"):
+        write_all(tmp_path / "out", {"a.txt": ""})
+
+
+@pytest.mark.parametrize("name", ["", "/etc/a", "../a", "b/../../a"])
+def test_names_stay_inside(tmp_path, name):
+    with pytest.raises(ValueError, match="stay inside"):
+        write_all(tmp_path / "out", {name: ""})
+    assert list(tmp_path.iterdir()) == []
