@@ -3,13 +3,15 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
+from io import TextIOWrapper
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
+from matching import __version__
 from matching.commands import available
 from modelling.errors import InputError
 
@@ -33,38 +35,44 @@ class Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
 
 
-class ShowVersion(argparse.Action):
-    """Print the version, which is looked up only then."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        """Print and exit with 0."""
-        from matching import __version__
-
-        print(f"rigmatch {__version__}")
-        parser.exit()
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 answered, 2 bad input, 1 fault of the program, 130 interrupted."""
     words = list(sys.argv[1:] if argv is None else argv)
-    parser, modules = build_parser(_words_to_complete() or words)
-    _offer_completion(parser)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # units and Greek letters must not fail on a terminal that lacks them
+            stream.reconfigure(errors="backslashreplace")
     try:
-        arguments = parser.parse_args(words)
+        _run(words)
     except SystemExit as end:  # --help, --version and wrong arguments
         return int(end.code or 0)
-    return _guarded(lambda: _answer(modules[arguments.command], arguments), arguments)
+    except InputError as error:
+        return _say(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        return _say("interrupted", INTERRUPTED)
+    except BrokenPipeError:  # whoever read the output has gone; keep the interpreter from complaining at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAULT
+    except Exception as error:
+        if line := _wrong_path(error, words):
+            return _say(line, BAD_INPUT)
+        if "--traceback" in words or os.environ.get("RIGMATCH_TRACEBACK"):
+            import traceback
+
+            traceback.print_exc()
+        return _say(f"a fault of rigmatch, not of your input: {_place(error)} (--traceback shows more)", FAULT)
+    return ANSWERED
 
 
 def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     """Parser for all commands, of which only the one that `words` call for is imported (help must be instant)."""
-    parser = Parser(prog="rigmatch", description="Tunes a powertrain test bed until it answers like the vehicle.")
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="show the version and exit")
+    about = "Tunes a powertrain test bed until it answers like the vehicle."
+    parser = Parser(prog="rigmatch", description=about, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"rigmatch {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if not word.startswith("-")), None)
     modules = {}
     for name, line in available().items():
-        command = commands.add_parser(name, help=line)
+        command = commands.add_parser(name, help=line, allow_abbrev=False)
         command.add_argument(
             "--json", action="store_true", help="print the result object on standard output, nothing else"
         )
@@ -76,12 +84,18 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     return parser, modules
 
 
-def _answer(command: ModuleType, arguments: argparse.Namespace) -> None:
-    from modelling.output import strict_json
-
+def _run(words: Sequence[str]) -> None:
+    parser, modules = build_parser(_words_to_complete() or words)
+    _offer_completion(parser)
+    arguments = parser.parse_args(words)
+    command = modules[arguments.command]
     if arguments.json:
+        from modelling.output import strict_json
+
         with _standard_output_kept_clean():
             text = strict_json(command.run(arguments))
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
     else:
         result = command.run(arguments)
         text = command.summary(result) if hasattr(command, "summary") else ""
@@ -89,43 +103,17 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> None:
         print(text.rstrip("\n"), flush=True)
 
 
-def _guarded(work: Callable[[], None], arguments: argparse.Namespace) -> int:
-    name = f"rigmatch {arguments.command}"
-    try:
-        work()
-    except InputError as error:
-        return _say(name, str(error), BAD_INPUT)
-    except KeyboardInterrupt:
-        return _say(name, "interrupted", INTERRUPTED)
-    except BrokenPipeError:  # whoever read the output has gone; keep the interpreter from complaining at its end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAULT
-    except Exception as error:
-        line = _wrong_input(error, arguments)
-        if line:
-            return _say(name, line, BAD_INPUT)
-        if arguments.traceback or os.environ.get("RIGMATCH_TRACEBACK"):
-            import traceback
-
-            traceback.print_exc()
-        return _say(name, f"a fault of rigmatch, not of your input: {_place(error)} (--traceback shows more)", FAULT)
-    return ANSWERED
-
-
-def _wrong_input(error: Exception, arguments: argparse.Namespace) -> str:
-    """Line for a wrong path among the arguments that no reader caught; empty if the error is the program's own."""
-    wrong, right = WRONG_PATH.get(type(error), ("", ""))
-    if not wrong or not isinstance(error, OSError) or not isinstance(error.filename, str | bytes | os.PathLike):
+def _wrong_path(error: Exception, words: Sequence[str]) -> str:
+    """Line for a wrong path on the command line that no reader caught; empty if the error is the program's own."""
+    if type(error) not in WRONG_PATH or not isinstance(error, OSError):
         return ""
+    if not isinstance(error.filename, str | bytes | os.PathLike):
+        return ""
+    wrong, right = WRONG_PATH[type(error)]
     path = Path(os.fsdecode(error.filename))
-    return str(InputError(str(path), wrong, f"give {right}")) if _was_given(path, arguments) else ""
-
-
-def _was_given(path: Path, arguments: argparse.Namespace) -> bool:
-    values = [each for value in vars(arguments).values() for each in (value if isinstance(value, list) else [value])]
-    given = [Path(value).absolute() for value in values if isinstance(value, str | Path)]
-    path = path.absolute()
-    return any(path == each or path in each.parents for each in given)
+    given = [Path(word.partition("=")[2] if word.startswith("--") else word).absolute() for word in words]
+    was_given = any(path.absolute() in (each, *each.parents) for each in given)
+    return str(InputError(str(path), wrong, f"give {right}")) if was_given else ""
 
 
 def _place(error: Exception) -> str:
@@ -136,8 +124,8 @@ def _place(error: Exception) -> str:
     return f"{type(error).__name__}: {_one_line(str(error)) or 'no message'}{place}"
 
 
-def _say(name: str, line: str, code: int) -> int:
-    print(f"{name}: {_one_line(line)}", file=sys.stderr)
+def _say(line: str, code: int) -> int:
+    print(f"rigmatch: {_one_line(line)}", file=sys.stderr)
     return code
 
 

@@ -74,7 +74,7 @@ def test_bad_input_is_one_line_and_exit_2(answer, capsys):
     assert cli.main(["modes", "a.toml"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err == "rigmatch modes: a.toml: inertias.motor.J: is negative very; give a number above 0 kg·m²\n"
+    assert err == "rigmatch: a.toml: inertias.motor.J: is negative very; give a number above 0 kg·m²\n"
 
 
 @pytest.mark.parametrize(
@@ -85,6 +85,7 @@ def test_bad_input_is_one_line_and_exit_2(answer, capsys):
         (["modes"], "required: model"),
         (["modes", "a.toml", "--nonsense"], "--nonsense"),
         (["modes", "a.toml", "b.toml"], "b.toml"),
+        (["modes", "a.toml", "--js"], "--js"),
     ],
 )
 def test_wrong_arguments_are_one_line_and_exit_2(answer, capsys, words, part):
@@ -121,6 +122,13 @@ def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, m
     monkeypatch.setenv("RIGMATCH_TRACEBACK", "1")
     assert cli.main(["modes", "a.toml"]) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_command_that_cannot_be_loaded_is_a_fault(monkeypatch, capsys):
+    monkeypatch.setattr(cli, "available", lambda: {"modes": "modes"})
+    monkeypatch.setattr(cli, "import_module", fail_with(SyntaxError("invalid syntax")))
+    assert cli.main(["modes", "a.toml"]) == 1
+    assert "a fault of rigmatch" in capsys.readouterr().err
 
 
 def test_interrupt_is_130(answer):
@@ -172,14 +180,27 @@ def test_module_call_is_the_same_front_door():
     assert result.stdout == ""
 
 
-def test_reader_gone_early_leaves_no_traceback():
-    code = (
+def with_modes(result, summary, words):
+    """Program that runs `words` with a command `modes` of that result and summary (all three as Python)."""
+    return (
         "import sys, types; from matching import cli; "
-        "module = types.SimpleNamespace(HELP='', add_arguments=lambda p: None, run=lambda a: {}, "
-        "summary=lambda r: 'x' * 1_000_000); "
+        f"module = types.SimpleNamespace(HELP='', add_arguments=lambda p: None, run=lambda a: {result}, "
+        f"summary=lambda r: {summary}); "
         "cli.available = lambda: {'modes': ''}; cli.import_module = lambda name: module; "
-        "sys.exit(cli.main(['modes']))"
+        f"sys.exit(cli.main({words}))"
     )
+
+
+def test_terminal_without_greek_letters():
+    code = with_modes("{'unit': 'kg·m²'}", "'kg·m²'", "sys.argv[1:]")
+    shown = python(["-c", code, "modes"], PYTHONIOENCODING="ascii")
+    assert (shown.returncode, shown.stdout) == (0, "kg\\xb7m\\xb2\n")
+    shown = python(["-c", code, "modes", "--json"], PYTHONIOENCODING="ascii")
+    assert (shown.returncode, json.loads(shown.stdout)) == (0, {"unit": "kg·m²"})
+
+
+def test_reader_gone_early_leaves_no_traceback():
+    code = with_modes("{}", "'x' * 1_000_000", "['modes']")
     shell = f'{sys.executable} -c "$CODE" | head -c 1'
     result = subprocess.run(
         ["bash", "-c", shell], capture_output=True, text=True, env={**os.environ, "CODE": code}, check=False
