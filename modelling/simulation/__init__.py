@@ -1,0 +1,1 @@
+"""Time integration in parts: functions, steps, native and virtual machine, start states, the adaptive check."""

@@ -1,0 +1,97 @@
+"""Generated C → a shared library in the cache, where there is a compiler."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import casadi as ca
+
+from modelling.simulation.functions import Functions
+
+FLAGS = ("-O2", "-ftree-vectorize", "-fno-math-errno", "-shared", "-fPIC", "-std=c11", "-w")
+SECONDS = 300  # after which a compiler is given up
+
+
+@functools.cache
+def compiler() -> str | None:
+    """Path of the C compiler: ``CC``, cc, gcc or clang; None if there is none or ``RIGMATCH_COMPILE`` is 0."""
+    if os.environ.get("RIGMATCH_COMPILE", "") == "0":
+        return None
+    wanted = os.environ.get("CC", "")
+    return next((path for name in (wanted, "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
+
+
+@functools.cache
+def folder() -> Path:
+    """Where libraries are kept: ``RIGMATCH_CACHE``, the user's cache, or one of this process if that is closed."""
+    own = os.environ.get("RIGMATCH_CACHE") or os.path.join(os.environ.get("XDG_CACHE_HOME") or "~/.cache", "rigmatch")
+    path = Path(own).expanduser()
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(path, os.W_OK) and path.stat().st_uid == os.getuid():  # nobody else's code is loaded
+            return path
+    except (OSError, AttributeError):
+        pass
+    return Path(tempfile.mkdtemp(prefix="rigmatch-"))
+
+
+_LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
+
+
+def library(functions: Functions) -> ctypes.CDLL | None:
+    """The library of a set of functions, compiled if the cache lacks it; None if there is no compiler or it fails."""
+    kept = _LIBRARIES.get(id(functions))
+    if kept is None:
+        kept = _LIBRARIES[id(functions)] = (functions, _load(_source(functions)) if compiler() else None)
+    return kept[1]
+
+
+def _source(functions: Functions) -> str:
+    generator = ca.CodeGenerator("generated", {"with_header": False})
+    generator.add(functions.field)
+    generator.add(functions.reading)
+    driver = Path(__file__).with_name("driver.c").read_text(encoding="utf-8")
+    return f"{'#define SENSITIVE' if functions.derivatives else ''}\n{generator.dump()}\n{driver}"
+
+
+def _load(source: str) -> ctypes.CDLL | None:
+    cc = compiler()
+    assert cc
+    key = hashlib.sha256("\0".join((source, _version(cc), *FLAGS, platform.machine())).encode()).hexdigest()[:32]
+    target = folder() / f"{key}.so"
+    if not target.exists() and not _compile(cc, source, target):
+        return None
+    try:
+        return ctypes.CDLL(str(target))
+    except OSError:  # e.g. a folder mounted noexec
+        return None
+
+
+def _compile(cc: str, source: str, target: Path) -> bool:
+    """Compile beside the target and move there at once, so that processes may race."""
+    with tempfile.TemporaryDirectory(dir=target.parent) as work:
+        code, made = Path(work) / "step.c", Path(work) / "step.so"
+        code.write_text(source, encoding="utf-8")
+        command = [cc, *FLAGS, "-o", str(made), str(code), "-lm"]
+        try:
+            subprocess.run(command, check=True, capture_output=True, timeout=SECONDS)
+        except (OSError, subprocess.SubprocessError):
+            return False
+        os.replace(made, target)
+    return True
+
+
+@functools.cache
+def _version(cc: str) -> str:
+    try:
+        return subprocess.run([cc, "--version"], capture_output=True, text=True, timeout=SECONDS).stdout
+    except (OSError, subprocess.SubprocessError):
+        return cc

@@ -1,0 +1,83 @@
+"""What a simulation returns, and the error it raises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from modelling.errors import InputError
+
+
+class SimulationError(InputError):
+    """A state that is not finite, or steps too many to take: one line that says when and which."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Readings and states over time, all SI.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+        s, as given.
+    readings : dict of str to ndarray (t,)
+        By sensor, with all that the sensors' effects do to them.
+    states : ndarray (t, x)
+        Angles, speeds and further states, without the sensors' delays.
+    state_names : list of str, length x
+    units : dict of str to str
+        SI unit of every reading.
+    steps_per_second, stick_speed : float
+        What the integration used; ``stick_speed`` (rad/s) is NaN where nothing sticks.
+    """
+
+    time: np.ndarray
+    readings: dict[str, np.ndarray]
+    states: np.ndarray = field(repr=False)
+    state_names: list[str]
+    units: dict[str, str]
+    steps_per_second: float
+    stick_speed: float
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A reading or a state by name, (t,)."""
+        return self.readings[name] if name in self.readings else self.states[:, self.state_names.index(name)]
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Time and readings as plain lists."""
+        return {"time": self.time.tolist()} | {name: value.tolist() for name, value in self.readings.items()}
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Readings and their derivatives.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+    readings : ndarray (t, y)
+    jacobian : ndarray (t, y, s)
+        ∂reading/∂(parameter or start state ``names[s]``), SI.
+    sensors, names : list of str
+    """
+
+    time: np.ndarray
+    readings: np.ndarray
+    jacobian: np.ndarray = field(repr=False)
+    sensors: list[str]
+    names: list[str]
+
+
+def raise_if_failed(failed: np.ndarray, time: np.ndarray, states: Sequence[str]) -> None:
+    """Raise for the first row of ``failed`` (b, 2: sample, state; −1 where all went well)."""
+    rows = np.flatnonzero(failed[:, 0] >= 0)
+    if rows.size:
+        sample, state = failed[rows[0]]
+        which = f" (parameter set {rows[0]})" if len(failed) > 1 else ""
+        raise SimulationError(
+            "simulation",
+            f"{states[state]} is not finite at {time[sample]:g} s{which}",
+            "check parameters, start and inputs, or take more steps_per_second",
+        )

@@ -1,0 +1,61 @@
+"""Compiled and virtual path, readings and derivatives."""
+
+import numpy as np
+import pytest
+
+from modelling.compiled import compiled
+from modelling.effects import EFFECTS as registry
+from modelling.simulate import prepare, sensitivities, simulate, simulate_batch
+from tests.simulate.drives import EFFECTS, excitation, system_with
+
+MIXED = [
+    (),
+    ("backlash", "coulomb_friction", "dead_time", "sensor_delay", "lag"),
+    ("hysteresis", "hardening", "stribeck_friction", "sensor_gain", "sensor_drift"),
+    ("slip", "compliance", "quadratic_drag", "wrong_parameter"),
+    ("constant_torque", "torque_ripple", "input_gain", "sensor_offset"),
+]
+KINDS = [(kind,) for kind in EFFECTS] + MIXED[1:2]
+
+
+@pytest.mark.parametrize("kinds", KINDS, ids="+".join)
+def test_every_kind_is_simulated_alike_by_both_paths(kinds):
+    system = system_with(*kinds)
+    time, inputs = excitation(1.0)
+    fast, slow = simulate(system, time, inputs), simulate(system, time, inputs, compile=False)
+    plain = simulate(system_with(), time, inputs)
+    for name, reading in fast.readings.items():
+        np.testing.assert_allclose(reading, slow.readings[name], atol=1e-9 * np.ptp(reading), rtol=0)
+    assert any(not np.allclose(fast[name], plain[name], atol=1e-4 * np.ptp(plain[name])) for name in plain.readings)
+
+
+def test_the_mixtures_hold_every_kind():
+    assert {kind for kinds in MIXED for kind in kinds} == set(EFFECTS) == set(registry)
+
+
+@pytest.mark.parametrize("kinds", MIXED, ids="+".join)
+def test_derivatives_are_those_of_finite_differences(kinds, path):
+    model = compiled(system_with(*kinds))
+    time, inputs = excitation(0.4)
+    start = {"speed(motor)": 0.3, "speed(load)": 0.3, "angle(motor)": 0.02}
+    start |= {name: 0.5 for name in model.states if name.endswith(".lag")}  # given, so that parameters do not move it
+    p, steps = prepare(model, time, inputs, model.p0, start)
+    names = [name for name in model.parameters if not name.startswith("simulation")] + list(start)
+    got = sensitivities(model, time, inputs, p, names, start, steps_per_second=steps, compile=path)
+    base = dict(zip(model.parameters, p, strict=True)) | start
+
+    def readings(values):
+        row = np.array([values[name] for name in model.parameters])
+        begin = {name: values[name] for name in start}
+        return simulate_batch(model, time, inputs, row[None], begin, steps_per_second=steps, compile=path)[0]
+
+    np.testing.assert_allclose(got.readings, readings(base), rtol=1e-12)
+    for column, name in enumerate(names):
+        h = 1e-5 * max(abs(base[name]), 1e-2)
+        expected = (readings(base | {name: base[name] + h}) - readings(base | {name: base[name] - h})) / (2 * h)
+        # rounding of the difference quotient, and of a reading that the parameter does not move
+        scale = np.abs(expected).max(axis=0) + 1e-8 / h
+        difference = np.abs(got.jacobian[:, :, column] - expected) / scale
+        # a law with a kink that the quotient straddles leaves a remainder of the order of h
+        assert np.median(difference) < 1e-5, name
+        assert np.mean(difference < 1e-4) > 0.98, name
