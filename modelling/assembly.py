@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import sympy as sm
 
 from modelling.constraints import eliminate
 from modelling.derivative import differentiate
 from modelling.system import Shaft, System
+
+if TYPE_CHECKING:
+    from modelling.effects import Kind
 
 Symbols = Mapping[str, sm.Symbol]
 _TWIST = sm.Dummy("twist", real=True)
@@ -52,6 +56,18 @@ class Motion:
         return Motion({i: c / ratio for i, c in self.share.items()}, self.assembly)
 
 
+@dataclass(frozen=True)
+class Spring:
+    """What a spring is to small oscillations: its tangent ``stiffness``, the twist it resists, its own deflection.
+
+    Deflection and twist differ where a damper sits in series.
+    """
+
+    stiffness: sm.Expr
+    twist: Motion
+    deflection: sm.Expr
+
+
 class ShaftLaw:
     """The torque law of a shaft while effects shape it; ``torque`` once closed."""
 
@@ -65,6 +81,7 @@ class ShaftLaw:
         self.gap: sm.Expr | None = None
         self.series: sm.Expr | None = None
         self.parallel: list[sm.Expr] = []
+        self.parallel_stiffness: list[sm.Expr] = []  # of the parallel elements, for small oscillations about rest
         self.rate: sm.Expr = sm.Symbol(f"{self.place}.rate", real=True)  # stands in until the law is closed
         self.torque: sm.Expr = sm.Integer(0)
 
@@ -75,6 +92,7 @@ class ShaftLaw:
         x = _TWIST
         potential = sm.Add(*(part(x) for part in self.potentials))
         elastic = differentiate(potential, x)
+        spring = twist.angle
         parallel = sm.Add(*self.parallel)
         if self.gap is None and self.series is None:
             assembly.potential[self.place] = potential.xreplace({x: twist.angle})
@@ -83,7 +101,6 @@ class ShaftLaw:
             if parallel != 0:
                 assembly.act(self.place, -parallel.xreplace({stand_in: rate}), twist)
         else:
-            spring = twist.angle
             relax: sm.Expr = sm.Integer(1)
             if self.series is not None:
                 spring = assembly.state(f"{self.place}.slip", lambda _: stand_in)
@@ -101,7 +118,16 @@ class ShaftLaw:
             torque = torque.xreplace({stand_in: rate})
             parallel = sm.Integer(0)
         self.torque = torque + parallel.xreplace({stand_in: rate})
+        tangent = self._tangent(differentiate(elastic, x), x, spring) + sm.Add(*self.parallel_stiffness)
+        assembly.springs[self.place] = Spring(tangent, twist, spring)
         assembly.substitute(stand_in, rate)
+
+    def _tangent(self, stiffness: sm.Expr, x: sm.Symbol, spring: sm.Expr) -> sm.Expr:
+        if self.gap is None:
+            return stiffness.xreplace({x: spring})
+        half = self.gap / 2
+        pushed, pulled = (stiffness.xreplace({x: spring - side}) for side in (half, -half))
+        return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
 
     def _gapped(self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, relax: sm.Expr) -> sm.Expr:
         if self.gap is None:
@@ -135,14 +161,17 @@ class Assembly:
     """Energies, virtual work, states, input and sensor paths of a system; effects write into it.
 
     ``kinetic``, ``potential`` and ``dissipation`` (Rayleigh) are expressions by component; ``work`` lists
-    (component, torque, motion): the torque does work on the motion.
+    (component, torque, motion): the torque does work on the motion. ``masses`` (inertia, motion) and ``springs``
+    are the elements of modal analysis, by component.
     """
 
     def __init__(self, system: System):
         self.system = system
         self.parameters: dict[str, sm.Symbol] = {name: sm.Symbol(name, real=True) for name in system.parameters}
         self._override = {
-            effect.at: self.parameters[f"{effect.name}.value"] for effect in system.effects if effect.kind == "wrong_parameter"
+            effect.at: self.parameters[f"{effect.name}.value"]
+            for effect in system.effects
+            if effect.kind == "wrong_parameter"
         }
         self.time = sm.Symbol("t", real=True)
         self.coordinates: list[str] = []
@@ -152,6 +181,8 @@ class Assembly:
         self.kinetic: dict[str, sm.Expr] = {}
         self.potential: dict[str, sm.Expr] = {}
         self.dissipation: dict[str, sm.Expr] = {}
+        self.masses: dict[str, tuple[sm.Expr, Motion]] = {}
+        self.springs: dict[str, Spring] = {}
         self.work: list[tuple[str, sm.Expr, Motion]] = []
         self.states: dict[str, tuple[sm.Symbol, sm.Expr]] = {}
         self.motions: dict[str, Motion] = {}
@@ -172,6 +203,11 @@ class Assembly:
             symbols.append(sm.Symbol(f"{mark}({name})", real=True))
         return Motion({index: sm.Integer(1)}, self)
 
+    def rotate(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
+        """Give a component its kinetic energy."""
+        self.masses[component] = inertia, motion
+        self.kinetic[component] = inertia * motion.speed**2 / 2
+
     def state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
         """A new first-order state with its time derivative."""
         symbol = sm.Symbol(f"z({name})", real=True)
@@ -189,13 +225,15 @@ class Assembly:
 
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
         """Replace a stand-in in the states' derivatives."""
-        self.states = {name: (z, rate.xreplace({old: new}) if rate.has(old) else rate) for name, (z, rate) in self.states.items()}
+        self.states = {
+            name: (z, rate.xreplace({old: new}) if rate.has(old) else rate) for name, (z, rate) in self.states.items()
+        }
 
     def _assemble(self) -> None:
         from modelling.effects import EFFECTS
 
         system = self.system
-        by_place: dict[str, list] = {}
+        by_place: dict[str, list[tuple[Kind, dict[str, sm.Symbol]]]] = {}
         for effect in system.effects:
             p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
             by_place.setdefault(effect.at, []).append((EFFECTS[effect.kind], p))
@@ -207,19 +245,20 @@ class Assembly:
             law.close(self)
         for part in system.inertias:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
-            self.kinetic[place] = self.symbol(f"{place}.J") * motion.speed**2 / 2
+            self.rotate(place, self.symbol(f"{place}.J"), motion)
             self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
             for kind, p in by_place.get(place, ()):
                 kind.inertia(motion, p, self, place)
-        for part in system.inputs:
-            place = f"inputs.{part.name}"
-            path = self.inputs[part.name] = InputPath(place, sm.Symbol(f"u({part.name})", real=True), sm.Integer(0))
+        for source in system.inputs:
+            place = f"inputs.{source.name}"
+            path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.input(path, p, self)
-            self.act(place, path.value, self.motions[part.on])
-        for part in system.sensors:
-            place = f"sensors.{part.name}"
-            sensor = self.sensors[part.name] = SensorPath(place, self._truth(part.measures, part.of), sm.Integer(0))
+            self.act(place, path.value, self.motions[source.on])
+        for reading in system.sensors:
+            place = f"sensors.{reading.name}"
+            truth = self._truth(reading.measures, reading.of)
+            sensor = self.sensors[reading.name] = SensorPath(place, truth, sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.sensor(sensor, p, self)
 

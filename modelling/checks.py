@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 from modelling.errors import InputError
-from modelling.system import SENSOR_UNITS, TABLES, System, listed, unknown
+from modelling.quantity import Quantity
+from modelling.system import SENSOR_UNITS, TABLES, Sensor, System, listed, unknown
 
 _NAME = re.compile(r"\w[\w-]*")
 
@@ -25,21 +26,22 @@ def check(system: System) -> None:
     for part in system.inertias:
         _sign(f"inertias.{part.name}.J", part.J, positive=True)
         _sign(f"inertias.{part.name}.drag", part.drag)
-    for part in system.shafts:
-        _ends(f"shafts.{part.name}.between", part.between, inertias)
-        _sign(f"shafts.{part.name}.stiffness", part.stiffness)
-        _sign(f"shafts.{part.name}.damping", part.damping)
-        _ratio(f"shafts.{part.name}.ratio", part.ratio)
-    for part in system.gears:
-        _ends(f"gears.{part.name}.between", part.between, inertias)
-        _ratio(f"gears.{part.name}.ratio", part.ratio)
-    for part in system.differentials:
-        _ends(f"differentials.{part.name}", (part.cage, part.left, part.right), inertias)
-    for part in system.inputs:
-        if part.on not in inertias:
-            raise unknown(part.on, inertias, f"inputs.{part.name}.on")
-    for part in system.sensors:
-        _sensor(part, system, inertias)
+    for shaft in system.shafts:
+        _ends(f"shafts.{shaft.name}.between", shaft.between, inertias)
+        _sign(f"shafts.{shaft.name}.stiffness", shaft.stiffness)
+        _sign(f"shafts.{shaft.name}.damping", shaft.damping)
+        _ratio(f"shafts.{shaft.name}.ratio", shaft.ratio)
+    for gear in system.gears:
+        _ends(f"gears.{gear.name}.between", gear.between, inertias)
+        _ratio(f"gears.{gear.name}.ratio", gear.ratio)
+    for differential in system.differentials:
+        ends = (differential.cage, differential.left, differential.right)
+        _ends(f"differentials.{differential.name}", ends, inertias)
+    for source in system.inputs:
+        if source.on not in inertias:
+            raise unknown(source.on, inertias, f"inputs.{source.name}.on")
+    for sensor in system.sensors:
+        _sensor(sensor, system, inertias)
     for pair in system.mirror:
         _ends("mirror.pairs", pair, inertias)
     mirrored = [name for pair in system.mirror for name in pair]
@@ -62,20 +64,23 @@ def _names(system: System) -> None:
             seen.add(part.name)
     both = {part.name for part in system.inputs} & {part.name for part in system.sensors}
     if both:
-        raise InputError(f"sensors.{min(both)}", "an input has the same name", "inputs and sensors share the columns of a recording")
+        raise InputError(
+            f"sensors.{min(both)}", "an input has the same name", "inputs and sensors share the columns of a recording"
+        )
 
 
-def _sign(where: str, quantity, positive: bool = False) -> None:
+def _sign(where: str, quantity: Quantity, positive: bool = False) -> None:
     low = quantity.value if quantity.lower is None else min(quantity.lower, quantity.value)
     if low < 0 or (positive and low == 0):
         bound = "greater than 0" if positive else "0 or more"
         raise InputError(where, f"{low:g} is not possible", f"{bound} is needed")
 
 
-def _ratio(where: str, quantity) -> None:
+def _ratio(where: str, quantity: Quantity | None) -> None:
     if quantity is None:
         return
-    if quantity.value == 0 or (quantity.lower is not None and quantity.lower <= 0 <= quantity.upper):
+    low, high = (quantity.value if end is None else end for end in (quantity.lower, quantity.upper))
+    if low <= 0 <= high:
         raise InputError(where, "a ratio of 0 joins nothing", "write speed(first)/speed(second)")
 
 
@@ -87,7 +92,7 @@ def _ends(where: str, ends: tuple[str, ...], inertias: list[str]) -> None:
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
 
 
-def _sensor(part, system: System, inertias: list[str]) -> None:
+def _sensor(part: Sensor, system: System, inertias: list[str]) -> None:
     where = f"sensors.{part.name}"
     if part.measures not in SENSOR_UNITS:
         raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
@@ -114,9 +119,9 @@ def _effects(system: System) -> None:
 
 def _connected(system: System, inertias: list[str]) -> None:
     joined: dict[str, set[str]] = {name: set() for name in inertias}
-    for part in (*system.shafts, *system.gears):
-        joined[part.between[0]].add(part.between[1])
-        joined[part.between[1]].add(part.between[0])
+    for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
+        joined[first].add(second)
+        joined[second].add(first)
     for part in system.differentials:
         for end in (part.left, part.right):
             joined[part.cage].add(end)
@@ -128,4 +133,8 @@ def _connected(system: System, inertias: list[str]) -> None:
         todo.extend(new)
     if len(reached) < len(inertias):
         apart = [name for name in inertias if name not in reached]
-        raise InputError("inertias", f"{listed(apart)} hang on nothing that joins them to {inertias[0]!r}", "add the missing shaft or gear")
+        raise InputError(
+            "inertias",
+            f"{listed(apart)} hang on nothing that joins them to {inertias[0]!r}",
+            "add the missing shaft or gear",
+        )

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from modelling.assembly import STICK_SPEED
 from modelling.lagrange import Equations, derive
 from modelling.system import System, unknown
 from modelling.walk import to_casadi

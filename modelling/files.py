@@ -49,7 +49,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     try:
         if path.stat().st_size > LARGEST:
-            raise InputError(str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read")
+            raise InputError(
+                str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read"
+            )
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
@@ -174,13 +176,15 @@ def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
     if not isinstance(given, list) or not all(isinstance(own, dict) for own in given):
         raise InputError(f"{where}: effects", "is no list of tables", "write [[effects]] with kind and at below")
     made: list[Effect] = []
-    bare = {key: value for key, value in data.items() if key != "effects"}
+    if not given:
+        return ()
+    # units and places are those of the bare system
+    base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
     for number, own in enumerate(given, 1):
         place = f"{where}: effects[{number}]"
         kind, at = (_name(own, key, place) for key in ("kind", "at"))
         if kind not in EFFECTS:
             raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
-        base = from_dict(bare, where) if not made else base  # units and places are those of the bare system
         places = EFFECTS[kind].places(base)
         if at not in places:
             raise unknown(at, places, f"{place}.at")
@@ -205,12 +209,18 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
         return Quantity(to_si(value, si, where))
     keys = set(value)
     if keys not in ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"}):
-        raise InputError(where, f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}", "write {value, lower, upper} or {value, tolerance}")
+        raise InputError(
+            where,
+            f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}",
+            "write {value, lower, upper} or {value, tolerance}",
+        )
     middle = to_si(value["value"], si, f"{where}.value")
     if "tolerance" in keys:
         tolerance = to_si(value["tolerance"], "1", f"{where}.tolerance")
         if tolerance < 0:
-            raise InputError(f"{where}.tolerance", f"{tolerance:g} is negative", "write the relative half-width, e.g. 0.1")
+            raise InputError(
+                f"{where}.tolerance", f"{tolerance:g} is negative", "write the relative half-width, e.g. 0.1"
+            )
         half = abs(middle) * tolerance
         low, high = middle - half, middle + half
     elif "lower" in keys:
@@ -280,19 +290,19 @@ def to_dict(system: System) -> dict[str, Any]:
 
 def dumps(system: System) -> str:
     """A system as the text of a model file, in SI."""
-    import tomlkit
+    import tomli_w
 
-    document = tomlkit.document()
-    for key, value in to_dict(system).items():
-        document.add(key, value)
-    return tomlkit.dumps(document)
+    return tomli_w.dumps(to_dict(system))
 
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
     order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *UNITS)
     own = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     own = {key: value for key, value in own.items() if not (key in ("drag", "damping") and value == Quantity(0.0))}
-    return {key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value for key, value in own.items()}
+    return {
+        key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
+        for key, value in own.items()
+    }
 
 
 def _written(value: Quantity) -> float | dict[str, float]:

@@ -2,7 +2,7 @@
 
 d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + ∂D/∂q̇ = Q, with D the Rayleigh dissipation function and Q the generalised
 forces of virtual work (Dresig and Holzweissig, Dynamics of Machinery, the paper's reference 10).
-Each energy is differentiated by the coordinates it contains only, so the work grows with the chain, not with its square.
+Each energy is differentiated by the coordinates it contains only, so the work grows with the chain, not its square.
 """
 
 from __future__ import annotations

@@ -16,12 +16,16 @@ _LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i
 def symbol_names(equations: Equations) -> dict[sm.Symbol, str]:
     """LaTeX of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates."""
     a = equations.assembly
-    names = {}
+    names: dict[sm.Symbol, str] = {}
     for symbols, mark in ((a.q, r"\varphi"), (a.qd, r"\dot{\varphi}"), (a.qdd, r"\ddot{\varphi}")):
         names |= {symbol: f"{mark}_{{{_text(name)}}}" for symbol, name in zip(symbols, a.coordinates, strict=True)}
     for name, symbol in a.parameters.items():
         parts = name.split(".")
-        letter = _LETTERS.get(parts[-1], rf"\mathrm{{{_plain(parts[-1])}}}") if len(parts) == 3 else rf"\mathrm{{{_plain(parts[-1])}}}"
+        letter = (
+            _LETTERS.get(parts[-1], rf"\mathrm{{{_plain(parts[-1])}}}")
+            if len(parts) == 3
+            else rf"\mathrm{{{_plain(parts[-1])}}}"
+        )
         names[symbol] = f"{letter}_{{{_text(parts[1] if len(parts) > 2 else parts[-1])}}}"
     for name, (symbol, _) in a.states.items():
         names[symbol] = f"z_{{{_text(name)}}}"
@@ -31,7 +35,7 @@ def symbol_names(equations: Equations) -> dict[sm.Symbol, str]:
 
 
 def latex(equations: Equations, system: System | None = None) -> dict[str, list[str]]:
-    """LaTeX of ``T``, ``V``, ``D`` and ``motion``; given a system, its drags and dampings that are zero are left out."""
+    """LaTeX of ``T``, ``V``, ``D`` and ``motion``; given a system, its drags and dampings of zero are left out."""
     a = equations.assembly
     zero = {
         a.parameters[name]: sm.Integer(0)

@@ -35,7 +35,9 @@ class Quantity:
             raise InputError("", "a quantity is not finite", "write finite numbers")
         if self.lower is not None and self.upper is not None and not self.lower <= self.value <= self.upper:
             raise InputError(
-                "", f"bounds {self.lower:g} … {self.upper:g} do not enclose {self.value:g}", "lower ≤ value ≤ upper is needed"
+                "",
+                f"bounds {self.lower:g} … {self.upper:g} do not enclose {self.value:g}",
+                "lower ≤ value ≤ upper is needed",
             )
 
     @property

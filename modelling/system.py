@@ -7,9 +7,13 @@ import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
 
 from modelling.errors import InputError
 from modelling.quantity import Quantity
+
+if TYPE_CHECKING:
+    from modelling.lagrange import Equations
 
 # SI unit of every quantity that stands in a table of a model file
 UNITS = {
@@ -33,7 +37,7 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Shaft:
-    """A spring and damper: twist = angle(first)/ratio − angle(second); stiffness and torque are on the second's side."""
+    """A spring and damper: twist = angle(first)/ratio − angle(second); stiffness and torque on the second's side."""
 
     name: str
     between: tuple[str, str]
@@ -71,7 +75,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A reading: ``measures`` angle, speed or acceleration of an inertia or torque of a shaft, with standard uncertainty (SI)."""
+    """A reading: ``measures`` angle, speed or acceleration of an inertia or torque of a shaft; standard uncertainty."""
 
     name: str
     measures: str
@@ -199,7 +203,7 @@ class System:
         for name in values:
             if name not in self.parameters:
                 raise unknown(name, list(self.parameters), "")
-        changed: dict[str, tuple] = {}
+        changed: dict[str, Any] = {}
         for table in ("inertias", "shafts", "gears"):
             parts = getattr(self, table)
             changed[table] = tuple(_replaced(part, f"{table}.{part.name}", values) for part in parts)
@@ -224,7 +228,7 @@ class System:
 
         return html(self.equations(), self)
 
-    def equations(self):
+    def equations(self) -> Equations:
         """Its Lagrange equations, see :class:`modelling.lagrange.Equations`."""
         from modelling.lagrange import derive
 
@@ -234,7 +238,7 @@ class System:
 TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
 
 
-def _replaced(part, place: str, values: Mapping[str, float]):
+def _replaced(part: Any, place: str, values: Mapping[str, float]) -> Any:
     new = {
         key: getattr(part, key).at(float(values[f"{place}.{key}"]))
         for key in UNITS
@@ -246,7 +250,9 @@ def _replaced(part, place: str, values: Mapping[str, float]):
 def unknown(name: str, known: list[str], where: str) -> InputError:
     """The error for a name nobody has, with the nearest one that exists."""
     near = get_close_matches(str(name), known, 1, 0.6)
-    return InputError(where, f"{name!r} does not exist", f"did you mean {near[0]!r}?" if near else f"known are {listed(known)}")
+    return InputError(
+        where, f"{name!r} does not exist", f"did you mean {near[0]!r}?" if near else f"known are {listed(known)}"
+    )
 
 
 def listed(names: list[str], most: int = 12) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from typing import Any
 
 from modelling.errors import InputError
 
@@ -16,7 +17,7 @@ _AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
 
 
 @functools.cache
-def _registry():
+def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry(cache_folder=None)
@@ -59,7 +60,7 @@ def factor(unit: str, si: str, where: str = "") -> float:
 
 
 @functools.cache
-def _pint_si(si: str):
+def _pint_si(si: str) -> Any:
     return _registry().parse_units(si if si != "1" else "dimensionless")
 
 
@@ -81,7 +82,9 @@ def to_si(value: object, si: str, where: str) -> float:
         If it is no number, not finite, or its unit is unknown or of another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(where, f"{type(value).__name__} where a quantity is expected", f'write a number in {si} or "number unit"')
+        raise InputError(
+            where, f"{type(value).__name__} where a quantity is expected", f'write a number in {si} or "number unit"'
+        )
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
         if not match:

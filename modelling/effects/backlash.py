@@ -1,6 +1,13 @@
 """Free play of a shaft."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Backlash(Kind):
@@ -10,5 +17,5 @@ class Backlash(Kind):
     tables = ("shafts",)
     parameters = {"gap": Parameter("rad", lower=0.0)}
 
-    def shaft(self, law, p, assembly):
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.gap = p["gap"]

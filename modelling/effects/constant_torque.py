@@ -1,6 +1,13 @@
 """A resisting torque that does not depend on motion (grade, offset load)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, Motion, Symbols
 
 
 class ConstantTorque(Kind):
@@ -10,5 +17,5 @@ class ConstantTorque(Kind):
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m")}
 
-    def inertia(self, motion, p, assembly, name):
+    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
         assembly.act(name, -p["torque"], motion)

@@ -1,6 +1,13 @@
 """An input that acts later than it was recorded."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, InputPath, Symbols
 
 
 class DeadTime(Kind):
@@ -10,5 +17,5 @@ class DeadTime(Kind):
     tables = ("inputs",)
     parameters = {"delay": Parameter("s", lower=0.0)}
 
-    def input(self, path, p, assembly):
+    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
         path.delay += p["delay"]

@@ -1,6 +1,13 @@
 """A shaft that stiffens or softens with its twist."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Hardening(Kind):
@@ -10,5 +17,5 @@ class Hardening(Kind):
     tables = ("shafts",)
     parameters = {"cubic": Parameter("N*m/rad^3")}
 
-    def shaft(self, law, p, assembly):
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)

@@ -1,6 +1,13 @@
 """An input that acts with a factor."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, InputPath, Symbols
 
 
 class InputGain(Kind):
@@ -10,5 +17,5 @@ class InputGain(Kind):
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
 
-    def input(self, path, p, assembly):
+    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
         path.value *= p["factor"]

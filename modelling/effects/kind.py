@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of an effect: SI unit (or ``"sensor"``, ``"sensor/s"``, ``"quantity"``: that of the place), physical bounds."""
+    """A parameter of an effect: SI unit, physical bounds.
+
+    The units ``"sensor"``, ``"sensor/s"`` and ``"quantity"`` stand for that of the place.
+    """
 
     unit: str
     lower: float = -math.inf
@@ -79,11 +82,15 @@ class Kind:
             if key not in given:
                 if parameter.optional:
                     continue
-                raise InputError(f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {self.unit(key, effect.at, system)}")
+                raise InputError(
+                    f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {self.unit(key, effect.at, system)}"
+                )
             value = given[key].value
             if not parameter.lower <= value <= parameter.upper:
                 raise InputError(
-                    f"{where}.{key}", f"{value:g} is not possible", f"{parameter.lower:g} … {parameter.upper:g} is needed"
+                    f"{where}.{key}",
+                    f"{value:g} is not possible",
+                    f"{parameter.lower:g} … {parameter.upper:g} is needed",
                 )
 
     def places(self, system: System) -> list[str]:

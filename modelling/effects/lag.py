@@ -1,6 +1,13 @@
 """First-order lag of an input or a sensor."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, InputPath, SensorPath, Symbols
 
 
 class Lag(Kind):
@@ -10,9 +17,9 @@ class Lag(Kind):
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
 
-    def input(self, path, p, assembly):
+    def input(self, path: InputPath | SensorPath, p: Symbols, assembly: Assembly) -> None:
         value = path.value
         path.value = assembly.state(f"{path.place}.lag", lambda lagged: (value - lagged) / p["time_constant"])
 
-    def sensor(self, path, p, assembly):
+    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         self.input(path, p, assembly)

@@ -1,6 +1,13 @@
 """Drag that grows with the square of speed (air, churning)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, Motion, Symbols
 
 
 class QuadraticDrag(Kind):
@@ -10,7 +17,7 @@ class QuadraticDrag(Kind):
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
 
-    def inertia(self, motion, p, assembly, name):
+    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
         from sympy import Abs
 
         assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)

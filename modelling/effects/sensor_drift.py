@@ -1,6 +1,13 @@
 """A sensor whose zero drifts."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, SensorPath, Symbols
 
 
 class SensorDrift(Kind):
@@ -10,5 +17,5 @@ class SensorDrift(Kind):
     tables = ("sensors",)
     parameters = {"rate": Parameter("sensor/s")}
 
-    def sensor(self, path, p, assembly):
+    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.value += p["rate"] * assembly.time

@@ -1,6 +1,13 @@
 """A sensor whose scale is off."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, SensorPath, Symbols
 
 
 class SensorGain(Kind):
@@ -10,5 +17,5 @@ class SensorGain(Kind):
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
 
-    def sensor(self, path, p, assembly):
+    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.value *= p["factor"]

@@ -1,6 +1,13 @@
 """Tyre slip or another damper in series with a shaft."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Slip(Kind):
@@ -10,5 +17,5 @@ class Slip(Kind):
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s/rad", lower=1e-9)}
 
-    def shaft(self, law, p, assembly):
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.series = p["coefficient"]

@@ -1,6 +1,13 @@
 """Dry friction that falls from breakaway to sliding (Stribeck)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from modelling.effects.kind import Kind, Parameter
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, Motion, Symbols
 
 
 class StribeckFriction(Kind):
@@ -14,7 +21,7 @@ class StribeckFriction(Kind):
         "speed": Parameter("rad/s", lower=1e-6),
     }
 
-    def inertia(self, motion, p, assembly, name):
+    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
         from sympy import exp
 
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
