@@ -79,6 +79,15 @@ class Model:
         """(x, u, p, t) → A (x, x), B (x, u), C (y, x), D (y, u) of rates and readings."""
         return self._functions["jacobians"]
 
+    @property
+    def elements(self) -> ca.Function:
+        """(x, p) → elements of modal analysis, see :func:`modelling.elements.build`."""
+        if "elements" not in self._functions:
+            from modelling.elements import build
+
+            self._functions["elements"] = build(self.equations)
+        return self._functions["elements"]
+
     def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Parameter vector (p,) with some values changed by name.
 

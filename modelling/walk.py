@@ -12,6 +12,7 @@ _ONE = {
     sm.sinh: ca.sinh, sm.cosh: ca.cosh, sm.tanh: ca.tanh, sm.exp: ca.exp, sm.log: ca.log, sm.Abs: ca.fabs,
     sm.sign: ca.sign, sm.floor: ca.floor, sm.ceiling: ca.ceil,
 }  # fmt: skip
+_PAIRWISE = {sm.Max: ca.fmax, sm.Min: ca.fmin, sm.And: ca.logic_and, sm.Or: ca.logic_or}
 _RELATION = {sm.StrictGreaterThan: ca.gt, sm.GreaterThan: ca.ge, sm.StrictLessThan: ca.lt, sm.LessThan: ca.le}
 
 
@@ -68,8 +69,8 @@ def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
         return _power(node, parts)
     if isinstance(node, sm.Piecewise):
         return _piecewise(parts)
-    if isinstance(node, sm.Max | sm.Min):
-        pick = ca.fmax if isinstance(node, sm.Max) else ca.fmin
+    if node.func in _PAIRWISE:
+        pick = _PAIRWISE[node.func]
         out = parts[0]
         for part in parts[1:]:
             out = pick(out, part)
@@ -78,6 +79,8 @@ def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
         return _ONE[node.func](*parts)
     if node.func in _RELATION:
         return _RELATION[node.func](*parts)
+    if node.func is sm.Not:
+        return ca.logic_not(*parts)
     if node.func is sm.atan2:
         return ca.atan2(*parts)
     raise NotImplementedError(f"no translation to CasADi for {node.func.__name__}: {node}")
