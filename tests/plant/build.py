@@ -1,0 +1,75 @@
+"""The chain of a drive with what is hidden in it, laws as the specification's effect table has them."""
+
+import numpy as np
+
+from plant.engine import Chain
+from plant.hidden import KINDS, Hidden
+from plant.systems import Drive
+
+
+def chain_of(drive: Drive, effects: list[Hidden]) -> Chain:
+    """The chain of a drive with its hidden effects; what is hidden in sensors does not touch it."""
+    soft = [e for e in effects if e.kind == "compliance"]
+    inertias, shafts = list(drive.inertias), list(drive.shafts)
+    chain = Chain(len(inertias) + len(soft), len(shafts) + len(soft), len(drive.inputs))
+    values = dict(drive.values)
+    values.update({e.at: e.parameters["value"] for e in effects if e.kind == "wrong_parameter"})
+    late = values | {e.at: e.parameters["value"] for e in effects if e.kind == "parameter_jump"}
+    for column, block in enumerate((values, late)):
+        for i, name in enumerate(inertias):
+            chain["J"][column * chain.n + i] = block[f"inertias.{name}.J"]
+            chain["drag"][column * chain.n + i] = block[f"inertias.{name}.drag"]
+        for j, name in enumerate(shafts):
+            chain["k"][column * chain.s + j] = block[f"shafts.{name}.stiffness"]
+            chain["c"][column * chain.s + j] = block[f"shafts.{name}.damping"]
+    for j, ends in enumerate(drive.shafts.values()):
+        chain["first"][j], chain["second"][j] = (inertias.index(end) for end in ends)
+        chain["ratio"][j] = values.get(f"shafts.{shafts[j]}.ratio", 1.0)
+    chain["on"][:] = [inertias.index(name) for name in drive.inputs.values()]
+    for more, effect in enumerate(soft):
+        i, j, old = len(inertias) + more, len(shafts) + more, shafts.index(effect.name)
+        chain["J"][[i, chain.n + i]] = effect.parameters["J"]
+        chain["k"][[j, chain.s + j]] = effect.parameters["stiffness"]
+        chain["first"][j], chain["second"][j], chain["second"][old] = i, chain["second"][old], i
+    for effect in effects:
+        _put(chain, drive, effect)
+    return chain
+
+
+def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
+    p, group = effect.parameters, effect.at.split(".")[0]
+    if effect.kind == "parameter_jump":
+        chain.jump_time = p["time"]
+    if group not in ("inertias", "shafts", "inputs") or KINDS[effect.kind].group == "values":
+        return
+    index = list(getattr(drive, group)).index(effect.name)
+    match effect.kind:
+        case "coulomb_friction" | "stribeck_friction":
+            back = p.get("torque_reverse", p["torque"])
+            chain["friction"][index], chain["friction_reverse"][index] = p["torque"], back
+            chain["breakaway"][index] = p.get("breakaway", p["torque"])
+            chain["breakaway_reverse"][index] = p.get("breakaway", back)
+            chain["stribeck_speed"][index] = p.get("speed", 0.0)
+        case "torque_ripple":
+            for key in ("order", "amplitude", "phase"):
+                chain[f"ripple_{key}"][index] = p[key]
+        case "disturbance":
+            chain.disturbed, chain.disturbance = index, (p["amplitude"], 2 * np.pi * p["frequency"], p["phase"])
+        case "hysteresis":
+            chain["dahl_torque"][index], chain["dahl_angle"][index] = p["torque"], p["angle"]
+        case "angle_stiffness":
+            chain["wave_amplitude"][index], chain["wave_order"][index] = p["share"], p["order"]
+        case _:
+            slot = {
+                "backlash": ("gap", "gap"),
+                "hardening": ("cubic", "cubic"),
+                "slip": ("series_damper", "coefficient"),
+                "quadratic_drag": ("quadratic", "coefficient"),
+                "constant_torque": ("constant", "torque"),
+                "dead_time": ("delay", "delay"),
+                "input_lag": ("lag", "time_constant"),
+                "input_gain": ("factor", "factor"),
+                "saturating_actuator": ("limit", "limit"),
+            }.get(effect.kind)
+            if slot:
+                chain[slot[0]][index] = p[slot[1]]
