@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from modelling.elements import Elements, elements, null, unit_rows
-from modelling.linear import Linear, deflation, linearise
+from modelling.linear import Linear, deflated, linearise
 from modelling.modes import Modes
 from modelling.symmetry import labels, mirror_image
 from modelling.system import System
@@ -68,13 +68,9 @@ def damped_modes_of(linear: Linear) -> Modes:
 
 
 def _eigen(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out.
-
-    Without that, a rigid motion is a double eigenvalue 0 with one vector, which rounding spreads to ±1e-8·|λ|max.
-    """
-    lift, _ = deflation(linear, parts)
-    A = linear.A
-    eigenvalues, vectors = np.linalg.eig(lift.T @ A @ lift)
+    """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out."""
+    A, lift, _ = deflated(linear, parts)
+    eigenvalues, vectors = np.linalg.eig(A)
     upper = eigenvalues.imag >= 0
     return eigenvalues[upper].astype(complex), (lift @ vectors[:, upper]).astype(complex)
 

@@ -81,11 +81,21 @@ def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Line
     return Linear(A, B, C, D, x, u, p, delays[0], delays[1], model)
 
 
-def deflation(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """States without the angles that nothing depends on: (x, l) lift from the rest to all, (n, r) those angles.
+def deflated(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The model without the angles that nothing depends on.
 
-    With them, a rigid motion is a double eigenvalue 0 with one vector, which rounding spreads to ±1e-8·|λ|max;
-    A acts on the rest alone as liftᵀ·A·lift.
+    With them, a rigid motion is a double eigenvalue 0 with one vector, which rounding spreads to ±1e-8·|λ|max, and
+    small twists drown in large speeds near 0 Hz. So angles and speeds are written in a basis of those free angles and
+    of what is orthogonal to them, and the free angles are left out.
+
+    Returns
+    -------
+    A : ndarray (l, l)
+        Of the states that remain.
+    lift : ndarray (x, l)
+        Takes those to all states, free angles 0; its columns are orthonormal, so liftᵀ takes B along.
+    free : ndarray (n, r)
+        The free angles.
     """
     A, n = linear.A, linear.model.n
     held = parts.deflections[:, :n]
@@ -93,8 +103,14 @@ def deflation(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
     free = null(unit_rows(held)) if len(held) else np.eye(n)
     if float(np.linalg.norm(A[:, :n] @ free)) > 1e-9 * float(np.linalg.norm(A[:, :n])):
         free = np.zeros((n, 0))  # something else holds an angle to ground
-    basis = null(free.T) if free.size else np.eye(n)
-    lift = np.zeros((len(A), basis.shape[1] + len(A) - n))
-    lift[:n, : basis.shape[1]] = basis
-    lift[n:, basis.shape[1] :] = np.eye(len(A) - n)
-    return lift, free
+    basis, r = null(free.T) if free.size else np.eye(n), free.shape[1]
+    lift = np.zeros((len(A), len(A) - r))
+    lift[:n, : n - r] = basis
+    lift[n : 2 * n, n - r : n], lift[n : 2 * n, n : 2 * n - r] = free, basis
+    lift[2 * n :, 2 * n - r :] = np.eye(len(A) - 2 * n)
+    inner = lift.T @ A @ lift
+    inner[: n - r] = 0.0
+    inner[: n - r, n : 2 * n - r] = np.eye(n - r)  # the rate of a twist is a difference of speeds, exactly
+    speeds = inner[:, n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
+    speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=1)[:, None]] = 0.0
+    return inner, lift, free

@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.elements import elements
 from modelling.errors import InputError
-from modelling.linear import Linear, deflation, linearise
+from modelling.linear import Linear, deflated, linearise
 from modelling.system import System, unknown
 
 _CHUNK = 4_000_000  # complex numbers at once
@@ -95,10 +95,12 @@ def response(
 def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
     """C·(sI − A)⁻¹·B + D (f, y, u), the free angles integrated on their own: exact down to the rigid-body poles."""
     n = linear.model.n
-    lift, free = deflation(linear, elements(linear.model, linear.p[None], linear.x0))
-    A, B = lift.T @ linear.A @ lift, lift.T @ linear.B[:, columns]
+    A, lift, free = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    B = lift.T @ linear.B[:, columns]
     C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
-    angle = C[:, :n] @ free @ free.T  # what the sensors see of free angles; their rates are speeds
+    turns = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds
+    turns[np.abs(turns) < 1e-12 * np.linalg.norm(C[:, :n], axis=1)[:, None]] = 0.0
+    seen, angle = C @ lift, turns @ free.T @ lift[n : 2 * n]
     integrates = np.abs(angle).any()
     if integrates and np.any(s == 0):
         raise InputError("frequencies", "at 0 Hz the angle of a free drivetrain has no response", "start above 0 Hz")
@@ -108,14 +110,14 @@ def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]
     for start in range(0, len(s), step):
         part = s[start : start + step, None, None]
         try:
-            states = lift @ np.linalg.solve(part * np.eye(size) - A, np.broadcast_to(B, (len(part), *B.shape)))
+            states = np.linalg.solve(part * np.eye(size) - A, np.broadcast_to(B, (len(part), *B.shape)))
         except np.linalg.LinAlgError:
             raise InputError(
                 "frequencies", "one is a pole of the undamped system", "leave it out, 0 Hz at first"
             ) from None
-        out[start : start + step] = C @ states + D
+        out[start : start + step] = seen @ states + D
         if integrates:
-            out[start : start + step] += angle @ states[:, n : 2 * n] / part
+            out[start : start + step] += angle @ states / part
     if not np.isfinite(out).all():
         raise InputError("frequencies", "the response is not finite at one of them", "leave it out, 0 Hz at first")
     return out
