@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 Symbols = Mapping[str, sm.Symbol]
 _TWIST = sm.Dummy("twist", real=True)
+_NOTHING = sm.Float(1e-13)  # rad, keeps a quotient finite
 STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
+CONTACT_TIME = "simulation.contact_time"  # s over which the damping of a closing lash sets in
+SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4}
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ class ShaftLaw:
             if self.series is not None:
                 spring = assembly.state(f"{self.place}.slip", lambda _: stand_in)
                 relax = 1 + self.damping / self.series  # the damper in series takes its part of the rate
-            torque = self._gapped(elastic, x, spring, rate, relax)
+            torque = self._gapped(elastic, x, spring, rate, relax, assembly)
             if self.series is not None:
                 # in series: torque = series·(twist rate − spring rate); parallel elements pull on the same spring
                 spring_rate = rate - torque / self.series - parallel / self.series / relax
@@ -129,14 +132,24 @@ class ShaftLaw:
         pushed, pulled = (stiffness.xreplace({x: spring - side}) for side in (half, -half))
         return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
 
-    def _gapped(self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, relax: sm.Expr) -> sm.Expr:
+    def _gapped(
+        self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, relax: sm.Expr, assembly: Assembly
+    ) -> sm.Expr:
+        """Elastic and viscous torque; no pull across the lash.
+
+        The damping sets in at contact. It does so over the step of the integration, about the instant of contact: then
+        a fixed step integrates the jump exactly, and the motion depends smoothly on the gap.
+        """
         if self.gap is None:
             return (elastic.xreplace({x: spring}) + self.damping * rate) / relax
-        half = self.gap / 2
-        pushed = (elastic.xreplace({x: spring - half}) + self.damping * rate) / relax
-        pulled = (elastic.xreplace({x: spring + half}) + self.damping * rate) / relax
-        zero = sm.Integer(0)
-        return sm.Piecewise((sm.Max(zero, pushed), spring > half), (sm.Min(zero, pulled), spring < -half), (zero, True))
+        depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _NOTHING
+        zero, one, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
+        torque: list[sm.Expr] = []
+        for side, within in ((one, sm.Max), (-one, sm.Min)):
+            over = spring - side * self.gap / 2
+            damping = self.damping * rate * sm.Max(zero, sm.Min(one, half + side * over / depth))
+            torque.append(within(zero, (elastic.xreplace({x: within(zero, over)}) + damping) / relax))
+        return sm.Add(*torque)
 
 
 @dataclass
@@ -220,8 +233,11 @@ class Assembly:
 
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed, turning over a stick speed that the simulation keeps small."""
-        stick = self.parameters.setdefault(STICK_SPEED, sm.Symbol(STICK_SPEED, real=True))
-        return sm.tanh(speed / stick)
+        return sm.tanh(speed / self.simulation(STICK_SPEED))
+
+    def simulation(self, name: str) -> sm.Symbol:
+        """A parameter of ``SIMULATION_DEFAULTS``, which the simulation sets."""
+        return self.parameters.setdefault(name, sm.Symbol(name, real=True))
 
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
         """Replace a stand-in in the states' derivatives."""

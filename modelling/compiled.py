@@ -8,11 +8,10 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
+from modelling.assembly import SIMULATION_DEFAULTS
 from modelling.lagrange import Equations, derive
 from modelling.system import System, unknown
 from modelling.walk import to_casadi
-
-STICK_SPEED_DEFAULT = 1e-3  # rad/s
 
 
 class Model:
@@ -36,8 +35,8 @@ class Model:
         self.inputs = [part.name for part in system.inputs]
         self.sensors = [part.name for part in system.sensors]
         self.parameters = list(a.parameters)
-        values = {name: quantity.value for name, quantity in system.parameters.items()}
-        self.p0 = np.array([values.get(name, STICK_SPEED_DEFAULT) for name in self.parameters])
+        values = SIMULATION_DEFAULTS | {name: quantity.value for name, quantity in system.parameters.items()}
+        self.p0 = np.array([values[name] for name in self.parameters])
 
     @property
     def n(self) -> int:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 STABLE = 2.0  # |λ|·h of a fast decay; the method's limit is 2.78
 ACCURATE = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase a radian
-CONTACT = 0.3  # the same where a lash opens and closes
+CONTACT = 0.15  # the same where a lash opens and closes
 MOST = 2e6  # steps a second
 SHARP, BLUNT = 2e-5, 5e-4  # stick speed over the range of the speeds that stick
 

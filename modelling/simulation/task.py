@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from modelling.assembly import CONTACT_TIME
 from modelling.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def make_task(
     steps_per_second: float,
     names: list[str] | None = None,
 ) -> Task:
-    """Collect a task; ``names`` are the parameters and start states to differentiate by.
+    """Collect a task; ``names`` are the parameters and start states to differentiate by. Contact takes one step.
 
     Raises
     ------
@@ -60,6 +61,10 @@ def make_task(
         If a name is unknown or a delay negative.
     """
     names = names or []
+    if CONTACT_TIME in model.parameters:
+        span = float(np.median(np.diff(time)))
+        p = p.copy()
+        p[:, model.parameters.index(CONTACT_TIME)] = span / max(1.0, np.ceil(span * steps_per_second - 1e-9))
     selected, start_slope = _selection(model, names)
     delays = [np.array(part).T for part in model.delays(p.T)]
     lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
