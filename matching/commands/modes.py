@@ -1,0 +1,62 @@
+"""`rigmatch modes`: modes of a model with energy shares and symmetry."""
+
+import argparse
+from typing import Any
+
+HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
+Undamped unless --damped. Writes modes.json, modes.svg (frequencies and shares of the first modes) and
+energy_shares.svg (all shares)."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Model file, kind of modes, place to write to."""
+    parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
+    parser.add_argument("--damped", action="store_true", help="damped modes with damping ratios")
+    parser.add_argument(
+        "--reduced", action="store_true", help="also give values reduced to the model's reference shaft"
+    )
+    parser.add_argument("--out", metavar="DIR", default=".", help="directory to write to (default: here)")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Find the modes and write files; the result object is the content of ``modes.json``."""
+    from matching.report.modal_figures import Column, energy_figure, shares_figure
+    from matching.report.style import VEHICLE, image
+    from modelling.damped_modes import damped_modes
+    from modelling.errors import InputError
+    from modelling.files import load
+    from modelling.modes import modes
+    from modelling.output import strict_json, write_all
+    from modelling.reduction import reduced, reduced_values, speed_ratios
+
+    system = load(arguments.model)
+    try:
+        found = damped_modes(system) if arguments.damped else modes(system)
+        result = found.to_dict()
+        if arguments.reduced:
+            result["reference"] = system.reference
+            result["reduced"] = reduced_values(system)
+            at_reference = reduced(found, speed_ratios(system))
+            for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
+                entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
+    except InputError as error:
+        raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
+    title = system.title or str(arguments.model)
+    files: dict[str, str | bytes] = {
+        "modes.json": strict_json(result),
+        "modes.svg": image(energy_figure([Column(title, VEHICLE, found)])),
+        "energy_shares.svg": image(shares_figure(found, title)),
+    }
+    write_all(arguments.out, files)
+    return result
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The mode table, and reduced values where asked for."""
+    from matching.report.modal_figures import mode_table, table_text
+
+    lines = [table_text(mode_table(result["modes"]))]
+    if "reduced" in result:
+        lines += ["", f"reduced to {result['reference']}:"]
+        lines += [f"  {name:40} {value:.5g}" for name, value in result["reduced"].items() if value]
+    return "\n".join(lines)

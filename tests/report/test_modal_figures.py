@@ -1,0 +1,73 @@
+"""The command ``rigmatch modes`` and its figures."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.cli import main
+from matching.report.modal_figures import Column, energy_figure, mode_table, shares_figure
+from matching.report.style import RIG, VEHICLE, image
+from modelling.files import dumps, from_dict, load
+from modelling.modes import modes
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
+
+
+def heights(axes):
+    return [bar.get_height() for bar in axes.patches]
+
+
+def test_bars_show_the_shares():
+    vehicle, rig = (modes(load(CASE / f"{name}.toml")) for name in ("vehicle", "rig"))
+    drawn = energy_figure([Column("Vehicle", VEHICLE, vehicle, (2,)), Column("Rig", RIG, rig, (2,))])
+    frequencies, _, kinetic, other, potential, _ = drawn.axes
+    np.testing.assert_allclose(heights(frequencies)[1:], vehicle.frequencies[1:])
+    np.testing.assert_allclose(heights(kinetic), 100 * vehicle.kinetic[1])
+    np.testing.assert_allclose(heights(other), 100 * rig.kinetic[1])
+    np.testing.assert_allclose(heights(potential), 100 * vehicle.potential[1])
+    assert all(axes.get_ylabel() for axes in (frequencies, kinetic, potential))
+
+
+@pytest.mark.parametrize("count", [1, 2, 80])
+def test_any_size_of_model_can_be_drawn(count):
+    shafts = {f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": 100.0 + i} for i in range(count - 1)}
+    found = modes(from_dict({"inertias": {f"i{i}": {"J": 1.0} for i in range(count)}, "shafts": shafts}))
+    for drawn in (energy_figure([Column("chain", VEHICLE, found)]), shares_figure(found)):
+        assert image(drawn).startswith(b"<?xml")
+
+
+def test_command_writes_modes_and_figures(tmp_path, capsys):
+    assert main(["modes", str(CASE / "rig.toml"), "--out", str(tmp_path), "--reduced", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    written = json.loads((tmp_path / "modes.json").read_text())
+    assert printed == written
+    assert written["modes"][1]["frequency"] == pytest.approx(16.703, rel=1e-3)
+    assert written["modes"][1]["symmetry"] == "antisymmetric"
+    assert written["reduced"]["inertias.rotor_left.J"] == pytest.approx(0.895 / 10.05**2)
+    assert {path.name for path in tmp_path.iterdir()} == {"modes.json", "modes.svg", "energy_shares.svg"}
+
+
+def test_damped_command_and_table(tmp_path, capsys):
+    assert main(["modes", str(CASE / "rig.toml"), "--out", str(tmp_path), "--damped"]) == 0
+    line = capsys.readouterr().out.splitlines()[2].split()
+    assert line[:2] == ["2", "16.7"]
+    assert 0.01 < float(line[2]) < 0.02
+    rows = mode_table(modes(load(CASE / "rig.toml")).to_dict()["modes"])
+    assert rows[1]["kinetic energy"] == "rotor left 48 %, rotor right 48 %"
+
+
+def test_bad_model_is_one_line_and_nothing_is_written(tmp_path, capsys):
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[inertias.a]\nJ = -1\n")
+    out = tmp_path / "out"
+    assert main(["modes", str(bad), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "inertias.a.J" in error
+    assert not out.exists()
+    loose = tmp_path / "loose.toml"
+    loose.write_text(dumps(from_dict({"inertias": {"a": {"J": 1.0}}})))
+    assert main(["modes", str(loose), "--out", str(out), "--reduced"]) == 2
+    assert f"{loose}: reference" in capsys.readouterr().err
