@@ -46,10 +46,11 @@ class Interface:
 
 @dataclass(frozen=True)
 class ResidualVehicle:
-    """The residual vehicle: one system for each connected part, and the interfaces to the rig."""
+    """The residual vehicle: one system for each connected part, the interfaces to the rig, and the vehicle it was cut from."""
 
     parts: tuple[System, ...]
     interfaces: tuple[Interface, ...]
+    vehicle: System
 
     def part_of(self, interface: Interface) -> System:
         """The part that an interface drives."""
@@ -80,7 +81,7 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
             (i.name for i in part.inertias)]
     if lost:
         raise InputError("vehicle", f"{listed(lost)} would hang on no interface", "the cut must run through shafts that both have")
-    return ResidualVehicle(tuple(parts), interfaces)
+    return ResidualVehicle(tuple(parts), interfaces, vehicle)
 
 
 def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interface]:

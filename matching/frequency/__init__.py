@@ -1,0 +1,1 @@
+"""Rig → vehicle: case, weights, problem, solution, verification, map."""
