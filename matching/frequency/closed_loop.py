@@ -1,0 +1,218 @@
+"""The feedback loop in the frequency domain as one CasADi function of (s, p): exact, dead time included.
+
+Rig and residual vehicle are solved as dynamic stiffnesses, (s²·M + s·C + K)·q = torques, the loop is closed round
+them, and the function gives the compared transfer functions and the return difference I + L at the dynamometers'
+commands. Derivatives are CasADi's, exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from matching.frequency.case import Case
+from modelling.compiled import Model, compiled
+from modelling.complex_sx import Complex, Row, exp, solve
+from modelling.files import System
+from modelling.loop import LEAD_SPREAD, Dynamometer
+from modelling.system import Shaft
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """The loop of a case as CasADi functions.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        Names of p: ``residual_vehicle.…``, ``rig.…``, ``loop.…``.
+    values : ndarray (p,)
+        Values as the case has them.
+    response : Function
+        (s_re, s_im, p) → H re (h,), H im (h,), I + L re (u·u,), im, row by row.
+    """
+
+    parameters: tuple[str, ...]
+    values: np.ndarray
+    response: ca.Function
+
+
+def closed_loop(case: Case) -> ClosedLoop:
+    """Build the loop of a case; ``knows`` and the twin are left out: this is what feedback alone does."""
+    rig, parts = compiled(case.rig), [compiled(part) for part in case.residual_vehicle.parts]
+    names = [f"rig.{name}" for name in rig.parameters]
+    values = list(rig.p0)
+    for part in parts:
+        names += [f"residual_vehicle.{name}" for name in part.parameters]
+        values += list(part.p0)
+    names += [f"loop.{name}" for name in case.loop.values]
+    values += list(case.loop.values.values())
+    p = ca.SX.sym("p", len(names))
+    s = Complex(ca.SX.sym("s_re"), ca.SX.sym("s_im"))
+    by_name = {name: p[i] for i, name in enumerate(names)}
+    loop = {name: by_name[f"loop.{name}"] for name in case.loop.values}
+
+    starts = np.cumsum([0, len(rig.parameters), *(len(part.parameters) for part in parts)])
+    bodies = [_Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)]
+    H, difference = _close(case, bodies[0], bodies[1:], loop, s)
+    outputs = [ca.vertcat(*(h.re for h in H)), ca.vertcat(*(h.im for h in H))]
+    flat = [entry for row in difference for entry in row]
+    outputs += [ca.vertcat(*(d.re for d in flat)), ca.vertcat(*(d.im for d in flat))]
+    function = ca.Function("response", [s.re, s.im, p], ca.cse(outputs), ["s_re", "s_im", "p"], ["H_re", "H_im", "D_re", "D_im"])
+    return ClosedLoop(tuple(names), np.array(values), function)
+
+
+class _Body:
+    """A linear system at a complex frequency: responses of its sensors to unit inputs."""
+
+    def __init__(self, model: Model, p: ca.SX, s: Complex):
+        self.inputs, self.sensors = model.inputs, model.sensors
+        n, extra = model.n, len(model.states) - 2 * model.n
+        x, u = ca.SX.sym("x", 2 * n + extra), ca.SX.sym("u", len(model.inputs))
+        rest = [ca.DM.zeros(2 * n + extra), ca.DM.zeros(len(model.inputs))]
+
+        def at_rest(expressions: list[ca.SX]) -> list[ca.SX]:
+            return ca.substitute(expressions, [x, u], rest)
+
+        force, mass = model.force(x, u, p), model.mass(p)
+        rates, readings = model.rates(x, u, p), model.readings(x, u, p, 0)
+        fx, fu, zx, zu, yx, yu = at_rest(
+            [
+                ca.jacobian(force, x), ca.jacobian(force, u),
+                ca.jacobian(rates[2 * n :], x), ca.jacobian(rates[2 * n :], u),
+                ca.jacobian(readings, x), ca.jacobian(readings, u),
+            ]
+        )  # fmt: skip
+        rows: list[Row] = [{} for _ in range(n + extra)]
+        for i in range(n):
+            for j in range(n):
+                _put(rows[i], j, [-fx[i, j], -fx[i, n + j], mass[i, j]], s)
+            for j in range(extra):
+                _put(rows[i], n + j, [-fx[i, 2 * n + j]], s)
+        for i in range(extra):
+            for j in range(n):
+                _put(rows[n + i], j, [-zx[i, j], -zx[i, n + j]], s)
+            for j in range(extra):
+                _put(rows[n + i], n + j, [-zx[i, 2 * n + j], ca.SX(1.0 if i == j else 0.0)], s)
+        right = [[Complex(fu[i, j]) for j in range(fu.shape[1])] for i in range(n)]
+        right += [[Complex(zu[i, j]) for j in range(zu.shape[1])] for i in range(extra)]
+        self.solution = solve(rows, right)
+        self._yx, self._yu, self._n, self._extra, self._s = yx, yu, n, extra, s
+
+    def response(self, sensor: str, source: str) -> Complex:
+        """Transfer function from an input to a sensor."""
+        i, j = self.sensors.index(sensor), self.inputs.index(source)
+        total = Complex(self._yu[i, j])
+        for k in range(self._n):
+            weight = Complex(self._yx[i, k]) + self._s * self._yx[i, self._n + k]
+            if _given(self._yx[i, k]) or _given(self._yx[i, self._n + k]):
+                total = total + weight * self.solution[k][j]
+        for k in range(self._extra):
+            if _given(self._yx[i, 2 * self._n + k]):
+                total = total + self.solution[self._n + k][j] * self._yx[i, 2 * self._n + k]
+        return total
+
+
+def _put(row: Row, column: int, coefficients: Sequence[ca.SX], s: Complex) -> None:
+    """Add a polynomial in s, lowest power first, where any coefficient is there."""
+    if not any(_given(c) for c in coefficients):
+        return
+    total = Complex(0.0)
+    for c in reversed(coefficients):
+        total = total * s + Complex(c)
+    row[column] = total
+
+
+def _given(value: ca.SX) -> bool:
+    return value.nnz() > 0 and not value.is_zero()
+
+
+def _close(case: Case, rig: _Body, parts: list[_Body], loop: dict[str, ca.SX], s: Complex) -> tuple[list[Complex], list[list[Complex]]]:
+    dynos = case.loop.dynamometers
+    lag = 1 / (1 + s * loop["torque_sensor_lag"])
+    lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_SPREAD))
+    actuator = exp(-(s * loop["dead_time"])) / (1 + s * loop["inverter_lag"]) * lead
+    speed_error = Complex(loop["proportional_gain"]) + Complex(loop["integral_gain"]) / s
+    reference = speed_error + s * loop["acceleration_feed_forward"]
+
+    def command(j: int, torques: list[Complex], speed: Complex, roads: Complex) -> Complex:
+        """Air-gap torque of dynamometer j for measured torques, its speed and what the roads do to its reference."""
+        measured = [torque * lag for torque in torques]
+        wanted = roads
+        for k, other in enumerate(dynos):
+            wanted = wanted + _residual(case, parts, dynos[j], other) * measured[k]
+        return actuator * (reference * wanted - speed_error * speed - measured[j] * loop["torque_feed_forward"])
+
+    toward = [sensor_sign(case.rig, dyno) for dyno in dynos]
+    size = len(dynos)
+    from_command = [
+        [([rig.response(d.torque_sensor, c.torque_input) * toward[k] for k, d in enumerate(dynos)], rig.response(dyno.speed_sensor, c.torque_input))
+         for c in dynos]
+        for dyno in dynos
+    ]  # fmt: skip
+    gain = [[command(j, *from_command[j][c], Complex(0.0)) for c in range(size)] for j in range(size)]
+    difference = [[(1 if j == c else 0) - gain[j][c] for c in range(size)] for j in range(size)]
+
+    sources = list(dict.fromkeys(pair.input for pair in case.compared))
+    right = []
+    for j, dyno in enumerate(dynos):
+        row = []
+        for source in sources:
+            if source in rig.inputs:
+                torques = [rig.response(d.torque_sensor, source) * toward[k] for k, d in enumerate(dynos)]
+                row.append(command(j, torques, rig.response(dyno.speed_sensor, source), Complex(0.0)))
+            else:
+                row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(case, parts, dyno, source)))
+        right.append(row)
+    torque = solve([dict(enumerate(row)) for row in difference], right)
+    H = []
+    for pair in case.compared:
+        column = sources.index(pair.input)
+        total = rig.response(pair.sensor, pair.input) if pair.input in rig.inputs else Complex(0.0)
+        for j, dyno in enumerate(dynos):
+            total = total + rig.response(pair.sensor, dyno.torque_input) * torque[j][column]
+        H.append(total)
+    return H, difference
+
+
+def _residual(case: Case, parts: list[_Body], of: Dynamometer, by: Dynamometer) -> Complex:
+    """Reference speed of one dynamometer for a torque at another one's interface."""
+    wanted, driven = _cut(case, of), _cut(case, by)
+    for part in parts:
+        if wanted.speed in part.sensors and driven.torque in part.inputs:
+            return part.response(wanted.speed, driven.torque)
+    return Complex(0.0)
+
+
+def _road(case: Case, parts: list[_Body], of: Dynamometer, source: str) -> Complex:
+    wanted = _cut(case, of)
+    for part in parts:
+        if wanted.speed in part.sensors and source in part.inputs:
+            return part.response(wanted.speed, source)
+    return Complex(0.0)
+
+
+def _cut(case: Case, dyno: Dynamometer):
+    return next(own for own in case.residual_vehicle.interfaces if own.shaft == dyno.follows)
+
+
+def sensor_sign(rig: System, dyno: Dynamometer) -> float:
+    """Torque that drives the rotor for a reading of 1 N·m: +1 where the rotor hangs on the flange's second end, else −1/ratio."""
+    sensor = next(own for own in rig.sensors if own.name == dyno.torque_sensor)
+    flange: Shaft = next(own for own in rig.shafts if own.name == sensor.of)
+    rotor = next(own.on for own in rig.inputs if own.name == dyno.torque_input)
+    reached, todo = {rotor}, [rotor]
+    joints = [part.between for part in (*rig.shafts, *rig.gears) if part.name != flange.name]
+    while todo:
+        here = todo.pop()
+        for ends in joints:
+            if here in ends:
+                for end in set(ends) - reached:
+                    reached.add(end)
+                    todo.append(end)
+    if flange.between[1] in reached:
+        return 1.0
+    return -1.0 if flange.ratio is None else -1 / flange.ratio.value
