@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm, solve_discrete_are
 
 from modelling.errors import InputError
-from modelling.linear import StateSpace, linear
+from modelling.state_space import StateSpace, state_space
 from modelling.loop import Loop
 from modelling.residual_vehicle import Interface, ResidualVehicle
 from modelling.system import Sensor, System
@@ -134,8 +134,8 @@ def combined(rig: System, residual: ResidualVehicle, loop: Loop) -> tuple[StateS
     -------
     StateSpace, error rows (u, x), announced names, output names
     """
-    own = linear(_with_interfaces(rig, residual))
-    parts = [linear(part) for part in residual.parts]
+    own = state_space(_with_interfaces(rig, residual))
+    parts = [state_space(part) for part in residual.parts]
     k, n = len(loop.dynamometers), len(own.A)
     sizes = [n, k, k, *(len(part.A) for part in parts)]
     A = block_diag(own.A, -np.eye(k) / loop["inverter_lag"], -np.eye(k) / loop["torque_sensor_lag"], *(part.A for part in parts))
