@@ -10,7 +10,7 @@ from typing import Any
 from modelling.errors import InputError
 from modelling.files import load, quantity, read_toml
 from modelling.loop import HARDWARE, KNOBS, Dynamometer, Loop
-from modelling.manoeuvres import Manoeuvre, read_manoeuvre
+from modelling.manoeuvres import Manoeuvre, from_table
 from modelling.quantity import Quantity
 from modelling.residual_vehicle import ResidualVehicle, cut
 from modelling.mirror import mirror_image
@@ -71,7 +71,7 @@ class Case:
     targets: tuple[Target, ...]
     band: tuple[float, float]
     compared: tuple[Compared, ...]
-    manoeuvre: Manoeuvre
+    manoeuvre: Mapping[str, Manoeuvre]
     limits: Mapping[str, float]
     moves: tuple[Move, ...]
     title: str = ""
@@ -109,7 +109,7 @@ def load_case(path: str | Path) -> Case:
         _targets(data, where),
         band,
         _compared(data, vehicle, rig, residual, where),
-        read_manoeuvre(data.get("manoeuvre", {}), f"{where}: manoeuvre"),
+        _manoeuvre(data, rig, residual, loop, where),
         _limits(data, rig, where),
         _moves(data, rig, residual, loop, where),
         _text(data, "title", where) if "title" in data else "",
@@ -208,6 +208,18 @@ def _compared(data: Mapping[str, Any], vehicle: System, rig: System, residual: R
                 raise unknown(pair[key], known, f"{where}: response.compare[{number}].{key}")
         made.append(Compared(pair["input"], pair["sensor"]))
     return tuple(made)
+
+
+def _manoeuvre(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> dict[str, Manoeuvre]:
+    tables = _table(data, "manoeuvre", where)
+    driven = {dyno.torque_input for dyno in loop.dynamometers} | {cut.torque for cut in residual.interfaces}
+    known = [part.name for system in (rig, *residual.parts) for part in system.inputs if part.name not in driven]
+    if not tables:
+        raise InputError(f"{where}: manoeuvre", "the case has none", 'write [manoeuvre.motor_torque] with kind = "tip_in" and amplitude')
+    for name in tables:
+        if name not in known:
+            raise unknown(name, known, f"{where}: manoeuvre")
+    return {name: from_table(own, f"{where}: manoeuvre.{name}") for name, own in tables.items()}
 
 
 def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
