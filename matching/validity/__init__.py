@@ -1,0 +1,1 @@
+"""How far a test bed's answer can be trusted: measurement uncertainty (GUM) and XiL fidelity."""

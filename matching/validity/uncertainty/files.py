@@ -1,0 +1,132 @@
+"""Budget files (TOML) to ``Budget``; the format is described in ``examples/sensors/README.md``."""
+
+from __future__ import annotations
+
+import keyword
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from matching.validity.tables import check_keys, number, read_toml, text
+from matching.validity.uncertainty.budget import Budget, Input, Measurand
+from matching.validity.uncertainty.dimensions import dimension_of
+from matching.validity.uncertainty.formula import functions, parse_formula
+from matching.validity.uncertainty.inputs import read_input, read_line
+from matching.validity.units import unit_of
+from modelling.errors import InputError
+
+TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
+
+
+def read_budget(path: Path | str) -> Budget:
+    """The budget in a TOML file; raises ``InputError`` on any fault of the file."""
+    return budget_from_tables(read_toml(path), str(path))
+
+
+def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
+    """The budget in tables as ``tomllib`` reads them."""
+    check_keys(tables, TOP, where)
+    coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
+    if not 0 < coverage < 1:
+        raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")
+    factor = number(tables, "coverage_factor", where, positive=True) if "coverage_factor" in tables else None
+    inputs, correlated = _inputs(tables, where)
+    names = [one.name for one in inputs]
+    return Budget(text(tables, "title", where, Path(where).stem), _measurands(tables, inputs, where), tuple(inputs),
+                  _correlation(tables.get("correlations", []), correlated, names, where), coverage, factor, where)
+
+
+def _inputs(tables, where) -> tuple[list[Input], dict[tuple[str, str], float]]:
+    given = tables.get("inputs", {})
+    lines = tables.get("lines", {})
+    for key, group in (("inputs", given), ("lines", lines)):
+        if not isinstance(group, dict):
+            raise InputError(f"{where}: {key}", "is no table", f"write [{key}.name]")
+    if not given and not lines:
+        raise InputError(where, "there are no inputs", "write at least one [inputs.name]")
+    inputs: list[Input] = []
+    readings: dict[str, list[tuple[str, np.ndarray]]] = {}
+    for name, table in given.items():
+        _check_name(name, where)
+        one, values = read_input(name, table, f"{where}: inputs.{name}")
+        inputs.append(one)
+        if one.group is not None:
+            readings.setdefault(one.group, []).append((name, values))
+    correlated = _simultaneous(readings, where)
+    for name, table in lines.items():
+        _check_name(name, where)
+        intercept, slope, r = read_line(name, table, f"{where}: lines.{name}")
+        inputs += [intercept, slope]
+        correlated[intercept.name, slope.name] = r
+    doubled = {one.name for one in inputs if [two.name for two in inputs].count(one.name) > 1}
+    if doubled:
+        raise InputError(f"{where}: inputs", f"{doubled.pop()} is given twice", "rename one")
+    return inputs, correlated
+
+
+def _check_name(name: str, where: str) -> None:
+    if not name.isidentifier() or keyword.iskeyword(name) or name in functions() or name == "pi":
+        raise InputError(f"{where}: inputs.{name}", "this name cannot stand in a formula",
+                         "use letters, digits and _ and no name of a function")
+
+
+def _simultaneous(groups, where) -> dict[tuple[str, str], float]:
+    correlated = {}
+    for group, members in groups.items():
+        if len({len(values) for _, values in members}) > 1:
+            raise InputError(f"{where}: inputs.{members[0][0]}", f"the simultaneous readings '{group}' differ in number",
+                             "give as many readings to each")
+        for i, (first, a) in enumerate(members):
+            for second, b in members[:i]:
+                if np.ptp(a) > 0 and np.ptp(b) > 0:
+                    correlated[second, first] = float(np.corrcoef(a, b)[0, 1])
+    return correlated
+
+
+def _correlation(given, correlated, names, where) -> np.ndarray:
+    matrix = np.eye(len(names))
+    here = f"{where}: correlations"
+    if not isinstance(given, list):
+        raise InputError(here, "is no list", "write [[correlations]] with between and r")
+    for table in given:
+        check_keys(table, ("between", "r"), here)
+        pair = table.get("between")
+        if not isinstance(pair, list) or len(pair) != 2 or any(name not in names for name in pair) or len(set(pair)) < 2:
+            raise InputError(here, f"between = {pair!r} is no pair of inputs", f"choose two of {', '.join(names)}")
+        if tuple(pair) in correlated or tuple(pair[::-1]) in correlated:
+            raise InputError(here, f"{pair[0]} and {pair[1]} are correlated twice", "give their correlation once")
+        r = number(table, "r", here)
+        if abs(r) > 1:
+            raise InputError(here, f"r = {r:g} between {pair[0]} and {pair[1]}", "give a number in -1 ... 1")
+        correlated[tuple(pair)] = r
+    for (first, second), r in correlated.items():
+        i, j = names.index(first), names.index(second)
+        matrix[i, j] = matrix[j, i] = r
+    return matrix
+
+
+def _measurands(tables, inputs: list[Input], where) -> tuple[Measurand, ...]:
+    if ("measurand" in tables) == ("measurands" in tables):
+        raise InputError(where, "there must be either [measurand] or [measurands.name]", "write one of them")
+    known = ("name", "formula", "unit", "description")
+    if "measurand" in tables:
+        single = check_keys(tables["measurand"], known, f"{where}: measurand")
+        given = {text(single, "name", f"{where}: measurand", "y"): single}
+    else:
+        given = check_keys(tables["measurands"], tables["measurands"], f"{where}: measurands")
+    dimensions = {one.name: one.unit.dimension for one in inputs}
+    measurands = []
+    for name, table in given.items():
+        here = f"{where}: measurand {name}"
+        check_keys(table, known, here)
+        unit = unit_of(table.get("unit", "1"), f"{here}.unit")
+        expression = parse_formula(text(table, "formula", here), dimensions, f"{here}.formula")
+        dimension = dimension_of(expression, dimensions, f"{here}.formula")
+        if dimension != unit.dimension:
+            raise InputError(f"{here}.formula", f"gives {dimension or 'a plain number'}, but the unit {unit.text} is "
+                             f"{unit.dimension or 'a plain number'}", "correct the formula or a unit")
+        measurands.append(Measurand(name, expression, unit, text(table, "description", here, "")))
+    if not measurands:
+        raise InputError(f"{where}: measurands", "is empty", "write at least one [measurands.name]")
+    return tuple(measurands)

@@ -1,0 +1,132 @@
+"""From the text of a formula to a SymPy expression, without evaluating any of the text.
+
+The text goes through Python's own grammar (``ast``); only numbers, named inputs, + − · / powers and the mathematical
+functions listed here become SymPy nodes. Everything else is an ``InputError``.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+from modelling.errors import InputError
+
+LONGEST = 10_000
+LARGEST_POWER = 100
+
+
+@cache
+def functions() -> dict[str, Any]:
+    """The functions a formula may call, by name."""
+    import sympy
+
+    names = "sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp log sqrt".split()
+    table = {name: getattr(sympy, name) for name in names}
+    return table | {"abs": sympy.Abs, "log10": lambda x: sympy.log(x) / sympy.log(10)}
+
+
+def parse_formula(text: str, names: Iterable[str], where: str):
+    """The formula as SymPy expression over real symbols of the given names.
+
+    Raises
+    ------
+    InputError
+        No formula, an unknown name, or anything that is not plain mathematics.
+    """
+    import sympy
+
+    symbols = {name: sympy.Symbol(name, real=True) for name in names}
+    if len(text) > LONGEST:
+        raise InputError(where, f"the formula has {len(text)} characters", f"at most {LONGEST} are read")
+    try:
+        tree = ast.parse(text.replace("^", "**").strip(), mode="eval")
+        return _Walker(symbols, where).visit(tree.body)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(where, f"'{text[:60]}' is no formula", "write it like a*x + sqrt(b)") from error
+
+
+class _Walker(ast.NodeVisitor):
+    """Builds the SymPy expression node by node; a node without a visitor here is refused."""
+
+    def __init__(self, symbols: dict[str, Any], where: str):
+        self.symbols, self.where = symbols, where
+
+    def refuse(self, what: str, right: str = "use numbers, inputs, + - * / ** and mathematical functions only"):
+        return InputError(self.where, what, right)
+
+    def generic_visit(self, node):
+        raise self.refuse(f"'{ast.unparse(node)[:60]}' is not mathematics")
+
+    def visit_Constant(self, node):
+        import sympy
+
+        if type(node.value) not in (int, float):
+            raise self.refuse(f"{node.value!r} is no number")
+        if not abs(node.value) < 1e300:
+            raise self.refuse("a number is too large", "stay below 1e300")
+        exact = isinstance(node.value, int) and abs(node.value) < 10**15
+        return sympy.Integer(node.value) if exact else sympy.Float(float(node.value))
+
+    def visit_Name(self, node):
+        import sympy
+
+        if node.id in self.symbols:
+            return self.symbols[node.id]
+        if node.id == "pi":
+            return sympy.pi
+        raise self.refuse(f"'{node.id}' is not among the inputs", f"known are {', '.join(self.symbols)} and pi")
+
+    def visit_UnaryOp(self, node):
+        value = self.visit(node.operand)
+        if isinstance(node.op, ast.USub):
+            return -value
+        if isinstance(node.op, ast.UAdd):
+            return value
+        return self.generic_visit(node)
+
+    def visit_BinOp(self, node):
+        left, right = self.visit(node.left), self.visit(node.right)
+        match node.op:
+            case ast.Add():
+                return left + right
+            case ast.Sub():
+                return left - right
+            case ast.Mult():
+                return left * right
+            case ast.Div():
+                if right.is_zero:
+                    raise self.refuse("the formula divides by zero", "correct the formula")
+                return left / right
+            case ast.Pow():
+                return self.power(left, right)
+        return self.generic_visit(node)
+
+    def power(self, base, exponent):
+        # Exact integer towers such as 9**9**9 would run for ever, so the size is looked at first.
+        if exponent.is_number and not abs(float(exponent)) <= LARGEST_POWER:
+            raise self.refuse("a power is too large", f"exponents reach to {LARGEST_POWER}")
+        if base.is_number and base.is_zero and exponent.is_number and float(exponent) <= 0:
+            raise self.refuse("the formula divides by zero", "correct the formula")
+        result = base**exponent
+        if result.is_number and not abs(complex(result)) < 1e300:
+            raise self.refuse("a number is too large", "stay below 1e300")
+        return result
+
+    def visit_Call(self, node):
+        import sympy
+
+        name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name not in functions():
+            called = ast.unparse(node.func)[:40]
+            raise self.refuse(f"'{called}' is no function of mathematics", f"known are {', '.join(functions())}")
+        wanted = 2 if name == "atan2" else 1
+        if node.keywords or len(node.args) != wanted:
+            raise self.refuse(f"{name} takes {wanted} argument{'s' * (wanted > 1)}", f"write {name}(x{', y' * (wanted > 1)})")
+        value = functions()[name](*(self.visit(argument) for argument in node.args))
+        if value.has(sympy.zoo, sympy.nan, sympy.oo, sympy.I):
+            raise self.refuse(f"'{ast.unparse(node)[:60]}' has no finite real value", "correct the formula")
+        return value

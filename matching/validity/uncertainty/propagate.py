@@ -1,0 +1,137 @@
+"""The law of propagation of uncertainty: first and second order (GUM 5.1, 5.2), degrees of freedom (GUM G.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from matching.validity.uncertainty.budget import Budget, Measurand
+from modelling.errors import InputError
+
+
+@dataclass(frozen=True)
+class Propagation:
+    """What the law of propagation gives for one measurand, in SI.
+
+    ``sensitivities`` (p,); ``first_order`` and ``second_order`` are combined standard uncertainties; ``bias`` is the
+    second-order shift of the expectation, E[Y] − f(x). ``degrees_of_freedom`` is None where refused, with the reason.
+    """
+
+    value: float
+    sensitivities: np.ndarray
+    first_order: float
+    second_order: float
+    bias: float
+    degrees_of_freedom: float | None
+    refusal: str
+
+
+@lru_cache(maxsize=256)
+def _derivatives(expression: Any, names: tuple[str, ...], pairs: tuple[tuple[int, int], ...]) -> Callable:
+    """Value, gradient ``(p,)``, Hessian ``(p, p)`` and, for each pair (k, l), the third derivatives f_jkl ``(p,)``."""
+    import sympy
+
+    symbols = [sympy.Symbol(name, real=True) for name in names]
+    gradient = [sympy.diff(expression, symbol) for symbol in symbols]
+    hessian = [[sympy.diff(entry, symbol) for symbol in symbols] for entry in gradient]
+    third = [[sympy.diff(hessian[k][l], symbol) for symbol in symbols] for k, l in pairs]
+    return sympy.lambdify(symbols, [expression, gradient, hessian, third], "numpy", cse=True)
+
+
+def _evaluate(budget: Budget, measurand: Measurand):
+    names = tuple(one.name for one in budget.inputs)
+    pairs = tuple((int(k), int(l)) for k, l in zip(*np.nonzero(budget.correlation), strict=True))
+    with np.errstate(all="ignore"):
+        try:
+            value, *parts = _derivatives(measurand.expression, names, pairs)(*budget.values)
+            value, (gradient, hessian, third) = float(value), (np.array(part, dtype=float) for part in parts)
+        except (TypeError, ZeroDivisionError, OverflowError) as error:
+            raise _not_finite(budget, measurand) from error
+    if not (math.isfinite(value) and np.all(np.isfinite(gradient))):
+        raise _not_finite(budget, measurand)
+    cube = np.zeros((len(names),) * 3)  # (j, k, l)
+    for (k, l), entries in zip(pairs, third, strict=True):
+        cube[:, k, l] = entries
+    return value, gradient, hessian, cube
+
+
+def _not_finite(budget: Budget, measurand: Measurand) -> InputError:
+    return InputError(f"{budget.where}: measurand {measurand.name}.formula",
+                      "has no finite real value or slope at the values of the inputs", "correct the formula or a value")
+
+
+def propagate(budget: Budget, measurand: Measurand) -> Propagation:
+    """First and second order for one measurand.
+
+    Second order is GUM 5.1.2 note in matrix form, ``½ tr(HΣHΣ) + cᵀΣt`` with ``t_j = Σ f_jkl Σ_kl``, which is exact to
+    that order for jointly normal inputs; for each independent input of another shape the kurtosis corrects its own term.
+    It is NaN where second or third derivatives do not exist.
+    """
+    value, c, hessian, third = _evaluate(budget, measurand)
+    covariance = budget.covariance
+    first = float(c @ covariance @ c)
+    product = hessian @ covariance
+    extra = 0.5 * np.trace(product @ product) + c @ covariance @ np.tensordot(third, covariance, axes=2)
+    for i, one in enumerate(budget.inputs):
+        if np.count_nonzero(budget.correlation[i]) == 1 and one.standard_uncertainty > 0:
+            excess = one.distribution.kurtosis() - 3
+            u4 = one.standard_uncertainty**4
+            extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * third[i, i, i] / 3)
+    freedom, refusal = effective_degrees_of_freedom(budget, c)
+    second = math.sqrt(max(first + extra, 0.0)) if math.isfinite(extra) else math.nan
+    return Propagation(value, c, math.sqrt(max(first, 0.0)), second, 0.5 * float(np.trace(product)), freedom, refusal)
+
+
+def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> tuple[float | None, str]:
+    """Welch–Satterthwaite (GUM G.4.1), with each group of simultaneous readings as one component.
+
+    Any linear combination of jointly normal readings is itself a normal reading with n − 1 degrees of freedom, so a
+    group enters with the variance it contributes as a whole. Correlated inputs outside a group are refused unless
+    their degrees of freedom are infinite.
+    """
+    parts = sensitivities * budget.standard_uncertainties
+    covered = np.outer(parts, parts) * budget.correlation
+    total, below = float(covered.sum()), 0.0
+    groups: dict[str, list[int]] = {}
+    for i, one in enumerate(budget.inputs):
+        correlated = np.count_nonzero(budget.correlation[i]) > 1
+        if one.group is not None:
+            groups.setdefault(one.group, []).append(i)
+        elif math.isfinite(one.degrees_of_freedom) and parts[i] != 0:
+            if correlated:
+                return None, (f"Welch-Satterthwaite does not hold: {one.name} has finite degrees of freedom and is "
+                              "correlated by a given coefficient")
+            below += parts[i] ** 4 / one.degrees_of_freedom
+    for members in groups.values():
+        below += float(covered[np.ix_(members, members)].sum()) ** 2 / budget.inputs[members[0]].degrees_of_freedom
+    if total <= 0 or below <= 0:
+        return math.inf, ""
+    return total**2 / below, ""
+
+
+def coverage_factor(budget: Budget, degrees_of_freedom: float | None) -> float:
+    """k: as the budget says, or Student's t for its coverage with ν_eff cut to a whole number (GUM G.6.4)."""
+    from scipy import stats
+
+    if budget.coverage_factor is not None:
+        return budget.coverage_factor
+    level = (1 + budget.coverage) / 2
+    if degrees_of_freedom is None or math.isinf(degrees_of_freedom):
+        return float(stats.norm.ppf(level))
+    whole = math.floor(degrees_of_freedom + 1e-9)
+    return float(stats.t.ppf(level, whole if whole >= 1 else degrees_of_freedom))
+
+
+def output_correlation(budget: Budget, propagations: list[Propagation]) -> np.ndarray:
+    """Correlation of the measurands by the inputs they share (GUM H.2), shape (measurands, measurands)."""
+    jacobian = np.array([one.sensitivities for one in propagations])
+    covariance = jacobian @ budget.covariance @ jacobian.T
+    u = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / np.outer(u, u)
+    return np.where(np.outer(u, u) > 0, correlation, np.eye(len(u)))

@@ -1,0 +1,44 @@
+"""Writing a result as the GUM wants it (7.2.2 to 7.2.6), and the numerical tolerance of JCGM 101 (7.9.2)."""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_HALF_EVEN, Decimal
+
+
+def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:
+    """δ: half a unit of the last of so many significant digits of the uncertainty."""
+    if uncertainty == 0 or not math.isfinite(uncertainty):
+        return 0.0
+    return 0.5 * 10.0 ** _last_place(uncertainty, digits)
+
+
+def _last_place(uncertainty: float, digits: int) -> int:
+    """Exponent of ten of the last significant digit, after rounding (0.0996 to two digits is 0.10)."""
+    rounded = Decimal(f"{uncertainty:.{digits - 1}e}")
+    return rounded.adjusted() - digits + 1
+
+
+def to_place(value: float, place: int) -> str:
+    """The value rounded to a power of ten, written without exponent."""
+    step = Decimal(1).scaleb(place)
+    rounded = Decimal(repr(float(value))).quantize(step, rounding=ROUND_HALF_EVEN)
+    return f"{rounded:f}" if rounded != 0 else f"{abs(rounded):f}"
+
+
+def written(value: float, uncertainty: float, digits: int = 2) -> tuple[str, str]:
+    """Value and uncertainty, the uncertainty to so many significant digits and the value to the same place.
+
+    A value without uncertainty is written in full.
+    """
+    if uncertainty == 0:
+        return f"{value:.15g}", "0"
+    place = _last_place(uncertainty, digits)
+    return to_place(value, place), to_place(uncertainty, place)
+
+
+def statement(name: str, value: float, expanded: float, unit: str, k: float, coverage: float) -> str:
+    """The complete result: ``M = (1500.00 ± 0.69) N*m, k = 2.00, coverage about 95 %``."""
+    y, u = written(value, expanded)
+    shown = "" if unit == "1" else f" {unit}"
+    return f"{name} = ({y} ± {u}){shown}, k = {k:.2f}, coverage about {100 * coverage:.4g} %"

@@ -1,0 +1,84 @@
+"""Units of budgets and fidelity cases: what a unit string means in SI, by pint."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from modelling.errors import InputError
+from modelling.units import factor
+
+# Towers such as m^9^9^9 keep pint's arithmetic busy for ever.
+_TOWER = re.compile(r"(\^|\*\*)\s*[(\d.\s-]*(\^|\*\*)|(\^|\*\*)\s*\(?-?\d\d")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as an affine map into SI: ``si = scale * x + offset`` (the offset is for °C alone)."""
+
+    text: str
+    scale: float
+    offset: float
+    dimension: Any
+
+    def value_to_si(self, value):
+        return self.scale * value + self.offset
+
+    def difference_to_si(self, difference):
+        """Uncertainties and half-widths are differences: the offset of °C does not apply."""
+        return self.scale * difference
+
+    def value_from_si(self, value):
+        return (value - self.offset) / self.scale
+
+    def difference_from_si(self, difference):
+        return difference / self.scale
+
+
+@cache
+def registry():
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+
+
+@cache
+def _unit(text: str) -> Unit:
+    units = registry()
+    if text.strip() in ("", "1", "-"):
+        return Unit("1", 1.0, 0.0, units.dimensionless.dimensionality)
+    parsed = units.Unit(_plain(text))
+    zero, one = (float(units.Quantity(value, parsed).to_base_units().magnitude) for value in (0.0, 1.0))
+    return Unit(text, one - zero, zero, parsed.dimensionality)
+
+
+def _plain(text: str) -> str:
+    return text.replace("·", "*").replace("°C", "degC").replace("″", "arcsecond").strip()
+
+
+def unit_of(text: Any, where: str) -> Unit:
+    """The unit a text names; no text at all is a plain number.
+
+    Raises
+    ------
+    InputError
+        The text is no unit pint knows.
+    """
+    if not isinstance(text, str):
+        raise InputError(where, f"a unit must be text, not {text!r}", 'for example unit = "N*m"')
+    if len(text) > 60 or _TOWER.search(text):
+        raise InputError(where, f"'{text[:60]}' is no unit", "write it like N*m, 1/min, degC, nm or %")
+    try:
+        return _unit(text)
+    except Exception as error:  # pint raises its own, Python's tokenizer's and arithmetic errors alike
+        raise InputError(where, f"unknown unit '{text}'", "write it like N*m, 1/min, degC, nm or %") from error
+
+
+def signal_unit(text: Any, where: str) -> Unit:
+    """The unit of a signal: as ``unit_of``, but 1/min counts turns as on every test bed, and 1/s is refused for it."""
+    unit = unit_of(text, where)
+    if unit.dimension == unit_of("1/s", where).dimension:
+        return Unit(unit.text, factor(unit.text, "rad/s", where), 0.0, unit.dimension)
+    return unit
