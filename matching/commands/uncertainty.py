@@ -13,12 +13,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("budget", metavar="BUDGET", help="budget file (TOML)")
     parser.add_argument("--out", default=".", metavar="DIR", help="where files go (default: here)")
-    parser.add_argument("--wanted", metavar="U", help='wanted expanded uncertainty, such as 0.5 or "0.5 N*m": '
-                        "tells which input must improve, and to what")
+    parser.add_argument(
+        "--wanted",
+        metavar="U",
+        help='wanted expanded uncertainty, such as 0.5 or "0.5 N*m": tells which input must improve, and to what',
+    )
     parser.add_argument("--seed", type=int, default=1, help="seed of the Monte Carlo method (default: 1)")
     parser.add_argument("--draws", type=int, help="number of draws (default: until the result is stable)")
-    parser.add_argument("--digits", type=int, default=2, choices=(1, 2, 3),
-                        help="significant digits of the uncertainty that must be stable (default: 2)")
+    parser.add_argument(
+        "--digits",
+        type=int,
+        default=2,
+        choices=(1, 2, 3),
+        help="significant digits of the uncertainty that must be stable (default: 2)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -55,20 +63,25 @@ def summary(answer: dict[str, Any]) -> str:
         lines += ["", *_table(one), "", one["statement"], *_checks(one), *(f"note: {line}" for line in one["warnings"])]
     names = [one["name"] for one in answer["measurands"]]
     for i, first in enumerate(names):
-        lines += [f"r({first}, {second}) = {answer['correlation'][i][j]:+.3f}"
-                  for j, second in enumerate(names) if j > i]
+        lines += [
+            f"r({first}, {second}) = {answer['correlation'][i][j]:+.3f}" for j, second in enumerate(names) if j > i
+        ]
     for one in answer.get("inverse", []):
         lines += ["", *_inverse(one)]
     return "\n".join(lines) + "\n"
 
 
 def _table(one: dict[str, Any]) -> list[str]:
-    head = f"{'input':24} {'value':>14} {'u(x)':>11} {'unit':10} {'distribution':13} {'ν':>5} {'|c|·u':>11} {'share':>8}"
+    head = (
+        f"{'input':24} {'value':>14} {'u(x)':>11} {'unit':10} {'distribution':13} {'ν':>5} {'|c|·u':>11} {'share':>8}"
+    )
     lines = [head, "-" * len(head)]
     for row in one["budget"]:
         freedom = "∞" if row["degrees_of_freedom"] is None else f"{row['degrees_of_freedom']:.3g}"
-        lines.append(f"{row['name']:24} {row['value']:14.8g} {row['standard_uncertainty']:11.4g} {row['unit']:10} "
-                     f"{row['distribution']:13} {freedom:>5} {row['contribution']:11.4g} {100 * row['share']:7.2f}%")
+        lines.append(
+            f"{row['name']:24} {row['value']:14.8g} {row['standard_uncertainty']:11.4g} {row['unit']:10} "
+            f"{row['distribution']:13} {freedom:>5} {row['contribution']:11.4g} {100 * row['share']:7.2f}%"
+        )
     return lines
 
 
@@ -77,24 +90,33 @@ def _checks(one: dict[str, Any]) -> list[str]:
     freedom = one["degrees_of_freedom"]
     second = one["standard_uncertainty_second_order"]
     shown = "refused" if one["degrees_of_freedom_refused"] else "∞" if freedom is None else f"{freedom:.1f}"
-    lines = [f"standard uncertainty {one['standard_uncertainty']:.4g}{unit} (first order), "
-             f"{'none' if second is None else f'{second:.4g}'}{unit} (second order), effective degrees of freedom {shown}"]
+    lines = [
+        f"standard uncertainty {one['standard_uncertainty']:.4g}{unit} (first order), "
+        f"{'none' if second is None else f'{second:.4g}'}{unit} (second order), effective degrees of freedom {shown}"
+    ]
     if "monte_carlo" in one:
         drawn, check = one["monte_carlo"], one["first_order_check"]
         low, high = drawn["shortest_interval"]
-        lines += [f"Monte Carlo: u = {drawn['standard_uncertainty']:.4g}{unit}, shortest {100 * one['coverage']:.4g} % "
-                  f"interval {low:.8g} ... {high:.8g}{unit}, {drawn['draws']} draws",
-                  f"first order against Monte Carlo (JCGM 101, 8): {check['verdict']} "
-                  f"(d = {check['distances'][0]:.2g}, {check['distances'][1]:.2g}; δ = {check['tolerance']:.2g}{unit})"]
+        lines += [
+            f"Monte Carlo: u = {drawn['standard_uncertainty']:.4g}{unit}, shortest {100 * one['coverage']:.4g} % "
+            f"interval {low:.8g} ... {high:.8g}{unit}, {drawn['draws']} draws",
+            f"first order against Monte Carlo (JCGM 101, 8): {check['verdict']} "
+            f"(d = {check['distances'][0]:.2g}, {check['distances'][1]:.2g}; δ = {check['tolerance']:.2g}{unit})",
+        ]
     return lines
 
 
 def _inverse(one: dict[str, Any]) -> list[str]:
     if one["present"] <= one["wanted"]:
-        return [f"{one['name']}: U = {one['present']:.4g} {one['unit']} is within the wanted {one['wanted']:.4g} already"]
+        return [
+            f"{one['name']}: U = {one['present']:.4g} {one['unit']} is within the wanted {one['wanted']:.4g} already"
+        ]
     lines = [f"{one['name']}: from U = {one['present']:.4g} to {one['wanted']:.4g} {one['unit']}"]
-    lines += [f"  either {name} alone to u = {item['needed']:.4g} {item['unit']} ({100 * item['ratio']:.3g} % of today)"
-              for step in one["alone"] for name, item in step.items()]
+    lines += [
+        f"  either {name} alone to u = {item['needed']:.4g} {item['unit']} ({100 * item['ratio']:.3g} % of today)"
+        for step in one["alone"]
+        for name, item in step.items()
+    ]
     if not one["alone"]:
         lines.append("  no input alone can do it")
     together = ", ".join(f"{name} to u = {item['needed']:.4g} {item['unit']}" for name, item in one["together"].items())

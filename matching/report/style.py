@@ -1,9 +1,9 @@
-"""One look for every figure: fixed colours that colour-blind readers can tell apart, and figures without pyplot state."""
+"""One look for every figure: fixed colours that colour-blind readers tell apart, figures without pyplot state."""
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ LIMIT = "#666666"
 NOISE = "#CC79A7"
 BAND = "#E6E6E6"
 
-SETTINGS = {
+SETTINGS: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -38,7 +38,7 @@ def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     return made
 
 
-def styled():
+def styled() -> Any:
     """A context in which axes take the house's look."""
     from matplotlib import rc_context
 

@@ -28,7 +28,7 @@ def contributions(measurand: dict[str, Any]) -> Figure:
         axes.invert_yaxis()
         axes.margins(x=0.12)
         axes.set_xlabel(f"contribution |c|·u(x) to u({measurand['name']}){_axis_unit(measurand)}; labels: share of u²")
-        axes.legend(loc="lower right")
+        drawn.legend(loc="outside lower right")
         axes.set_title(measurand["statement"], fontsize=9)
     return drawn
 
@@ -45,8 +45,14 @@ def ishikawa(measurand: dict[str, Any]) -> Figure:
         axes.set_axis_off()
         end = width * columns + 0.8
         axes.annotate("", (end, 0), (-0.2, 0), arrowprops={"arrowstyle": "-|>", "lw": 2.2, "color": "black"})
-        axes.text(end + 0.08, 0, f"{measurand['name']}\nU = {measurand['expanded_uncertainty']:.3g}{_unit(measurand)}",
-                  va="center", ha="left", fontweight="bold")
+        axes.text(
+            end + 0.08,
+            0,
+            f"{measurand['name']}\nU = {measurand['expanded_uncertainty']:.3g}{_unit(measurand)}",
+            va="center",
+            ha="left",
+            fontweight="bold",
+        )
         for place, (cause, rows) in enumerate(branches):
             _branch(axes, width * (place // 2 + 1), 1 if place % 2 == 0 else -1, cause, rows, reach)
         axes.set_xlim(-0.9, end + 1.6)
@@ -58,13 +64,21 @@ def _branch(axes: Any, foot: float, side: int, cause: str, rows: list[dict[str, 
     slant = 0.35 * reach
     share = sum(row["share"] for row in rows)
     axes.plot([foot - slant, foot], [side * reach, 0], color=style.VEHICLE, lw=1 + 3 * max(0.0, min(1.0, share)))
-    axes.text(foot - slant, side * (reach + 0.12), f"{cause}\n{100 * share:.3g} %" if side > 0 else
-              f"{100 * share:.3g} %\n{cause}", ha="center", va="bottom" if side > 0 else "top", fontweight="bold")
+    axes.text(
+        foot - slant,
+        side * (reach + 0.12),
+        f"{cause}\n{100 * share:.3g} %" if side > 0 else f"{100 * share:.3g} %\n{cause}",
+        ha="center",
+        va="bottom" if side > 0 else "top",
+        fontweight="bold",
+    )
     for number, row in enumerate(rows):
         height = reach * (1 - (number + 0.6) / (len(rows) + 0.4))
         at = foot - slant * height / reach
         axes.plot([at - 1.75, at], [side * height] * 2, color=style.LIMIT, lw=0.9)
-        axes.text(at - 1.75, side * height + 0.04, f"{row['name']}  {100 * row['share']:.3g} %", fontsize=8, va="bottom")
+        axes.text(
+            at - 1.75, side * height + 0.04, f"{row['name']}  {100 * row['share']:.3g} %", fontsize=8, va="bottom"
+        )
 
 
 def _branches(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cache
@@ -23,22 +24,26 @@ class Unit:
     offset: float
     dimension: Any
 
-    def value_to_si(self, value):
+    def value_to_si(self, value: Any) -> Any:
+        """A value in this unit as SI."""
         return self.scale * value + self.offset
 
-    def difference_to_si(self, difference):
+    def difference_to_si(self, difference: Any) -> Any:
         """Uncertainties and half-widths are differences: the offset of °C does not apply."""
         return self.scale * difference
 
-    def value_from_si(self, value):
+    def value_from_si(self, value: Any) -> Any:
+        """A value in SI in this unit."""
         return (value - self.offset) / self.scale
 
-    def difference_from_si(self, difference):
+    def difference_from_si(self, difference: Any) -> Any:
+        """A difference in SI in this unit."""
         return difference / self.scale
 
 
 @cache
-def registry():
+def registry() -> Any:
+    """Pint's registry, made when first asked for."""
     import pint
 
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
@@ -82,3 +87,30 @@ def signal_unit(text: Any, where: str) -> Unit:
     if unit.dimension == unit_of("1/s", where).dimension:
         return Unit(unit.text, factor(unit.text, "rad/s", where), 0.0, unit.dimension)
     return unit
+
+
+def signal_quantity(given: Any, where: str) -> tuple[float, Any]:
+    """A number (SI, dimension None) or a text such as ``"0.689 N*m"`` as SI number with its dimension.
+
+    Raises
+    ------
+    InputError
+        No finite number, or an unknown unit.
+    """
+    if isinstance(given, str):
+        number, _, unit = given.strip().partition(" ")
+        try:
+            value = float(number)
+        except ValueError as error:
+            raise InputError(
+                where, f"'{given}' is no quantity", 'write a number, a space and a unit: "0.5 N*m"'
+            ) from error
+        parsed = signal_unit(unit.strip() or "1", where)
+        value, dimension = parsed.difference_to_si(value), parsed.dimension
+    elif isinstance(given, int | float) and not isinstance(given, bool):
+        value, dimension = float(given), None
+    else:
+        raise InputError(where, f"{given!r} is no quantity", 'write a number in SI or a text like "0.5 N*m"')
+    if not math.isfinite(value):
+        raise InputError(where, f"{given!r} is not finite", "give a finite number")
+    return value, dimension

@@ -46,14 +46,17 @@ def test_random_budget(seed):
     for i, name in enumerate(names):
         value, u = float(generator.normal(0, 1.5)), float(generator.uniform(0.01, 0.3))
         freedom = math.inf if i < 2 or generator.random() < 0.4 else int(generator.integers(2, 30))
-        inputs[name] = {"value": value, "uncertainty": u} | ({} if math.isinf(freedom) else {"degrees_of_freedom": freedom})
+        inputs[name] = {"value": value, "uncertainty": u} | (
+            {} if math.isinf(freedom) else {"degrees_of_freedom": freedom}
+        )
         numbers[name] = GTC.ureal(value, u, freedom, independent=i > 1)
     r = float(generator.uniform(-0.95, 0.95))
     GTC.set_correlation(r, numbers["x0"], numbers["x1"])
     text, function = random_formula(generator, names, 3)
     text, function = f"{text} + x0*x1 + x{count - 1}", lambda x, f=function: f(x) + x["x0"] * x["x1"] + x[names[-1]]
-    budget = budget_from_tables({"measurand": {"formula": text}, "inputs": inputs,
-                                 "correlations": [{"between": ["x0", "x1"], "r": r}]})
+    budget = budget_from_tables(
+        {"measurand": {"formula": text}, "inputs": inputs, "correlations": [{"between": ["x0", "x1"], "r": r}]}
+    )
     ours, theirs = propagate(budget, budget.measurands[0]), function(numbers)
     assert ours.value == pytest.approx(theirs.x, rel=1e-9, abs=1e-12)
     assert ours.first_order == pytest.approx(theirs.u, rel=1e-9)
@@ -70,9 +73,11 @@ def test_simultaneous_readings(seed):
     """Ensembles with another independent input beside them: uncertainty, degrees of freedom, output correlation."""
     generator = np.random.default_rng(100 + seed)
     readings = generator.multivariate_normal([2.0, 3.0, 0.5], 0.01 * (np.eye(3) + 0.6), size=6)
-    tables = {"measurands": {"p": {"formula": "a*b + d"}, "q": {"formula": "a/b*cos(c)"}},
-              "inputs": {name: {"readings": readings[:, i].tolist(), "simultaneous": "run"} for i, name in enumerate("abc")}
-              | {"d": {"value": 1.0, "uncertainty": 0.1, "degrees_of_freedom": 7}}}
+    tables = {
+        "measurands": {"p": {"formula": "a*b + d"}, "q": {"formula": "a/b*cos(c)"}},
+        "inputs": {name: {"readings": readings[:, i].tolist(), "simultaneous": "run"} for i, name in enumerate("abc")}
+        | {"d": {"value": 1.0, "uncertainty": 0.1, "degrees_of_freedom": 7}},
+    }
     budget = budget_from_tables(tables)
     p, q = (propagate(budget, one) for one in budget.measurands)
     a, b, c = GTC.ta.multi_estimate_real(readings.T.tolist())

@@ -29,9 +29,13 @@ def additive(shape="rectangular", fourth=1.0):
 
 def loss(x1, r):
     """Comparison loss of a microwave power meter: x1² + x2²."""
-    return budget_from_tables({
-        "measurand": {"formula": "x1^2 + x2^2"}, "correlations": [{"between": ["x1", "x2"], "r": r}] if r else [],
-        "inputs": {"x1": {"value": x1, "uncertainty": 0.005}, "x2": {"value": 0, "uncertainty": 0.005}}})
+    return budget_from_tables(
+        {
+            "measurand": {"formula": "x1^2 + x2^2"},
+            "correlations": [{"between": ["x1", "x2"], "r": r}] if r else [],
+            "inputs": {"x1": {"value": x1, "uncertainty": 0.005}, "x2": {"value": 0, "uncertainty": 0.005}},
+        }
+    )
 
 
 def test_end_gauge_h1():
@@ -42,7 +46,7 @@ def test_end_gauge_h1():
     assert round(result.propagation.second_order * nm) == 34
     assert round(result.propagation.degrees_of_freedom, 1) == 16.8  # 16.7 from the rounded contributions GUM prints
     assert result.coverage_factor == pytest.approx(2.92, abs=0.005)  # t with 16 degrees of freedom at 99 %
-    assert 2.92 * 32 == pytest.approx(result.expanded * nm, abs=1.0)  # GUM prints 93 nm from the rounded 32
+    assert pytest.approx(result.expanded * nm, abs=1.0) == 2.92 * 32  # GUM prints 93 nm from the rounded 32
 
 
 def test_impedance_h2_from_raw_readings():
@@ -106,14 +110,17 @@ def test_mass_calibration_9_3():
     assert one_digit.check_second_order.verdict in ("good", "open")
 
 
-@pytest.mark.parametrize(("x1", "r", "first", "second", "value", "uncertainty", "interval"), [
-    (0.000, 0.0, 0, 50, 50, 50, (0, 150)),
-    (0.010, 0.0, 100, 112, 150, 112, (0, 367)),
-    (0.050, 0.0, 500, 502, 2550, 502, (1590, 3543)),
-    (0.000, 0.9, 0, 67, 50, 67, (0, 185)),
-    (0.010, 0.9, 100, 121, 150, 121, (13, 398)),
-    (0.050, 0.9, 500, 505, 2550, 505, (1628, 3555)),
-])
+@pytest.mark.parametrize(
+    ("x1", "r", "first", "second", "value", "uncertainty", "interval"),
+    [
+        (0.000, 0.0, 0, 50, 50, 50, (0, 150)),
+        (0.010, 0.0, 100, 112, 150, 112, (0, 367)),
+        (0.050, 0.0, 500, 502, 2550, 502, (1590, 3543)),
+        (0.000, 0.9, 0, 67, 50, 67, (0, 185)),
+        (0.010, 0.9, 100, 121, 150, 121, (13, 398)),
+        (0.050, 0.9, 500, 505, 2550, 505, (1628, 3555)),
+    ],
+)
 def test_comparison_loss_9_4(x1, r, first, second, value, uncertainty, interval):
     result = drawn(loss(x1, r), draws=2_000_000)
     assert round(result.propagation.first_order * 1e6) == first

@@ -57,18 +57,21 @@ class Budget:
     coverage_factor: float | None = None
     where: str = "budget"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_correlation(self.correlation, [one.name for one in self.inputs], self.where)
         self._check_groups()
 
-    def _check_groups(self):
+    def _check_groups(self) -> None:
         for i, first in enumerate(self.inputs):
             for j, second in enumerate(self.inputs[:i]):
                 if self.correlation[i, j] == 0 or (first.group and first.group == second.group):
                     continue
                 if first.group or second.group:
-                    raise InputError(f"{self.where}: correlations", f"{second.name} and {first.name} come from readings",
-                                     "let both belong to the same simultaneous readings instead")
+                    raise InputError(
+                        f"{self.where}: correlations",
+                        f"{second.name} and {first.name} come from readings",
+                        "let both belong to the same simultaneous readings instead",
+                    )
 
     @property
     def values(self) -> np.ndarray:
@@ -88,8 +91,10 @@ class Budget:
 
     def scaled(self, factors: dict[str, float]) -> Budget:
         """The same budget with the named inputs' standard uncertainties times a factor."""
-        inputs = tuple(replace(one, standard_uncertainty=one.standard_uncertainty * factors.get(one.name, 1.0))
-                       for one in self.inputs)
+        inputs = tuple(
+            replace(one, standard_uncertainty=one.standard_uncertainty * factors.get(one.name, 1.0))
+            for one in self.inputs
+        )
         return replace(self, inputs=inputs)
 
 
@@ -104,5 +109,8 @@ def check_correlation(matrix: np.ndarray, names: list[str], where: str) -> None:
         raise InputError(where, "a correlation coefficient is beyond -1 ... 1", "correct it")
     if matrix.size and (least := float(np.linalg.eigvalsh(matrix).min())) < -1e-9:
         culprits = [name for name, row in zip(names, matrix, strict=True) if np.count_nonzero(row) > 1]
-        raise InputError(where, f"no quantities can be correlated like this (smallest eigenvalue {least:.3g} among "
-                         f"{', '.join(culprits)})", "lower the coefficients or give the raw simultaneous readings")
+        raise InputError(
+            where,
+            f"no quantities can be correlated like this (smallest eigenvalue {least:.3g} among {', '.join(culprits)})",
+            "lower the coefficients or give the raw simultaneous readings",
+        )

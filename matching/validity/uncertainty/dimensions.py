@@ -7,7 +7,7 @@ from typing import Any
 from modelling.errors import InputError
 
 
-def dimension_of(expression, dimensions: dict[str, Any], where: str):
+def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:
     """The dimension (pint's) of a SymPy expression whose symbols have the given dimensions.
 
     Raises
@@ -21,21 +21,27 @@ def dimension_of(expression, dimensions: dict[str, Any], where: str):
 
     plain = registry().dimensionless.dimensionality
 
-    def need_plain(node):
+    def need_plain(node: Any) -> Any:
         if walk(node) != plain:
-            raise InputError(where, f"'{node}' must be a plain number, but has dimension {walk(node)}",
-                             "divide it by a quantity of that dimension")
+            raise InputError(
+                where,
+                f"'{node}' must be a plain number, but has dimension {walk(node)}",
+                "divide it by a quantity of that dimension",
+            )
         return plain
 
-    def alike(nodes):
+    def alike(nodes: Any) -> Any:
         first, *rest = nodes
         for node in rest:
             if walk(node) != walk(first):
-                raise InputError(where, f"'{first}' ({walk(first)}) and '{node}' ({walk(node)}) cannot be added",
-                                 "give both the same dimension")
+                raise InputError(
+                    where,
+                    f"'{first}' ({walk(first)}) and '{node}' ({walk(node)}) cannot be added",
+                    "give both the same dimension",
+                )
         return walk(first)
 
-    def walk(node):
+    def walk(node: Any) -> Any:
         if node.is_Symbol:
             return dimensions[node.name]
         if node.is_number:
@@ -64,6 +70,6 @@ def dimension_of(expression, dimensions: dict[str, Any], where: str):
     return walk(expression)
 
 
-def _exact(exponent):
+def _exact(exponent: Any) -> float:
     value = float(exponent)
     return int(value) if value == int(value) else value

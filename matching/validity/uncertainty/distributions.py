@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,11 @@ class Distribution:
 
     def weight(self) -> float:
         """G of Eq. 12: squared standard uncertainty over squared half-width."""
-        return {"rectangular": 1 / 3, "triangular": 1 / 6, "arcsine": 1 / 2,
-                "trapezoidal": (1 + self.beta**2) / 6}[self.name]
+        return {"rectangular": 1 / 3, "triangular": 1 / 6, "arcsine": 1 / 2, "trapezoidal": (1 + self.beta**2) / 6}[
+            self.name
+        ]
 
-    def law(self):
+    def law(self) -> Any:
         """The same as frozen SciPy distribution (of unit *scale* for Student's t, whose variance is larger)."""
         from scipy import stats
 

@@ -51,7 +51,7 @@ def _block(budget: Budget, members: list[int]) -> Draw:
     if len(members) == 1:
         shape, scale, only = budget.inputs[members[0]].distribution, u[0], members[0]
 
-        def independent(generator, count):
+        def independent(generator: np.random.Generator, count: int) -> dict[int, np.ndarray]:
             deviation = shape.draw(generator, count)
             deviation *= scale
             return {only: deviation}
@@ -72,10 +72,10 @@ def _root(correlation: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _multivariate_t(members, u, correlation, freedom: float) -> Draw:
+def _multivariate_t(members: list[int], u: np.ndarray, correlation: np.ndarray, freedom: float) -> Draw:
     root = u[:, None] * _root(correlation)
 
-    def draw(generator, count):
+    def draw(generator: np.random.Generator, count: int) -> dict[int, np.ndarray]:
         deviations = root @ generator.standard_normal((len(members), count))
         if math.isfinite(freedom):
             deviations /= np.sqrt(generator.chisquare(freedom, count) / freedom)
@@ -84,47 +84,57 @@ def _multivariate_t(members, u, correlation, freedom: float) -> Draw:
     return draw
 
 
-def _copula(members, u, shapes: list[Distribution], correlation) -> Draw:
+def _copula(members: list[int], u: np.ndarray, shapes: list[Distribution], correlation: np.ndarray) -> Draw:
     from scipy.special import ndtr
 
     root, laws = _root(correlation), [shape.law() for shape in shapes]
 
-    def draw(generator, count):
+    def draw(generator: np.random.Generator, count: int) -> dict[int, np.ndarray]:
         normal = root @ generator.standard_normal((len(members), count))
-        return {i: scale * (row if shape.name == "normal" else law.ppf(ndtr(row)))
-                for i, scale, row, shape, law in zip(members, u, normal, shapes, laws, strict=True)}
+        return {
+            i: scale * (row if shape.name == "normal" else law.ppf(np.clip(ndtr(row), 1e-16, 1 - 1e-16)))
+            for i, scale, row, shape, law in zip(members, u, normal, shapes, laws, strict=True)
+        }
 
     return draw
 
 
-def _copula_correlation(correlation, shapes: list[Distribution], where: str) -> np.ndarray:
-    """Coefficients of the normals behind the copula, by Gauss–Hermite quadrature and a root search for each pair."""
-    from scipy.optimize import brentq
-    from scipy.special import ndtr
-
-    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
-    weights = weights / weights.sum()
-    scores = []
-    for shape in shapes:
-        law = shape.law()
-        scores.append(lambda z, law=law: law.ppf(ndtr(z)) / law.std())
+def _copula_correlation(correlation: np.ndarray, shapes: list[Distribution], where: str) -> np.ndarray:
+    """Coefficients of the normals behind the copula, pair by pair."""
     result = np.eye(len(shapes))
-    for i in range(len(shapes)):
-        for j in range(i):
-            first = scores[i](nodes)
-
-            def reached(r, j=j, first=first):
-                second = scores[j](r * nodes[:, None] + math.sqrt(1 - r * r) * nodes[None, :])
-                return float(weights @ (first[:, None] * second) @ weights)
-
-            wanted = correlation[i, j]
-            if wanted == 0:
-                continue
-            if not reached(-1.0) - 1e-3 <= wanted <= reached(1.0) + 1e-3:
-                raise InputError(where, f"r = {wanted:g} cannot be reached between a {shapes[i].name} and a "
-                                 f"{shapes[j].name} input", f"it lies in {reached(-1.0):.3f} ... {reached(1.0):.3f}")
-            inside = reached(-1.0) < wanted < reached(1.0)
-            result[i, j] = result[j, i] = brentq(lambda r: reached(r) - wanted, -1, 1) if inside else np.sign(wanted)
+    for i, first in enumerate(shapes):
+        for j, second in enumerate(shapes[:i]):
+            if correlation[i, j] != 0:
+                result[i, j] = result[j, i] = _behind(float(correlation[i, j]), first, second, where)
     if np.linalg.eigvalsh(result).min() < -1e-6:
         raise InputError(where, "these shapes cannot have these correlations together", "lower the coefficients")
     return result
+
+
+def _behind(wanted: float, first: Distribution, second: Distribution, where: str) -> float:
+    """The correlation of two normals that gives two shapes theirs, by Gauss–Hermite quadrature and a root search."""
+    from scipy.optimize import brentq
+
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    weights = weights / weights.sum()
+    along = _score(first, nodes)
+
+    def reached(r: float) -> float:
+        across = _score(second, r * nodes[:, None] + math.sqrt(1 - r * r) * nodes[None, :])
+        return float(weights @ (along[:, None] * across) @ weights)
+
+    low, high = reached(-1.0), reached(1.0)
+    if not low - 1e-3 <= wanted <= high + 1e-3:
+        wrong = f"r = {wanted:g} cannot be reached between a {first.name} and a {second.name} input"
+        raise InputError(where, wrong, f"it lies in {low:.3f} ... {high:.3f}")
+    if not low < wanted < high:
+        return math.copysign(1.0, wanted)
+    return float(brentq(lambda r: reached(r) - wanted, -1, 1))
+
+
+def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:
+    """Quantiles of a shape, over its standard deviation, where the normals stand."""
+    from scipy.special import ndtr
+
+    law = shape.law()  # far out, where the weights vanish, the clip keeps quantiles finite
+    return law.ppf(np.clip(ndtr(normal), 1e-15, 1 - 1e-15)) / law.std()

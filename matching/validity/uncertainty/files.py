@@ -33,11 +33,18 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     factor = number(tables, "coverage_factor", where, positive=True) if "coverage_factor" in tables else None
     inputs, correlated = _inputs(tables, where)
     names = [one.name for one in inputs]
-    return Budget(text(tables, "title", where, Path(where).stem), _measurands(tables, inputs, where), tuple(inputs),
-                  _correlation(tables.get("correlations", []), correlated, names, where), coverage, factor, where)
+    return Budget(
+        text(tables, "title", where, Path(where).stem),
+        _measurands(tables, inputs, where),
+        tuple(inputs),
+        _correlation(tables.get("correlations", []), correlated, names, where),
+        coverage,
+        factor,
+        where,
+    )
 
 
-def _inputs(tables, where) -> tuple[list[Input], dict[tuple[str, str], float]]:
+def _inputs(tables: dict[str, Any], where: str) -> tuple[list[Input], dict[tuple[str, str], float]]:
     given = tables.get("inputs", {})
     lines = tables.get("lines", {})
     for key, group in (("inputs", given), ("lines", lines)):
@@ -67,16 +74,22 @@ def _inputs(tables, where) -> tuple[list[Input], dict[tuple[str, str], float]]:
 
 def _check_name(name: str, where: str) -> None:
     if not name.isidentifier() or keyword.iskeyword(name) or name in functions() or name == "pi":
-        raise InputError(f"{where}: inputs.{name}", "this name cannot stand in a formula",
-                         "use letters, digits and _ and no name of a function")
+        raise InputError(
+            f"{where}: inputs.{name}",
+            "this name cannot stand in a formula",
+            "use letters, digits and _ and no name of a function",
+        )
 
 
-def _simultaneous(groups, where) -> dict[tuple[str, str], float]:
+def _simultaneous(groups: dict[str, list[tuple[str, np.ndarray]]], where: str) -> dict[tuple[str, str], float]:
     correlated = {}
     for group, members in groups.items():
         if len({len(values) for _, values in members}) > 1:
-            raise InputError(f"{where}: inputs.{members[0][0]}", f"the simultaneous readings '{group}' differ in number",
-                             "give as many readings to each")
+            raise InputError(
+                f"{where}: inputs.{members[0][0]}",
+                f"the simultaneous readings '{group}' differ in number",
+                "give as many readings to each",
+            )
         for i, (first, a) in enumerate(members):
             for second, b in members[:i]:
                 if np.ptp(a) > 0 and np.ptp(b) > 0:
@@ -84,7 +97,7 @@ def _simultaneous(groups, where) -> dict[tuple[str, str], float]:
     return correlated
 
 
-def _correlation(given, correlated, names, where) -> np.ndarray:
+def _correlation(given: Any, correlated: dict[tuple[str, str], float], names: list[str], where: str) -> np.ndarray:
     matrix = np.eye(len(names))
     here = f"{where}: correlations"
     if not isinstance(given, list):
@@ -92,7 +105,12 @@ def _correlation(given, correlated, names, where) -> np.ndarray:
     for table in given:
         check_keys(table, ("between", "r"), here)
         pair = table.get("between")
-        if not isinstance(pair, list) or len(pair) != 2 or any(name not in names for name in pair) or len(set(pair)) < 2:
+        if (
+            not isinstance(pair, list)
+            or len(pair) != 2
+            or any(name not in names for name in pair)
+            or len(set(pair)) < 2
+        ):
             raise InputError(here, f"between = {pair!r} is no pair of inputs", f"choose two of {', '.join(names)}")
         if tuple(pair) in correlated or tuple(pair[::-1]) in correlated:
             raise InputError(here, f"{pair[0]} and {pair[1]} are correlated twice", "give their correlation once")
@@ -106,7 +124,7 @@ def _correlation(given, correlated, names, where) -> np.ndarray:
     return matrix
 
 
-def _measurands(tables, inputs: list[Input], where) -> tuple[Measurand, ...]:
+def _measurands(tables: dict[str, Any], inputs: list[Input], where: str) -> tuple[Measurand, ...]:
     if ("measurand" in tables) == ("measurands" in tables):
         raise InputError(where, "there must be either [measurand] or [measurands.name]", "write one of them")
     known = ("name", "formula", "unit", "description")
@@ -124,8 +142,12 @@ def _measurands(tables, inputs: list[Input], where) -> tuple[Measurand, ...]:
         expression = parse_formula(text(table, "formula", here), dimensions, f"{here}.formula")
         dimension = dimension_of(expression, dimensions, f"{here}.formula")
         if dimension != unit.dimension:
-            raise InputError(f"{here}.formula", f"gives {dimension or 'a plain number'}, but the unit {unit.text} is "
-                             f"{unit.dimension or 'a plain number'}", "correct the formula or a unit")
+            raise InputError(
+                f"{here}.formula",
+                f"gives {dimension or 'a plain number'}, but the unit {unit.text} is "
+                f"{unit.dimension or 'a plain number'}",
+                "correct the formula or a unit",
+            )
         measurands.append(Measurand(name, expression, unit, text(table, "description", here, "")))
     if not measurands:
         raise InputError(f"{where}: measurands", "is empty", "write at least one [measurands.name]")

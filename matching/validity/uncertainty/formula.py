@@ -22,12 +22,29 @@ def functions() -> dict[str, Any]:
     """The functions a formula may call, by name."""
     import sympy
 
-    names = "sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp log sqrt".split()
+    names = [
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "sinh",
+        "cosh",
+        "tanh",
+        "asinh",
+        "acosh",
+        "atanh",
+        "exp",
+        "log",
+        "sqrt",
+    ]
     table = {name: getattr(sympy, name) for name in names}
     return table | {"abs": sympy.Abs, "log10": lambda x: sympy.log(x) / sympy.log(10)}
 
 
-def parse_formula(text: str, names: Iterable[str], where: str):
+def parse_formula(text: str, names: Iterable[str], where: str) -> Any:
     """The formula as SymPy expression over real symbols of the given names.
 
     Raises
@@ -55,13 +72,15 @@ class _Walker(ast.NodeVisitor):
     def __init__(self, symbols: dict[str, Any], where: str):
         self.symbols, self.where = symbols, where
 
-    def refuse(self, what: str, right: str = "use numbers, inputs, + - * / ** and mathematical functions only"):
+    def refuse(
+        self, what: str, right: str = "use numbers, inputs, + - * / ** and mathematical functions only"
+    ) -> InputError:
         return InputError(self.where, what, right)
 
-    def generic_visit(self, node):
+    def generic_visit(self, node: Any) -> Any:
         raise self.refuse(f"'{ast.unparse(node)[:60]}' is not mathematics")
 
-    def visit_Constant(self, node):
+    def visit_Constant(self, node: Any) -> Any:
         import sympy
 
         if type(node.value) not in (int, float):
@@ -71,7 +90,7 @@ class _Walker(ast.NodeVisitor):
         exact = isinstance(node.value, int) and abs(node.value) < 10**15
         return sympy.Integer(node.value) if exact else sympy.Float(float(node.value))
 
-    def visit_Name(self, node):
+    def visit_Name(self, node: Any) -> Any:
         import sympy
 
         if node.id in self.symbols:
@@ -80,7 +99,7 @@ class _Walker(ast.NodeVisitor):
             return sympy.pi
         raise self.refuse(f"'{node.id}' is not among the inputs", f"known are {', '.join(self.symbols)} and pi")
 
-    def visit_UnaryOp(self, node):
+    def visit_UnaryOp(self, node: Any) -> Any:
         value = self.visit(node.operand)
         if isinstance(node.op, ast.USub):
             return -value
@@ -88,7 +107,7 @@ class _Walker(ast.NodeVisitor):
             return value
         return self.generic_visit(node)
 
-    def visit_BinOp(self, node):
+    def visit_BinOp(self, node: Any) -> Any:
         left, right = self.visit(node.left), self.visit(node.right)
         match node.op:
             case ast.Add():
@@ -105,7 +124,7 @@ class _Walker(ast.NodeVisitor):
                 return self.power(left, right)
         return self.generic_visit(node)
 
-    def power(self, base, exponent):
+    def power(self, base: Any, exponent: Any) -> Any:
         # Exact integer towers such as 9**9**9 would run for ever, so the size is looked at first.
         if exponent.is_number and not abs(float(exponent)) <= LARGEST_POWER:
             raise self.refuse("a power is too large", f"exponents reach to {LARGEST_POWER}")
@@ -116,7 +135,7 @@ class _Walker(ast.NodeVisitor):
             raise self.refuse("a number is too large", "stay below 1e300")
         return result
 
-    def visit_Call(self, node):
+    def visit_Call(self, node: Any) -> Any:
         import sympy
 
         name = node.func.id if isinstance(node.func, ast.Name) else None
@@ -125,8 +144,10 @@ class _Walker(ast.NodeVisitor):
             raise self.refuse(f"'{called}' is no function of mathematics", f"known are {', '.join(functions())}")
         wanted = 2 if name == "atan2" else 1
         if node.keywords or len(node.args) != wanted:
-            raise self.refuse(f"{name} takes {wanted} argument{'s' * (wanted > 1)}", f"write {name}(x{', y' * (wanted > 1)})")
+            raise self.refuse(
+                f"{name} takes {wanted} argument{'s' * (wanted > 1)}", f"write {name}(x{', y' * (wanted > 1)})"
+            )
         value = functions()[name](*(self.visit(argument) for argument in node.args))
-        if value.has(sympy.zoo, sympy.nan, sympy.oo, sympy.I):
+        if value.has(sympy.zoo, sympy.nan, sympy.oo, sympy.I) or (value.is_number and complex(value).imag != 0):
             raise self.refuse(f"'{ast.unparse(node)[:60]}' has no finite real value", "correct the formula")
         return value

@@ -51,6 +51,7 @@ class Histogram:
 
     @property
     def standard_deviation(self) -> float:
+        """Standard deviation of all values added."""
         return math.sqrt(self.squares / (self.number - 1))
 
     def _cumulative(self) -> tuple[np.ndarray, np.ndarray]:
@@ -59,6 +60,7 @@ class Histogram:
         return edges, np.concatenate([[0.0], np.cumsum(self.counts) / self.number])
 
     def quantile(self, probability: float) -> float:
+        """The value below which so much of the distribution lies."""
         edges, cumulative = self._cumulative()
         return float(np.interp(probability, cumulative, edges))
 

@@ -13,8 +13,21 @@ from matching.validity.uncertainty.distributions import NAMES, Distribution
 from matching.validity.units import Unit, unit_of
 from modelling.errors import InputError
 
-KNOWN = ("value", "unit", "distribution", "half_width", "uncertainty", "expanded_uncertainty", "coverage_factor",
-         "degrees_of_freedom", "beta", "readings", "simultaneous", "cause", "description")
+KNOWN = (
+    "value",
+    "unit",
+    "distribution",
+    "half_width",
+    "uncertainty",
+    "expanded_uncertainty",
+    "coverage_factor",
+    "degrees_of_freedom",
+    "beta",
+    "readings",
+    "simultaneous",
+    "cause",
+    "description",
+)
 LINE = ("abscissa", "ordinate", "abscissa_unit", "ordinate_unit", "origin", "cause", "description")
 
 
@@ -22,7 +35,10 @@ def read_input(name: str, table: Any, where: str) -> tuple[Input, np.ndarray]:
     """The input and its readings in SI (empty where it has none)."""
     check_keys(table, KNOWN, where)
     unit = unit_of(table.get("unit", "1"), f"{where}.unit")
-    told = {"cause": text(table, "cause", where, "Other"), "description": text(table, "description", where, "")}
+    told: dict[str, Any] = {
+        "cause": text(table, "cause", where, "Other"),
+        "description": text(table, "description", where, ""),
+    }
     if "readings" in table:
         return _from_readings(name, table, unit, told, where)
     if "simultaneous" in table:
@@ -39,12 +55,15 @@ def read_input(name: str, table: Any, where: str) -> tuple[Input, np.ndarray]:
     return Input(name, value, abs(u), unit, distribution, freedom, **told), np.empty(0)
 
 
-def _distribution(table, freedom: float, where: str) -> Distribution:
+def _distribution(table: Any, freedom: float, where: str) -> Distribution:
     default = "rectangular" if "half_width" in table and "coverage_factor" not in table else "normal"
     name = one_of(text(table, "distribution", where, default), NAMES, f"{where}.distribution")
     if ("beta" in table) != (name == "trapezoidal"):
-        raise InputError(f"{where}.beta", "beta belongs to the trapezoidal distribution and to no other",
-                         "give distribution = \"trapezoidal\" and beta = top width over base width")
+        raise InputError(
+            f"{where}.beta",
+            "beta belongs to the trapezoidal distribution and to no other",
+            'give distribution = "trapezoidal" and beta = top width over base width',
+        )
     beta = number(table, "beta", where) if "beta" in table else 0.0
     if not 0 <= beta <= 1:
         raise InputError(f"{where}.beta", f"{beta:g} is out of range", "give a number in 0 ... 1")
@@ -55,36 +74,58 @@ def _distribution(table, freedom: float, where: str) -> Distribution:
     return Distribution(name, beta, freedom if name == "t" else math.inf)
 
 
-def _standard_uncertainty(table, distribution: Distribution, where: str) -> float:
+def _standard_uncertainty(table: Any, distribution: Distribution, where: str) -> float:
     given = [key for key in ("half_width", "uncertainty", "expanded_uncertainty") if key in table]
     if len(given) != 1:
         raise InputError(where, f"{' and '.join(given)} are given together", "give one of them")
     amount = number(table, given[0], where, least=0.0)
     if given[0] == "uncertainty":
         if "coverage_factor" in table:
-            raise InputError(where, "uncertainty is the standard uncertainty and has no coverage_factor",
-                             "write expanded_uncertainty")
+            raise InputError(
+                where,
+                "uncertainty is the standard uncertainty and has no coverage_factor",
+                "write expanded_uncertainty",
+            )
         return amount
     if distribution.name in ("normal", "t") or given[0] == "expanded_uncertainty":
         if "coverage_factor" not in table:
-            raise InputError(where, f"{given[0]} of a {distribution.name} distribution needs coverage_factor",
-                             "give coverage_factor = 2 or whatever the certificate says")
+            raise InputError(
+                where,
+                f"{given[0]} of a {distribution.name} distribution needs coverage_factor",
+                "give coverage_factor = 2 or whatever the certificate says",
+            )
         return amount / number(table, "coverage_factor", where, positive=True)
     if "coverage_factor" in table:
         raise InputError(f"{where}.coverage_factor", f"a {distribution.name} half-width has none", "drop it")
     return amount * math.sqrt(distribution.weight())
 
 
-def _from_readings(name, table, unit: Unit, told, where) -> tuple[Input, np.ndarray]:
-    for key in ("value", "half_width", "uncertainty", "expanded_uncertainty", "distribution", "degrees_of_freedom",
-                "coverage_factor", "beta"):
+def _from_readings(name: str, table: Any, unit: Unit, told: dict[str, Any], where: str) -> tuple[Input, np.ndarray]:
+    for key in (
+        "value",
+        "half_width",
+        "uncertainty",
+        "expanded_uncertainty",
+        "distribution",
+        "degrees_of_freedom",
+        "coverage_factor",
+        "beta",
+    ):
         if key in table:
             raise InputError(where, f"{key} beside readings", "the readings say it already; drop it")
     values = unit.value_to_si(np.array(numbers(table["readings"], f"{where}.readings")))
     freedom = len(values) - 1
     group = text(table, "simultaneous", where, "") or None
-    one = Input(name, float(values.mean()), float(values.std(ddof=1) / math.sqrt(len(values))), unit,
-                Distribution("t", degrees_of_freedom=freedom), freedom, group, **told)
+    one = Input(
+        name,
+        float(values.mean()),
+        float(values.std(ddof=1) / math.sqrt(len(values))),
+        unit,
+        Distribution("t", degrees_of_freedom=freedom),
+        freedom,
+        group,
+        **told,
+    )
     return one, values
 
 
@@ -108,10 +149,15 @@ def read_line(name: str, table: Any, where: str) -> tuple[Input, Input, float]:
     freedom = len(x) - 2
     told = {"cause": text(table, "cause", where, "Calibration"), "description": text(table, "description", where, "")}
     spread = Distribution("t", degrees_of_freedom=freedom)
-    slope_unit = Unit("/".join(f"({one.text.replace('degC', 'delta_degC') if one.offset else one.text})" for one in units[::-1]), units[1].scale / units[0].scale, 0.0,
-                      units[1].dimension / units[0].dimension)
-    intercept = Input(f"{name}_intercept", float(fit.intercept), float(fit.intercept_stderr), units[1], spread, freedom,
-                      name, **told)
+    slope_unit = Unit(
+        "/".join(f"({one.text.replace('degC', 'delta_degC') if one.offset else one.text})" for one in units[::-1]),
+        units[1].scale / units[0].scale,
+        0.0,
+        units[1].dimension / units[0].dimension,
+    )
+    intercept = Input(
+        f"{name}_intercept", float(fit.intercept), float(fit.intercept_stderr), units[1], spread, freedom, name, **told
+    )
     slope = Input(f"{name}_slope", float(fit.slope), float(fit.stderr), slope_unit, spread, freedom, name, **told)
     r = -float(x.mean() * fit.stderr / fit.intercept_stderr) if fit.intercept_stderr > 0 else 0.0
     return intercept, slope, max(-1.0, min(1.0, r))

@@ -23,7 +23,7 @@ class Improvement:
 @dataclass(frozen=True)
 class Inverse:
     """``alone``: each input whose improvement alone suffices, easiest (largest permitted ratio) first.
-    ``together``: the least set of the largest contributions, all brought down to one level; None when nothing is needed.
+    ``together``: the least set of the largest contributions, all brought down to one level; None when none is needed.
     """
 
     wanted: float
@@ -49,15 +49,18 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> Inverse:
 
     def improvement(factors: dict[str, float]) -> Improvement:
         u = {one.name: one.standard_uncertainty for one in budget.inputs}
-        return Improvement({name: u[name] * factor for name, factor in factors.items() if factor < 1}, expanded(factors))
+        return Improvement(
+            {name: u[name] * factor for name, factor in factors.items() if factor < 1}, expanded(factors)
+        )
 
     present = expanded({})
     if present <= wanted:
         return Inverse(wanted, present, (), None)
     alone: list[tuple[float, Improvement]] = []
     first = propagate(budget, measurand)
-    parts = {one.name: abs(c) * one.standard_uncertainty
-             for one, c in zip(budget.inputs, first.sensitivities, strict=True)}
+    parts = {
+        one.name: abs(c) * one.standard_uncertainty for one, c in zip(budget.inputs, first.sensitivities, strict=True)
+    }
     for name, part in parts.items():
         # At exactly zero the input would leave the degrees of freedom too; a millionth is as good as perfect.
         if part > 0 and expanded({name: 1e-6}) <= wanted:
@@ -81,7 +84,9 @@ def inverse_as_json(budget: Budget, measurand: Measurand, wanted: str) -> dict[s
     amount = wanted.strip().split(" ", 1)
     unit = measurand.unit if len(amount) == 1 else unit_of(amount[1], where)
     if unit.dimension != measurand.unit.dimension:
-        raise InputError(where, f"'{wanted}' has another dimension than {measurand.name}", f"give it in {measurand.unit.text}")
+        raise InputError(
+            where, f"'{wanted}' has another dimension than {measurand.name}", f"give it in {measurand.unit.text}"
+        )
     try:
         number = float(amount[0])
     except ValueError as error:
@@ -91,10 +96,20 @@ def inverse_as_json(budget: Budget, measurand: Measurand, wanted: str) -> dict[s
 
     def step(improvement: Improvement | None) -> dict[str, Any]:
         needed = improvement.needed if improvement else {}
-        return {name: {"needed": inputs[name].unit.difference_from_si(u), "unit": inputs[name].unit.text,
-                       "ratio": u / inputs[name].standard_uncertainty} for name, u in needed.items()}
+        return {
+            name: {
+                "needed": inputs[name].unit.difference_from_si(u),
+                "unit": inputs[name].unit.text,
+                "ratio": u / inputs[name].standard_uncertainty,
+            }
+            for name, u in needed.items()
+        }
 
-    return {"name": measurand.name, "unit": measurand.unit.text,
-            "wanted": measurand.unit.difference_from_si(answer.wanted),
-            "present": measurand.unit.difference_from_si(answer.present),
-            "alone": [step(one) for one in answer.alone], "together": step(answer.together)}
+    return {
+        "name": measurand.name,
+        "unit": measurand.unit.text,
+        "wanted": measurand.unit.difference_from_si(answer.wanted),
+        "present": measurand.unit.difference_from_si(answer.present),
+        "alone": [step(one) for one in answer.alone],
+        "together": step(answer.together),
+    }

@@ -42,8 +42,17 @@ class MonteCarlo:
     histogram: Histogram = field(repr=False)
 
 
-def monte_carlo(budget: Budget, measurand: Measurand, *, seed: int = 1, draws: int | None = None, digits: int = 2,
-                most: int = MOST, workers: int | None = None, strictness: float = 1.0) -> MonteCarlo:
+def monte_carlo(
+    budget: Budget,
+    measurand: Measurand,
+    *,
+    seed: int = 1,
+    draws: int | None = None,
+    digits: int = 2,
+    most: int = MOST,
+    workers: int | None = None,
+    strictness: float = 1.0,
+) -> MonteCarlo:
     """The distribution of the measurand by propagating those of the inputs.
 
     Parameters
@@ -63,8 +72,9 @@ def monte_carlo(budget: Budget, measurand: Measurand, *, seed: int = 1, draws: i
 
     chunk = max(math.ceil(100 / (1 - budget.coverage)), 10_000)
     limit = max(2, math.ceil((most if draws is None else draws) / chunk))
-    function = sympy.lambdify([sympy.Symbol(one.name, real=True) for one in budget.inputs], measurand.expression,
-                              "numpy", cse=True)
+    function = sympy.lambdify(
+        [sympy.Symbol(one.name, real=True) for one in budget.inputs], measurand.expression, "numpy", cse=True
+    )
     draw = sampler(budget)
 
     def values(place: int) -> np.ndarray:
@@ -73,8 +83,11 @@ def monte_carlo(budget: Budget, measurand: Measurand, *, seed: int = 1, draws: i
             y = np.asarray(function(*draw(generator, chunk)), dtype=float)
         y = np.broadcast_to(y, (chunk,))
         if not np.all(np.isfinite(y)):
-            raise InputError(f"{budget.where}: measurand {measurand.name}.formula", "has no finite real value for "
-                             f"{np.count_nonzero(~np.isfinite(y))} of {chunk} draws", "narrow an input or correct it")
+            raise InputError(
+                f"{budget.where}: measurand {measurand.name}.formula",
+                f"has no finite real value for {np.count_nonzero(~np.isfinite(y))} of {chunk} draws",
+                "narrow an input or correct it",
+            )
         return y
 
     workers = workers or min(os.cpu_count() or 1, 8)
@@ -104,9 +117,19 @@ def monte_carlo(budget: Budget, measurand: Measurand, *, seed: int = 1, draws: i
                 if stable and draws is None:
                     break
     tail = (1 - budget.coverage) / 2
-    return MonteCarlo(histogram.mean, histogram.standard_deviation, histogram.shortest(budget.coverage),
-                      (histogram.quantile(tail), histogram.quantile(1 - tail)), budget.coverage, histogram.number, seed,
-                      stable, tolerance, _spread(rows), histogram)
+    return MonteCarlo(
+        histogram.mean,
+        histogram.standard_deviation,
+        histogram.shortest(budget.coverage),
+        (histogram.quantile(tail), histogram.quantile(1 - tail)),
+        budget.coverage,
+        histogram.number,
+        seed,
+        stable,
+        tolerance,
+        _spread(rows),
+        histogram,
+    )
 
 
 def _spread(rows: list[tuple]) -> np.ndarray:

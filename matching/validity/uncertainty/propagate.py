@@ -36,16 +36,21 @@ def _derivatives(expression: Any, names: tuple[str, ...], pairs: tuple[tuple[int
     """Value, gradient ``(p,)``, Hessian ``(p, p)`` and, for each pair (k, l), the third derivatives f_jkl ``(p,)``."""
     import sympy
 
+    def slope(
+        entry: Any, symbol: Any
+    ) -> Any:  # beside the kink of an abs(); at it, propagate() says that there is no second order
+        return sympy.diff(entry, symbol).replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+
     symbols = [sympy.Symbol(name, real=True) for name in names]
-    gradient = [sympy.diff(expression, symbol) for symbol in symbols]
-    hessian = [[sympy.diff(entry, symbol) for symbol in symbols] for entry in gradient]
-    third = [[sympy.diff(hessian[k][l], symbol) for symbol in symbols] for k, l in pairs]
+    gradient = [slope(expression, symbol) for symbol in symbols]
+    hessian = [[slope(entry, symbol) for symbol in symbols] for entry in gradient]
+    third = [[slope(hessian[k][other], symbol) for symbol in symbols] for k, other in pairs]
     return sympy.lambdify(symbols, [expression, gradient, hessian, third], "numpy", cse=True)
 
 
-def _evaluate(budget: Budget, measurand: Measurand):
+def _evaluate(budget: Budget, measurand: Measurand) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     names = tuple(one.name for one in budget.inputs)
-    pairs = tuple((int(k), int(l)) for k, l in zip(*np.nonzero(budget.correlation), strict=True))
+    pairs = tuple((int(k), int(other)) for k, other in zip(*np.nonzero(budget.correlation), strict=True))
     with np.errstate(all="ignore"):
         try:
             value, *parts = _derivatives(measurand.expression, names, pairs)(*budget.values)
@@ -55,21 +60,24 @@ def _evaluate(budget: Budget, measurand: Measurand):
     if not (math.isfinite(value) and np.all(np.isfinite(gradient))):
         raise _not_finite(budget, measurand)
     cube = np.zeros((len(names),) * 3)  # (j, k, l)
-    for (k, l), entries in zip(pairs, third, strict=True):
-        cube[:, k, l] = entries
+    for (k, other), entries in zip(pairs, third, strict=True):
+        cube[:, k, other] = entries
     return value, gradient, hessian, cube
 
 
 def _not_finite(budget: Budget, measurand: Measurand) -> InputError:
-    return InputError(f"{budget.where}: measurand {measurand.name}.formula",
-                      "has no finite real value or slope at the values of the inputs", "correct the formula or a value")
+    return InputError(
+        f"{budget.where}: measurand {measurand.name}.formula",
+        "has no finite real value or slope at the values of the inputs",
+        "correct the formula or a value",
+    )
 
 
 def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     """First and second order for one measurand.
 
     Second order is GUM 5.1.2 note in matrix form, ``½ tr(HΣHΣ) + cᵀΣt`` with ``t_j = Σ f_jkl Σ_kl``, which is exact to
-    that order for jointly normal inputs; for each independent input of another shape the kurtosis corrects its own term.
+    that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
     """
     value, c, hessian, third = _evaluate(budget, measurand)
@@ -83,8 +91,16 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
             u4 = one.standard_uncertainty**4
             extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * third[i, i, i] / 3)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
-    second = math.sqrt(max(first + extra, 0.0)) if math.isfinite(extra) else math.nan
+    smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)
+    second = math.sqrt(max(first + extra, 0.0)) if smooth else math.nan
     return Propagation(value, c, math.sqrt(max(first, 0.0)), second, 0.5 * float(np.trace(product)), freedom, refusal)
+
+
+def _on_a_kink(budget: Budget, measurand: Measurand) -> bool:
+    import sympy
+
+    point = {sympy.Symbol(one.name, real=True): one.value for one in budget.inputs}
+    return any(abs(float(part.args[0].subs(point))) == 0 for part in measurand.expression.atoms(sympy.Abs))
 
 
 def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> tuple[float | None, str]:
@@ -104,8 +120,10 @@ def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> t
             groups.setdefault(one.group, []).append(i)
         elif math.isfinite(one.degrees_of_freedom) and parts[i] != 0:
             if correlated:
-                return None, (f"Welch-Satterthwaite does not hold: {one.name} has finite degrees of freedom and is "
-                              "correlated by a given coefficient")
+                return None, (
+                    f"Welch-Satterthwaite does not hold: {one.name} has finite degrees of freedom and is "
+                    "correlated by a given coefficient"
+                )
             below += parts[i] ** 4 / one.degrees_of_freedom
     for members in groups.values():
         below += float(covered[np.ix_(members, members)].sum()) ** 2 / budget.inputs[members[0]].degrees_of_freedom
@@ -121,7 +139,7 @@ def coverage_factor(budget: Budget, degrees_of_freedom: float | None) -> float:
     if budget.coverage_factor is not None:
         return budget.coverage_factor
     level = (1 + budget.coverage) / 2
-    if degrees_of_freedom is None or math.isinf(degrees_of_freedom):
+    if degrees_of_freedom is None or degrees_of_freedom > 1e9:
         return float(stats.norm.ppf(level))
     whole = math.floor(degrees_of_freedom + 1e-9)
     return float(stats.t.ppf(level, whole if whole >= 1 else degrees_of_freedom))

@@ -1,0 +1,96 @@
+"""`rigmatch fidelity CASE`: partial and total XiL fidelity, its uncertainty, where it is lost and to what."""
+
+import argparse
+from typing import Any
+
+HELP = (
+    "Judge how faithfully a test bed reproduces a manoeuvre: partial fidelities of system dynamics, residual vehicle "
+    "model and measurement, their total R_XiL with its uncertainty, and what is lost where; write fidelity.json, the "
+    "table and figures."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("case", metavar="CASE", help="fidelity case (TOML)")
+    parser.add_argument("--out", default=".", metavar="DIR", help="where files go (default: here)")
+    parser.add_argument(
+        "--arithmetic",
+        choices=("definition", "published"),
+        help="how partial fidelities combine (default: as the case says, else definition)",
+    )
+    parser.add_argument("--nrmse", choices=("definition", "literal"), help="form of Eq. 18 (default: as the case says)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the Monte Carlo uncertainty (default: 1)")
+    parser.add_argument("--draws", type=int, default=20_000, help="number of its draws (default: 20000)")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Judge and write; returns the object of ``fidelity.json``."""
+    from matching.report import fidelity_figures, style
+    from matching.validity.fidelity.files import read_case
+    from matching.validity.fidelity.result import as_json
+    from modelling.errors import InputError
+    from modelling.output import strict_json, write_all
+
+    if not 100 <= arguments.draws <= 10**7:
+        raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 100 ... 1e7")
+    if arguments.seed < 0:
+        raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
+    answer = as_json(*read_case(arguments.case, arguments.arithmetic, arguments.nrmse), arguments.draws, arguments.seed)
+    files: dict[str, str | bytes] = {
+        "fidelity.json": strict_json(answer),
+        "fidelity.txt": summary(answer),
+        "delay.svg": style.image(fidelity_figures.delay_curve(answer)),
+    }
+    if "attribution" in answer:
+        files["attribution.svg"] = style.image(fidelity_figures.attribution(answer))
+    if "bands" in answer:
+        files["bands.svg"] = style.image(fidelity_figures.bands(answer))
+    write_all(arguments.out, files)
+    return answer
+
+
+def summary(answer: dict[str, Any]) -> str:
+    """The partial fidelities and what follows from them, for a reader."""
+    lines = [answer["title"], "", f"{'':44} {'R_NRMSE':>9} {'R_τ':>9}   delay"]
+    for domain, members in answer["signals"].items():
+        lines += [
+            f"{domain + '.' + one['name']:44} {_percent(one['R_NRMSE'])} {_percent(one['R_tau'])}   {_delay(one)}"
+            for one in members
+        ]
+    lines += [
+        f"{'measurement_uncertainty.' + one['name']:44} {_percent(one['fidelity'])}   (1 - U/range)"
+        for one in answer["sensors"]
+    ]
+    lines.append("")
+    for name, value in [*answer["domains"].items(), ("R_XiL", answer["R_XiL"])]:
+        spread = answer["uncertainty"]["total" if name == "R_XiL" else name]
+        low, high = spread["interval"]
+        weight = f"weight {answer['weights'][name]:g}" if name in answer["weights"] else "total"
+        lines.append(
+            f"{name:44} {_percent(value)}   u = {100 * spread['standard_uncertainty']:.2f} %, "
+            f"{100 * low:.2f} ... {100 * high:.2f} %   {weight}"
+        )
+    if "attribution" in answer:
+        lines += [
+            "",
+            "lost to "
+            + ", ".join(f"{origin} {100 * part:.1f} %" for origin, part in answer["attribution"]["by_origin"].items()),
+        ]
+        lines += [
+            f"  {loss['origin']:12} {loss['signal']:24} {loss['cause']:12} R_XiL would rise by "
+            f"{100 * loss['gain']:.2f} %"
+            for loss in answer["attribution"]["ranked"][:8]
+        ]
+    return "\n".join([*lines, *(f"note: {note}" for note in answer["notes"])]) + "\n"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:7.2f} %"
+
+
+def _delay(one: dict[str, Any]) -> str:
+    if one["delay"] is None:
+        return f"undetermined: {one['delay_undetermined']}"
+    doubt = one["delay_standard_uncertainty"]
+    return f"{1000 * one['delay']:.3f} ms" + (f" (u = {1000 * doubt:.3f} ms)" if doubt else "")

@@ -1,0 +1,252 @@
+"""The delay between two signals to a fraction of a sample, with its uncertainty, or the reason why there is none.
+
+Cross-covariance at whole samples, normalised over what overlaps, gives the candidates (Knapp and Carter 1976 call the
+peak of it the plain correlator). Each is refined by least squares: test(t) ≈ a·reference(t − τ) + b, both low-passed
+alike without phase. The cut-off is the one with the smallest standard uncertainty, which is the sandwich estimate with
+the residual's own autocovariance, so coloured noise and model mismatch count.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
+RIVAL = 4.0  # standard deviations of the residual's variance beyond which another lag is no rival any more
+FLOOR = 1e-4  # unexplained part of the variance below which two lags cannot be told apart in practice
+
+
+@dataclass(frozen=True)
+class Delay:
+    """``value`` and ``standard_uncertainty`` in s (positive: the test lags); None and a reason where undetermined.
+
+    ``nearest`` is the smallest delay that explains the signals as well as any other; None where none does.
+    """
+
+    value: float | None
+    standard_uncertainty: float | None
+    reason: str = ""
+    nearest: float | None = None
+
+
+@dataclass(frozen=True)
+class _Fit:
+    delay: float  # samples
+    uncertainty: float  # samples
+    unexplained: float  # residual variance over that of the test
+    freedom: float  # independent samples in the residual's band
+    cutoff: float  # of the half sampling frequency
+
+
+def delay(reference: np.ndarray, test: np.ndarray, step: float, longest: float | None = None) -> Delay:
+    """Delay of ``test`` behind ``reference``, both ``(t,)`` at equal steps of ``step`` s.
+
+    Parameters
+    ----------
+    longest : float, optional
+        Largest delay looked for, in s; by default a quarter of the recording.
+
+    Notes
+    -----
+    Constant signals, unrelated ones, periodic ones and those whose best delay sits at the end of the range have none.
+    """
+    if np.array_equal(reference, test):
+        return _identical(reference, step, longest)
+    count = len(reference)
+    reach = min(count // 4 if longest is None else math.ceil(longest / step), count - 8)
+    if count < 16 or reach < 1:
+        return Delay(None, None, "too few samples")
+    for name, signal in (("reference", reference), ("test", test)):
+        if np.ptp(signal) <= 1e-12 * np.max(np.abs(signal)):
+            return Delay(None, None, f"the {name} signal is constant")
+    lags, correlation = overlapped_correlation(reference, test, reach)
+    peaks = _peaks(correlation)
+    best = int(peaks[0]) if len(peaks) else int(np.argmax(correlation))
+    if correlation[best] < _noise_level(reference, test):
+        return Delay(None, None, "the signals are not related")
+    if best in (0, len(lags) - 1):
+        return Delay(None, None, f"it is not within ±{reach * step:.4g} s")
+    first = refine(reference, test, float(lags[best]))
+    if first is None:
+        return Delay(None, None, "the signals do not resolve it")
+    fits = [first]
+    for place in [*(int(lags[peak]) for peak in peaks[1:8]), 0]:
+        fits += [fit for fit in [_at_cutoff(reference, test, float(place), first.cutoff)] if fit is not None]
+    least = min(fit.unexplained for fit in fits)
+    margin = least * (1 + RIVAL * math.sqrt(2 / first.freedom)) + FLOOR
+    rivals = [fit.delay for fit in fits if fit.unexplained <= margin]
+    nearest = min(rivals, key=abs) * step
+    if first.uncertainty > reach / 2:
+        return Delay(None, None, "the signals do not resolve it", nearest)
+    apart = [abs(a - b) for a in rivals for b in rivals if abs(a - b) > 1 + 6 * first.uncertainty]
+    if apart:
+        return Delay(None, None, f"delays {min(apart) * step:.4g} s apart explain the signals as well", nearest)
+    return Delay(first.delay * step, first.uncertainty * step, "", first.delay * step)
+
+
+def _identical(reference: np.ndarray, step: float, longest: float | None) -> Delay:
+    """Equal signals: delay zero exactly, unless they would fit elsewhere as well."""
+    if np.ptp(reference) == 0:
+        return Delay(None, None, "the reference signal is constant", 0.0)
+    reach = min(len(reference) // 4 if longest is None else math.ceil(longest / step), len(reference) - 8)
+    if reach >= 1:
+        lags, correlation = overlapped_correlation(reference, reference, reach)
+        for peak in _peaks(correlation)[:8]:
+            other = refine(reference, reference, float(lags[peak])) if lags[peak] else None
+            if other is not None and abs(other.delay) > 1 and other.unexplained <= FLOOR:
+                return Delay(
+                    None, None, f"delays {abs(other.delay) * step:.4g} s apart explain the signals as well", 0.0
+                )
+    return Delay(0.0, 0.0, "", 0.0)
+
+
+def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lags −reach…reach in samples and the correlation coefficient of what overlaps at each.
+
+    Zero where the overlap holds less than a quarter of either signal's variance: there chance decides.
+    """
+    from scipy.signal import correlate
+
+    x, y = reference - reference.mean(), test - test.mean()
+    count = len(x)
+    lags = np.arange(-reach, reach + 1)
+    products = correlate(y, x, mode="full", method="fft")[lags + count - 1]
+    x_from, y_from = np.maximum(0, -lags), np.maximum(0, lags)
+    n = count - np.abs(lags)
+
+    def sums(signal: np.ndarray, start: np.ndarray) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(signal)])
+        return total[start + n] - total[start]
+
+    sx, sy = sums(x, x_from), sums(y, y_from)
+    vx, vy = sums(x * x, x_from) - sx**2 / n, sums(y * y, y_from) - sy**2 / n
+    enough = (vx > 0.25 * np.sum(x * x)) & (vy > 0.25 * np.sum(y * y))
+    covariance = products - sx * sy / n
+    correlation = np.divide(covariance, np.sqrt(np.where(enough, vx * vy, 1.0)), out=np.zeros(len(lags)), where=enough)
+    return lags, correlation
+
+
+def _peaks(correlation: np.ndarray) -> np.ndarray:
+    """Places of local maxima that stand out of the noise, highest first."""
+    from scipy.signal import find_peaks
+
+    places, _ = find_peaks(np.concatenate([[-2.0], correlation, [-2.0]]), prominence=0.05)
+    places = places - 1
+    return places[np.argsort(-correlation[places])]
+
+
+def _noise_level(reference: np.ndarray, test: np.ndarray) -> float:
+    """Correlation that unrelated signals of these spectra reach by chance (Bartlett's formula)."""
+    spectra = [np.abs(np.fft.rfft(signal - signal.mean())) ** 2 for signal in (reference, test)]
+    spectra = [spectrum / spectrum.sum() for spectrum in spectra]
+    return min(0.9, SIGNIFICANT * math.sqrt(0.5 * float(np.sum(spectra[0] * spectra[1]))))
+
+
+def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None:
+    """The least-squares delay near a whole-sample one (in samples), at the best of several cut-offs."""
+    fits = [_at_cutoff(reference, test, start, cutoff) for cutoff in (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.uncertainty, default=None)
+
+
+def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: float) -> _Fit | None:
+    from scipy.interpolate import make_interp_spline
+    from scipy.signal import butter, sosfiltfilt
+
+    settle = math.ceil(3 / cutoff)
+    if cutoff < 0.5 and len(reference) < 8 * settle + 2 * abs(start):
+        return None
+    sections = butter(4, cutoff, output="sos")
+    smooth, response = (sosfiltfilt(sections, signal, padlen=settle) for signal in (reference, test))
+    spline = make_interp_spline(np.arange(len(smooth)), smooth, k=5)
+    slope = spline.derivative()
+    shift, a = start, 1.0
+    ends = (math.ceil(max(0.0, start)) + settle + 2, len(test) - math.ceil(max(0.0, -start)) - settle - 2)
+    places = np.arange(*ends)
+    if len(places) < 12:
+        return None
+    target = response[ends[0] : ends[1]]
+    for _ in range(25):
+        shifted, change = spline(places - shift), slope(places - shift)
+        design = np.column_stack([shifted, np.ones(len(places))])
+        (a, b), *_ = np.linalg.lstsq(design, target, rcond=None)
+        residual = target - design @ (a, b)
+        jacobian = np.column_stack([-a * change, shifted, np.ones(len(places))])
+        update, *_ = np.linalg.lstsq(jacobian, residual, rcond=None)
+        shift += float(np.clip(update[0], -0.5, 0.5))
+        if abs(shift - start) > 1.5 + 0.02 / cutoff * 8:
+            return None
+        if abs(update[0]) < 1e-7:
+            break
+    if a <= 0:
+        return None
+    variance = float(np.var(target))
+    unexplained = float(np.mean(residual**2)) / variance if variance > 0 else 1.0
+    freedom = max(4.0, len(places) * cutoff)
+    # Gauss–Newton's curvature would count the slope of the reference's own noise as information; the full one does not.
+    bend = np.zeros((3, 3))
+    bend[0, 0] = a * float(residual @ spline(places - shift, nu=2))
+    bend[0, 1] = bend[1, 0] = -float(residual @ change)
+    return _Fit(shift, _sandwich(jacobian, residual, bend, cutoff), unexplained, freedom, cutoff)
+
+
+def _sandwich(jacobian: np.ndarray, residual: np.ndarray, bend: np.ndarray, cutoff: float) -> float:
+    """Standard uncertainty of the first parameter with autocorrelated residuals (Newey and West).
+
+    ``bend`` is the residual times the model's second derivatives, which completes the curvature of the squares.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    weighted = jacobian / scale
+    curvature = weighted.T @ weighted - bend / np.outer(scale, scale)
+    if np.linalg.eigvalsh(curvature).min() < 1e-12:
+        return math.inf
+    bread = np.linalg.inv(curvature)
+    scores = (weighted @ bread[:, 0]) * residual
+    width = min(math.ceil(4 / cutoff), len(residual) // 4)
+    total = float(scores @ scores)
+    for lag in range(1, width + 1):
+        total += 2 * (1 - lag / (width + 1)) * float(scores[lag:] @ scores[:-lag])
+    # What the taper drops can make the sum too small or negative; white noise in the band is the least there is.
+    least = float(np.mean(residual**2)) * bread[0, 0] / cutoff
+    return math.sqrt(max(total, least, 0.0)) / float(scale[0])
+
+
+def step_delay(time: np.ndarray, reference: np.ndarray, test: np.ndarray) -> Delay:
+    """Delay by comparing step responses: the time between the 50 % crossings of both.
+
+    Levels are the medians of the first and last tenth. The standard uncertainty is that of a straight line through the
+    samples between 30 % and 70 % of each step. Undetermined where a signal has no step that stands out of its noise.
+    """
+    crossings = [_half_rise(time, signal) for signal in (reference, test)]
+    for name, crossing in zip(("reference", "test"), crossings, strict=True):
+        if crossing is None:
+            return Delay(None, None, f"the {name} signal has no step")
+    (first, u), (second, v) = crossings  # type: ignore[misc]
+    return Delay(second - first, math.hypot(u, v), "", second - first)
+
+
+def _half_rise(time: np.ndarray, signal: np.ndarray) -> tuple[float, float] | None:
+    tenth = max(3, len(signal) // 10)
+    before, after = signal[:tenth], signal[-tenth:]
+    low, high = float(np.median(before)), float(np.median(after))
+    noise = max(float(np.std(before)), float(np.std(after)))
+    if not abs(high - low) > 5 * noise:
+        return None
+    level = (signal - low) / (high - low)
+    rises = np.flatnonzero((level[:-1] < 0.5) & (level[1:] >= 0.5))
+    if not len(rises):
+        return None
+    at = int(rises[0])
+    left = at - int(np.argmax(level[at::-1] < 0.3)) if np.any(level[at::-1] < 0.3) else 0
+    right = at + 1 + int(np.argmax(level[at + 1 :] > 0.7)) if np.any(level[at + 1 :] > 0.7) else len(level) - 1
+    place, step = slice(left, right + 1), float(time[at + 1] - time[at])
+    if right - left < 4:  # too steep for a line: interpolate, and the noise moves the crossing by noise over slope
+        rise = level[at + 1] - level[at]
+        crossing = float(time[at]) + step * (0.5 - level[at]) / rise
+        return crossing, max(noise / abs(high - low) / rise * step, 1e-15)
+    x, y = level[place], time[place]
+    slope, offset = np.polyfit(y - y.mean(), x, 1)
+    spread = float(np.std(x - slope * (y - y.mean()) - offset)) / math.sqrt(len(x))
+    return float(y.mean() + (0.5 - offset) / slope), spread / abs(slope)

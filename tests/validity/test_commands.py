@@ -1,0 +1,117 @@
+"""`rigmatch uncertainty` and `rigmatch fidelity` as a user calls them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from matching.cli import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
+    assert (
+        main(
+            [
+                "uncertainty",
+                str(EXAMPLES / "gum" / "mass.toml"),
+                "--out",
+                str(tmp_path),
+                "--draws",
+                "50000",
+                "--wanted",
+                "0.08 mg",
+            ]
+        )
+        == 0
+    )
+    shown = capsys.readouterr().out
+    assert "deviation = (1.23 ± 0.11) mg, k = 1.96, coverage about 95 %" in shown
+    answer = json.loads((tmp_path / "uncertainty.json").read_text())
+    assert answer["measurands"][0]["standard_uncertainty"] == pytest.approx(0.05385, abs=1e-5)
+    shares = [row["share"] for row in answer["measurands"][0]["budget"]]
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) == pytest.approx(1)
+    assert list(answer["inverse"][0]["alone"][0]) == ["m_reference"]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "uncertainty.json",
+        "uncertainty.txt",
+        "contributions.svg",
+        "ishikawa.svg",
+    }
+
+
+def test_json_alone_on_standard_output(tmp_path, capsys):
+    assert (
+        main(
+            [
+                "uncertainty",
+                str(EXAMPLES / "gum" / "impedance.toml"),
+                "--out",
+                str(tmp_path),
+                "--draws",
+                "50000",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    answer = json.loads(capsys.readouterr().out)
+    assert [one["name"] for one in answer["measurands"]] == ["R", "X", "Z"]
+    assert (tmp_path / "X_ishikawa.svg").exists()
+
+
+def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
+    assert main(["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--out", str(tmp_path)]) == 0
+    assert "88.54 %" in capsys.readouterr().out
+    assert (
+        main(
+            [
+                "fidelity",
+                str(EXAMPLES / "fidelity" / "tab2.toml"),
+                "--out",
+                str(tmp_path),
+                "--arithmetic",
+                "published",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    answer = json.loads(capsys.readouterr().out)
+    assert f"{100 * answer['R_XiL']:.2f}" == "76.75"
+    assert any("divided by 6" in note for note in answer["notes"])
+    assert (tmp_path / "delay.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "content", "words"),
+    [
+        (
+            "uncertainty",
+            '[measurand]\nformula = "open(1)"\n[inputs.x]\nvalue = 1\n',
+            "'open' is no function of mathematics",
+        ),
+        ("uncertainty", "x = [", "no valid TOML"),
+        ("fidelity", "[weights]\nsystem_dynamics = 0.5\n[system_dynamics.a]\nnrmse_fidelity = 1\n", "must sum to 1"),
+        ("fidelity", "typo = 1\n", "unknown key 'typo'"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_output(tmp_path, capsys, command, content, words):
+    path = tmp_path / "bad.toml"
+    path.write_text(content)
+    assert main([command, str(path), "--out", str(tmp_path / "out")]) == 2
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    assert words in caught.err
+    assert caught.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "extra", [["--draws", "5"], ["--seed", "-1"], ["--wanted", "abc"], ["--wanted", "1 kg*m"], ["--wanted", "-1"]]
+)
+def test_bad_options(tmp_path, capsys, extra):
+    assert main(["uncertainty", str(EXAMPLES / "gum" / "mass.toml"), "--out", str(tmp_path / "out"), *extra]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,209 @@
+"""What must hold for any signals: range, exactness for identical signals, invariance, monotony in delay."""
+
+import itertools
+
+import casadi
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from matching.validity.fidelity.assess import SignalPair, fidelity_of_signals
+from matching.validity.fidelity.attribution import attribute
+from matching.validity.fidelity.measures import delay_fidelity
+from matching.validity.fidelity.objective import SmoothFidelity
+from matching.validity.fidelity.spectrum import bands
+from matching.validity.fidelity.spread import probability_better, spread
+
+COUNT, STEP = 400, 5e-3
+TIME = STEP * np.arange(COUNT)
+WEIGHTS = {"system_dynamics": 0.7, "measurement_uncertainty": 0.3}
+seeds = st.integers(0, 10**6)
+kinds = st.sampled_from(["noise", "walk", "sine", "step", "constant", "spike", "ramp"])
+
+
+def signal(kind, seed):
+    generator = np.random.default_rng(seed)
+    if kind == "noise":
+        return generator.standard_normal(COUNT)
+    if kind == "walk":
+        return np.cumsum(generator.standard_normal(COUNT))
+    if kind == "sine":
+        return np.sin(2 * np.pi * generator.uniform(0.5, 20) * TIME + generator.uniform(0, 6))
+    if kind == "step":
+        return np.tanh((TIME - generator.uniform(0.5, 1.5)) / generator.uniform(0.02, 0.2))
+    if kind == "spike":
+        return np.where(np.arange(COUNT) == generator.integers(1, COUNT - 1), 1.0, 0.0)
+    return generator.normal() + (TIME if kind == "ramp" else 0 * TIME)
+
+
+def judge(reference, test, time=TIME, scale=1.0, u=0.02):
+    width = float(np.ptp(reference)) * scale
+    return fidelity_of_signals(
+        time, {"torque": SignalPair(scale * reference, scale * test, u * width)}, f_max=30.0, weights=WEIGHTS
+    )
+
+
+@given(kinds.filter(lambda kind: kind != "constant"), kinds, seeds, st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+@settings(max_examples=60, deadline=None)
+def test_range(reference, test, seed, offset, scale):
+    fidelity = judge(signal(reference, seed), offset + scale * signal(test, seed + 1))
+    values = [
+        fidelity.total,
+        *fidelity.domains.values(),
+        fidelity.signals["system_dynamics"][0].nrmse,
+        fidelity.signals["system_dynamics"][0].delay_fidelity,
+    ]
+    assert all(0 <= value <= 1 for value in values)
+
+
+@given(kinds.filter(lambda kind: kind != "constant"), seeds)
+@settings(max_examples=40, deadline=None)
+def test_identical_signals_score_exactly_one(kind, seed):
+    reference = signal(kind, seed)
+    fidelity = fidelity_of_signals(
+        TIME, {"torque": SignalPair(reference, reference.copy(), 0.0)}, f_max=30.0, weights=WEIGHTS
+    )
+    assert fidelity.total == 1
+    assert attribute(fidelity) == [] or max(loss.loss for loss in attribute(fidelity)) < 1e-9
+
+
+def test_a_signal_without_relation_scores_zero_at_worst():
+    reference = signal("step", 1)
+    fidelity = fidelity_of_signals(
+        TIME, {"torque": SignalPair(reference, 50 * signal("noise", 2), 1e3)}, f_max=30.0, weights=WEIGHTS
+    )
+    assert fidelity.total == 0
+
+
+@given(seeds, st.sampled_from([1e-6, 1e-3, 0.1047197551, 9.5492965855, 1e3, 1e6]), st.floats(-1e4, 1e4))
+@settings(max_examples=25, deadline=None)
+def test_units_and_offsets_of_time_do_not_matter(seed, scale, offset):
+    reference = signal("step", seed)
+    test = 0.9 * np.interp(TIME - 0.012, TIME, reference) + 0.02 * signal("noise", seed + 1)
+    first, second, third = (
+        judge(reference, test),
+        judge(reference, test, scale=scale),
+        judge(reference, test, TIME + offset),
+    )
+    assert second.total == pytest.approx(first.total, abs=1e-7)
+    assert third.total == pytest.approx(first.total, abs=1e-7)
+
+
+@given(st.floats(0, 0.05), st.floats(0, 0.05))
+def test_delay_fidelity_is_monotone(first, second):
+    low, high = sorted((first, second))
+    assert delay_fidelity(low, 30.0) >= delay_fidelity(high, 30.0)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_fidelity_falls_with_delay(seed):
+    start = np.random.default_rng(seed).uniform(0.6, 1.2)
+    reference = np.tanh((TIME - start) / 0.08)
+    totals = [
+        judge(reference, np.tanh((TIME - start - lag) / 0.08)).total for lag in (0.0, 0.001, 0.003, 0.006, 0.012, 0.03)
+    ]
+    assert all(a > b for a, b in itertools.pairwise(totals))
+
+
+@given(kinds.filter(lambda kind: kind != "constant"), kinds, seeds)
+@settings(max_examples=30, deadline=None)
+def test_bands_add_up_and_losses_too(reference, test, seed):
+    pair = SignalPair(signal(reference, seed), signal(test, seed + 1))
+    found = bands(pair, STEP, 30.0)
+    whole = float(np.mean((pair.reference - pair.test) ** 2))
+    assert sum(band.mean_square for band in found) == pytest.approx(whole, rel=1e-9, abs=1e-20)
+    fidelity = judge(pair.reference, pair.test)
+    assert sum(loss.loss for loss in attribute(fidelity)) == pytest.approx(1 - fidelity.total**2, abs=1e-9)
+
+
+def test_bands_find_where_and_by_how_much():
+    """A tone of 12 Hz that is 4 ms late and one of 3 Hz with half the amplitude."""
+    time = 1e-3 * np.arange(4000)
+    window = np.hanning(len(time))
+    reference = window * (np.sin(2 * np.pi * 3 * time) + np.sin(2 * np.pi * 12 * time))
+    test = window * (0.5 * np.sin(2 * np.pi * 3 * time) + np.sin(2 * np.pi * 12 * (time - 0.004)))
+    found = {(band.low, band.high): band for band in bands(SignalPair(reference, test), 1e-3, 30.0)}
+    assert found[2.0, 4.0].amplitude_share > 0.99
+    assert found[10.0, 15.0].phase_share > 0.95
+    assert found[10.0, 15.0].delay == pytest.approx(0.004, abs=1e-4)
+    assert sum(band.share for band in found.values()) == pytest.approx(1)
+    assert found[2.0, 4.0].share + found[10.0, 15.0].share > 0.99
+
+
+def test_uncertainty_of_fidelity_is_that_of_repetitions():
+    """The scatter of R_XiL over simulated repetitions agrees with what one measurement says of it."""
+    generator = np.random.default_rng(0)
+    reference = np.tanh((TIME - 0.7) / 0.05) + np.where(
+        TIME > 0.7, 0.3 * np.exp(-5 * (TIME - 0.7)) * np.sin(50 * (TIME - 0.7)), 0
+    )
+    test = np.interp(TIME - 0.006, TIME, 0.95 * reference)
+    sigma = 0.03
+    totals, told = [], []
+    for _ in range(60):
+        pair = SignalPair(
+            reference + sigma * generator.standard_normal(COUNT),
+            test + sigma * generator.standard_normal(COUNT),
+            noise=(sigma, sigma),
+        )
+        fidelity = fidelity_of_signals(TIME, {"torque": pair}, f_max=30.0, weights={"system_dynamics": 1.0})
+        totals.append(fidelity.total)
+        told.append(spread(fidelity, 4000).total.std())
+    assert np.mean(told) == pytest.approx(np.std(totals, ddof=1), rel=0.35)
+
+
+def test_two_rigs_compared():
+    reference = signal("step", 3)
+    good, bad = (
+        spread(
+            fidelity_of_signals(
+                TIME,
+                {"torque": SignalPair(reference, np.interp(TIME - lag, TIME, reference), noise=(0.01, 0.01))},
+                f_max=30.0,
+                weights={"system_dynamics": 1.0},
+            ),
+            seed=seed,
+        )
+        for lag, seed in ((0.002, 1), (0.008, 2))
+    )
+    assert probability_better(good, bad) > 0.99
+    assert probability_better(bad, good) < 0.01
+
+
+def smooth_case():
+    """References that fade in and out, and tests that are slightly late and small."""
+    fade = np.sin(np.pi * TIME / TIME[-1]) ** 2
+    references = {"torque": fade * np.sin(2 * np.pi * 3 * TIME), "speed": fade}
+    tests = {name: 0.97 * np.interp(TIME - 0.002, TIME, one) for name, one in references.items()}
+    return references, tests
+
+
+def test_smooth_objective_agrees_with_the_measure():
+    references, tests = smooth_case()
+    smooth = SmoothFidelity(TIME, references, 30.0)
+    exact = fidelity_of_signals(
+        TIME,
+        {name: SignalPair(references[name], tests[name]) for name in tests},
+        f_max=30.0,
+        weights={"system_dynamics": 1.0},
+    )
+    assert smooth.loss(tests) == pytest.approx(1 - exact.total**2, rel=0.03)
+    assert smooth.loss(references) == pytest.approx(0, abs=1e-7)
+
+
+def test_smooth_objective_in_casadi_and_its_gradient():
+    references, tests = smooth_case()
+    smooth = SmoothFidelity(TIME, references, 30.0)
+    gain = casadi.MX.sym("gain", 2)
+    loss = smooth.loss({"torque": gain[0] * tests["torque"], "speed": gain[1] * tests["speed"]})
+    function = casadi.Function("loss", [gain], [loss, casadi.gradient(loss, gain)])
+    at = np.array([1.02, 0.98])
+
+    def value(x):
+        return smooth.loss({"torque": x[0] * tests["torque"], "speed": x[1] * tests["speed"]})
+
+    found, gradient = (np.array(one).ravel() for one in function(at))
+    assert found[0] == pytest.approx(value(at), rel=1e-12)
+    numeric = [(value(at + h) - value(at - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
+    assert gradient == pytest.approx(numeric, rel=1e-5)

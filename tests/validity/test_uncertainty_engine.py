@@ -1,0 +1,224 @@
+"""The parts of the uncertainty engine against closed forms and independent methods."""
+
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from matching.validity.uncertainty.distributions import NAMES, Distribution
+from matching.validity.uncertainty.draws import sampler
+from matching.validity.uncertainty.evaluate import evaluate
+from matching.validity.uncertainty.files import budget_from_tables
+from matching.validity.uncertainty.inverse import required
+from matching.validity.uncertainty.montecarlo import monte_carlo
+from matching.validity.uncertainty.propagate import coverage_factor, propagate
+from matching.validity.uncertainty.rounding import numerical_tolerance, written
+
+
+def single(formula, correlations=(), **inputs):
+    budget = budget_from_tables(
+        {"measurand": {"formula": formula}, "inputs": inputs, "correlations": list(correlations)}
+    )
+    return budget, budget.measurands[0]
+
+
+def shape(name):
+    return Distribution(name, 0.4 if name == "trapezoidal" else 0.0, 5 if name == "t" else math.inf)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_draws_follow_their_law(name):
+    draws = shape(name).draw(np.random.default_rng(1), 20_000)
+    assert stats.kstest(draws, shape(name).law().cdf).pvalue > 1e-3
+    if name != "t":
+        assert shape(name).law().std() == pytest.approx(1, rel=1e-9)
+        assert shape(name).kurtosis() == pytest.approx(3 + float(shape(name).law().stats("k")), rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "weight"), [("rectangular", 1 / 3), ("triangular", 1 / 6), ("arcsine", 1 / 2)])
+def test_weights_of_eq12(name, weight):
+    budget, measurand = single("x", x={"value": 1.0, "half_width": 0.2, "distribution": name})
+    assert propagate(budget, measurand).first_order == pytest.approx(0.2 * math.sqrt(weight))
+
+
+@pytest.mark.parametrize(("name", "fourth"), [("rectangular", 4 / 5), ("normal", 2.0), ("arcsine", 0.5)])
+def test_second_order_of_a_square_is_exact(name, fourth):
+    """Var(x²) at x = 0 is (κ − 1)·u⁴."""
+    width = {"uncertainty": 0.3} if name == "normal" else {"half_width": 0.3 / math.sqrt(shape(name).weight())}
+    budget, measurand = single("x^2", x={"value": 0, "distribution": name} | width)
+    found = propagate(budget, measurand)
+    assert found.first_order == 0
+    assert found.second_order == pytest.approx(math.sqrt(fourth) * 0.09, rel=1e-9)
+    assert found.bias == pytest.approx(0.09)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("rectangular", 3.6), ("normal", 6.0)])
+def test_second_order_counts_third_derivatives(name, factor):
+    """Var(x + a·x³) = u² + 2a·κ·u⁴ + …"""
+    width = {"uncertainty": 0.1} if name == "normal" else {"half_width": 0.1 * math.sqrt(3)}
+    budget, measurand = single("x + 0.01*x^3", x={"value": 0, "distribution": name} | width)
+    assert propagate(budget, measurand).second_order ** 2 - 0.01 == pytest.approx(factor * 0.01 * 1e-4, rel=1e-6)
+
+
+def test_second_order_with_correlation_against_monte_carlo():
+    budget, measurand = single(
+        "x*y + exp(y)",
+        [{"between": ["x", "y"], "r": 0.7}],
+        x={"value": 0.1, "uncertainty": 0.3},
+        y={"value": -0.2, "uncertainty": 0.2},
+    )
+    found, drawn = propagate(budget, measurand), monte_carlo(budget, measurand, draws=1_000_000)
+    assert drawn.value == pytest.approx(found.value + found.bias, abs=2e-3)
+    assert abs(found.second_order - drawn.standard_uncertainty) < 0.3 * abs(
+        found.first_order - drawn.standard_uncertainty
+    )
+
+
+def test_formula_gradient_by_finite_differences():
+    budget, measurand = single(
+        "atan2(x, y)*log(1 + z^2)/sqrt(y) - abs(x)^1.5",
+        x={"value": 0.4, "uncertainty": 0.1},
+        y={"value": 1.3, "uncertainty": 0.1},
+        z={"value": -0.7, "uncertainty": 0.1},
+    )
+    c = propagate(budget, measurand).sensitivities
+
+    def value(point):
+        x, y, z = point
+        return math.atan2(x, y) * math.log(1 + z * z) / math.sqrt(y) - abs(x) ** 1.5
+
+    numeric = [(value(budget.values + h) - value(budget.values - h)) / 2e-6 for h in 1e-6 * np.eye(3)]
+    assert c == pytest.approx(numeric, rel=1e-7)
+
+
+def test_welch_satterthwaite_is_refused_for_correlated_inputs_of_finite_freedom():
+    budget, _measurand = single(
+        "x + y",
+        [{"between": ["x", "y"], "r": 0.5}],
+        x={"value": 0, "uncertainty": 1, "degrees_of_freedom": 5},
+        y={"value": 0, "uncertainty": 1},
+    )
+    result = evaluate(budget, draws=100_000)[0][0]
+    assert result.propagation.degrees_of_freedom is None
+    assert "Welch-Satterthwaite does not hold" in result.propagation.refusal
+    assert any("refused" in line for line in result.warnings)
+    assert result.coverage_factor == pytest.approx(1.96, abs=1e-3)
+
+
+def test_coverage_factor():
+    budget, _ = single("x", x={"value": 0, "uncertainty": 1})
+    assert coverage_factor(budget, 16.7) == pytest.approx(stats.t.ppf(0.975, 16))
+    assert coverage_factor(budget, math.inf) == pytest.approx(1.959964, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "r"),
+    [
+        ("rectangular", "rectangular", 0.8),
+        ("arcsine", "triangular", -0.6),
+        ("normal", "trapezoidal", 0.5),
+        ("rectangular", "rectangular", 1.0),
+    ],
+)
+def test_correlated_shapes_keep_shape_and_correlation(first, second, r):
+    inputs = {}
+    for name, kind in (("x", first), ("y", second)):
+        width = {"uncertainty": 1.0} if kind == "normal" else {"half_width": 1.0}
+        inputs[name] = {"value": 0.0, "distribution": kind} | width | ({"beta": 0.4} if kind == "trapezoidal" else {})
+    budget, _ = single("x + y", [{"between": ["x", "y"], "r": r}], **inputs)
+    x, y = sampler(budget)(np.random.default_rng(2), 200_000)
+    assert np.corrcoef(x, y)[0, 1] == pytest.approx(r, abs=6e-3)
+    for draws, kind, u in ((x, first, budget.standard_uncertainties[0]), (y, second, budget.standard_uncertainties[1])):
+        assert stats.kstest(draws[:20_000] / u, shape(kind).law().cdf).pvalue > 1e-3
+
+
+def test_monte_carlo_does_not_depend_on_the_number_of_threads():
+    budget, measurand = single("x*y", x={"value": 1, "uncertainty": 0.1}, y={"value": 2, "half_width": 0.5})
+    one, three = (monte_carlo(budget, measurand, draws=200_000, workers=workers, seed=7) for workers in (1, 3))
+    assert (one.value, one.standard_uncertainty, one.shortest) == (
+        three.value,
+        three.standard_uncertainty,
+        three.shortest,
+    )
+    assert monte_carlo(budget, measurand, draws=200_000, seed=8).value != one.value
+
+
+def test_shortest_interval_of_a_skewed_result():
+    """exp of a normal: the shortest interval by numerical search in the exact law."""
+    from scipy.optimize import minimize_scalar
+
+    budget, measurand = single("exp(x)", x={"value": 0, "uncertainty": 0.5})
+    law = stats.lognorm(0.5)
+    best = minimize_scalar(lambda p: law.ppf(p + 0.95) - law.ppf(p), bounds=(1e-6, 0.0499), method="bounded")
+    drawn = monte_carlo(budget, measurand, draws=3_000_000)
+    assert drawn.shortest == pytest.approx((law.ppf(best.x), law.ppf(best.x + 0.95)), abs=0.02)
+    assert drawn.symmetric == pytest.approx(law.ppf([0.025, 0.975]), abs=5e-3)
+    assert drawn.standard_uncertainty == pytest.approx(law.std(), rel=3e-3)
+
+
+def test_adaptive_stop_is_within_its_tolerance():
+    budget, measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 5, "uncertainty": 1})
+    values = [monte_carlo(budget, measurand, seed=seed) for seed in range(6)]
+    assert all(one.stable for one in values)
+    assert np.std([one.value for one in values]) < values[0].tolerance
+    assert abs(np.mean([one.standard_uncertainty for one in values]) - math.sqrt(2)) < values[0].tolerance
+
+
+def test_memory_is_bounded_by_the_chunks_not_the_draws():
+    budget, measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 0, "half_width": 1})
+    peaks = []
+    for draws in (500_000, 4_000_000):
+        tracemalloc.start()
+        monte_carlo(budget, measurand, draws=draws, workers=2)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
+    assert peaks[1] < 60e6  # 4·10⁶ draws alone would hold 32 MB an array
+
+
+def test_good_verdict_where_first_order_is_good():
+    budget, _measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 0, "uncertainty": 2})
+    result = evaluate(budget, draws=8_000_000, digits=1)[0][0]
+    assert result.check.verdict == "good"
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "shown"),
+    [
+        (127.7322, 0.07107, ("127.732", "0.071")),
+        (1234567.0, 1234.0, ("1234600", "1200")),
+        (0.09996, 0.00996, ("0.100", "0.010")),
+        (-0.00001, 0.5, ("0.00", "0.50")),
+        (12.0, 0.0, ("12", "0")),
+        (5e7 + 0.8, 92.48, ("50000001", "92")),
+    ],
+)
+def test_rounding(value, uncertainty, shown):
+    assert written(value, uncertainty) == shown
+
+
+def test_numerical_tolerance():
+    assert numerical_tolerance(0.0539, 2) == pytest.approx(0.0005)
+    assert numerical_tolerance(35.4, 1) == pytest.approx(5)
+
+
+def test_inverse_use_reaches_the_wanted_uncertainty_when_fed_back():
+    budget, measurand = single(
+        "2*x + y - z",
+        x={"value": 0, "uncertainty": 1.0},
+        y={"value": 0, "uncertainty": 0.8},
+        z={"value": 0, "uncertainty": 0.1, "degrees_of_freedom": 4},
+    )
+    present = required(budget, measurand, 1e3)
+    assert present.alone == ()
+    assert present.together is None
+    found = required(budget, measurand, 3.0)
+    assert [list(step.needed) for step in found.alone] == [["x"]]  # y alone cannot: 2·1.96·1 is above 3
+    assert (2 * found.alone[0].needed["x"]) ** 2 == pytest.approx((3 / 1.96) ** 2 - 0.64 - 0.01, rel=1e-3)
+    for step in (*found.alone, found.together):
+        u = dict(zip("xyz", budget.standard_uncertainties, strict=True))
+        better = budget.scaled({name: needed / u[name] for name, needed in step.needed.items()})
+        result = propagate(better, measurand)
+        assert coverage_factor(better, result.degrees_of_freedom) * result.first_order == pytest.approx(3.0, rel=1e-6)
