@@ -81,6 +81,8 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
     """
     from scipy.optimize import least_squares
 
+    from modelling.elements import rest
+
     n, x0 = model.n, np.zeros(len(model.states))
     x0[:n] = 1e-9 * np.cos(np.arange(n) * 1.7)
     gaps = [model.parameters.index(f"{e.name}.gap") for e in model.system.effects if e.kind == "backlash"]
@@ -103,14 +105,13 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
         rate = np.array(model.rates(x, u, p)).ravel()
         return np.concatenate([rate[n : 2 * n] - common, rate[2 * n :], np.sqrt(scale) * (free.T @ x[:n])])
 
-    solution = least_squares(
-        residual, np.zeros(len(x0) - n + free.shape[1]), x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
-    if np.abs(solution.fun).max() > 1e-6 * max(1.0, float(np.abs(u).max(initial=0.0))):
-        raise InputError(
-            "start", "there is no steady motion under the first inputs", "start at rest or give the speeds"
-        )
-    return state(solution.x)[0]
+    closed_lash = np.atleast_2d(rest(model, p))[0]
+    for side in (1.0, -1.0):  # lash may lie on either flank
+        guess = np.concatenate([side * closed_lash[:n], side * closed_lash[2 * n :], np.zeros(free.shape[1])])
+        solution = least_squares(residual, guess, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        if np.abs(solution.fun).max() < 1e-6 * max(1.0, float(np.abs(u).max(initial=0.0))):
+            return state(solution.x)[0]
+    raise InputError("start", "there is no steady motion under the first inputs", "start at rest or give the speeds")
 
 
 def _fitting(model: Model, p: np.ndarray, free: np.ndarray, speeds: Mapping[str, float]) -> np.ndarray:

@@ -1,0 +1,98 @@
+"""`rigmatch simulate`: run a model on recorded inputs."""
+
+import argparse
+from typing import Any
+
+HELP = """Simulates a model on the inputs of a recording, all its effects included. Writes simulated.csv (time and every
+sensor of the model, SI) and simulated.svg. Where the recording has sensors, the root mean square of the difference is
+given for each, in the sensor's SI unit and as a share of its range."""
+
+STARTS = ("recorded", "rest", "steady")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Model, recording, start, place to write to."""
+    parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
+    parser.add_argument("recording", metavar="RECORDING", help="recording (CSV, MDF4, .mat or Parquet)")
+    parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
+    parser.add_argument(
+        "--start",
+        choices=STARTS,
+        default="recorded",
+        help="where to start: what the first quarter second of the recorded sensors tells (default; at rest if there "
+        "are none), at rest, or in steady motion under the first inputs",
+    )
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Simulate and write files; the result object tells what was run, and the misfit by sensor."""
+    import numpy as np
+
+    from modelling.compiled import compiled
+    from modelling.files import load
+    from modelling.output import write_all
+    from modelling.recording import csv_text, read_recording
+    from modelling.simulate import prepare, simulate
+    from modelling.simulation.recorded_start import recorded_start
+
+    system = load(arguments.model)
+    recording = read_recording(arguments.recording, system)
+    model = compiled(system)
+    inputs, start = recording.inputs(system), arguments.start
+    if start == "recorded":
+        p, _ = prepare(model, recording.time, inputs, model.p0)
+        start = recorded_start(model, recording, p)
+    done = simulate(model, recording.time, inputs, start=start)
+    misfit = {}
+    for name in recording.sensors(system):
+        there = np.isfinite(recording[name])
+        rms = float(np.sqrt(np.mean((done[name] - recording[name])[there] ** 2)))
+        spread = float(np.ptp(recording[name][there]))
+        misfit[name] = {"rms": rms, "unit": done.units[name], "of_range": rms / spread if spread else None}
+    files: dict[str, str | bytes] = {"simulated.csv": csv_text(done.time, done.readings, done.units)}
+    if done.readings:
+        files["simulated.svg"] = _picture(done, recording)
+    write_all(arguments.out, files)
+    return {
+        "model": arguments.model,
+        "recording": arguments.recording,
+        "samples": len(done.time),
+        "duration": float(done.time[-1] - done.time[0]),
+        "start": {"from": arguments.start, "states": dict(zip(done.state_names, done.states[0].tolist(), strict=True))},
+        "steps_per_second": done.steps_per_second,
+        "misfit": misfit,
+        "notes": list(recording.notes),
+        "files": sorted(files),
+    }
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The misfit by sensor."""
+    lines = [
+        f"{result['samples']} samples over {result['duration']:g} s simulated from {result['start']['from']} start"
+    ]
+    for name, one in result["misfit"].items():
+        share = f" ({one['of_range']:.2%} of its range)" if one["of_range"] is not None else ""
+        lines.append(f"  {name}: root mean square of the difference {one['rms']:.4g} {one['unit']}{share}")
+    lines += [f"note: {note}" for note in result["notes"]]
+    return "\n".join([*lines, f"written: {', '.join(result['files'])}"])
+
+
+def _picture(done: Any, recording: Any) -> bytes:
+    """Every reading over time, the recorded one behind it."""
+    from matching.report.style import LIMIT, VEHICLE, figure, image, styled
+
+    names = list(done.readings)
+    with styled():
+        drawn = figure(7.0, 1.0 + 1.5 * len(names))
+        axes = drawn.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        for one, name in zip(axes, names, strict=True):
+            if name in recording.channels:
+                one.plot(recording.time, recording[name], color=LIMIT, linewidth=1.6, alpha=0.6, label="recorded")
+            one.plot(done.time, done[name], color=VEHICLE, linewidth=0.8, label="simulated")
+            one.set_ylabel(f"{name.replace('_', ' ')}\nin {done.units[name].replace('*', '·').replace('^2', '²')}")
+            one.margins(x=0)
+        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        axes[-1].set_xlabel("time in s")
+        drawn.align_ylabels(axes)
+        return image(drawn)

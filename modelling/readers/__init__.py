@@ -1,0 +1,59 @@
+"""Readers of recordings, one a format. A reader turns a file into a :class:`Table`; everything else happens once, behind it.
+
+A further format is one module here and one line in ``READERS``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from modelling.errors import InputError
+
+READERS = {
+    ".csv": "comma_separated",
+    ".txt": "comma_separated",
+    ".mat": "matlab",
+    ".parquet": "parquet",
+    ".mf4": "mdf",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as a file holds them: ``header`` of texts ``name [unit]``, ``values`` (t, columns) with NaN where missing.
+
+    ``place`` says where a row of values stands in the file, for error lines.
+    """
+
+    header: list[str]
+    values: np.ndarray = field(repr=False)
+    place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
+
+
+def read_table(path: str | Path) -> Table:
+    """Read a file by its suffix.
+
+    Raises
+    ------
+    InputError
+        If the format is not known or the file cannot be read.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        raise InputError(str(path), f"{suffix or 'no suffix'!r} is no known format", f"read are {', '.join(READERS)}")
+    try:
+        reader = importlib.import_module(f"{__name__}.{READERS[suffix]}")
+        return reader.read(path)
+    except FileNotFoundError:
+        raise InputError(str(path), "does not exist", "name an existing file") from None
+    except OSError as fault:
+        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
+    except ModuleNotFoundError as fault:
+        right = "install rigmatch[measurement], or save as CSV"
+        raise InputError(str(path), f"reading {suffix} needs the package {fault.name}", right) from None

@@ -1,0 +1,102 @@
+"""CSV: a header row, then numbers."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from modelling.errors import InputError
+from modelling.readers import Table
+
+LONGEST_LINE = 65_536
+LARGEST = 2_000_000_000  # bytes
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
+
+
+def read(path: Path) -> Table:
+    """Read a CSV file; empty cells and ``nan`` are missing values.
+
+    Raises
+    ------
+    InputError
+        Naming the line: no header, text among numbers, a row of another length, not UTF-8, too large.
+    """
+    if path.stat().st_size > LARGEST:
+        raise InputError(str(path), f"{path.stat().st_size / 1e9:.1f} GB are too much", "cut the recording: at most 2 GB are read")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = _header(path, file)
+            begin = file.tell()
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # no rows: told below
+                    values = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, dtype=float)
+                if values.size and values.shape[1] != len(header):
+                    raise ValueError
+            except ValueError:
+                file.seek(begin)
+                return _with_care(path, file, header)
+    except UnicodeDecodeError as fault:
+        raise InputError(str(path), f"is not UTF-8 text: {fault.reason}", "save it as UTF-8 CSV") from None
+    return Table(header, values.reshape(-1, len(header)), lambda row: f"line {row + 2}")
+
+
+def _header(path: Path, file: TextIO) -> list[str]:
+    line = file.readline(LONGEST_LINE)
+    if not line.strip():
+        raise InputError(str(path), "is empty", "a header row 'time [s],name [unit],…' is needed")
+    if "\0" in line or (len(line) >= LONGEST_LINE and not line.endswith("\n")):
+        raise InputError(str(path), "line 1 is no header row", "'time [s],name [unit],…' is needed")
+    names = [cell.strip() for cell in next(csv.reader([line]))]
+    if len(names) < 2 and any(mark in line for mark in ";\t"):
+        raise InputError(str(path), "columns are parted by semicolons or tabs", "save with commas, and points in numbers")
+    return names
+
+
+def _with_care(path: Path, file: TextIO, header: list[str]) -> Table:
+    """Row by row: slower, takes missing values and quotes, finds the line of a fault."""
+    rows: list[list[float | None]] = []
+    lines: list[int] = []
+    for line, cells in _rows(path, file):
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {line}", f"{len(cells)} cells", f"the header has {len(header)} columns")
+        row = [_number(cell) for cell in cells]
+        if None in row:
+            column = row.index(None)
+            text = cells[column] if len(cells[column]) <= 30 else cells[column][:27] + "..."
+            where = f"{path}: line {line}"
+            raise InputError(where, f"{text!r} in column {header[column]!r}", "write a number or leave it empty")
+        rows.append(row)
+        lines.append(line)
+    values = np.array(rows, dtype=float).reshape(-1, len(header))
+    return Table(header, values, lambda row: f"line {lines[row]}")
+
+
+def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and cells of the rows after the header that are not blank."""
+    line = 1
+    while text := file.readline(LONGEST_LINE):
+        line += 1
+        if len(text) >= LONGEST_LINE and not text.endswith("\n"):
+            raise InputError(f"{path}: line {line}", "is longer than any row of numbers", "mend the file")
+        if text.strip():
+            try:
+                yield line, next(csv.reader([text], strict=True))
+            except (csv.Error, StopIteration) as fault:
+                raise InputError(f"{path}: line {line}", f"is no row of a CSV file: {fault}", "mend that line") from None
+
+
+def _number(cell: str) -> float | None:
+    """The number in a cell, NaN where it is missing, None if it is text."""
+    cell = cell.strip().lower()
+    if cell in MISSING:
+        return np.nan
+    try:
+        return float(cell) if "_" not in cell else None
+    except ValueError:
+        return None

@@ -1,0 +1,63 @@
+"""`rigmatch simulate` from end to end."""
+
+import json
+
+import numpy as np
+import pytest
+
+from matching.cli import main
+from modelling.files import dumps
+from modelling.recording import csv_text, read_recording
+from modelling.simulate import simulate
+from tests.simulate.drives import excitation, system_with
+
+SYSTEM = system_with("backlash", "coulomb_friction")
+START = {"speed(motor)": 12.0, "speed(load)": 12.0, "angle(motor)": 0.012}
+
+
+@pytest.fixture
+def files(tmp_path):
+    time, inputs = excitation(2.0)
+    made = simulate(SYSTEM, time, inputs, start=START)
+    columns = {**inputs, "motor_speed": made["motor_speed"] * 30 / np.pi, "link_torque": made["link_torque"]}
+    units = {"motor_torque": "N*m", "brake_torque": "N*m", "motor_speed": "1/min", "link_torque": "N*m"}
+    (tmp_path / "model.toml").write_text(dumps(SYSTEM))
+    (tmp_path / "recording.csv").write_text(csv_text(time, columns, units))
+    return tmp_path
+
+
+def command(files, *more):
+    paths = [str(files / name) for name in ("model.toml", "recording.csv")]
+    return main(["simulate", *paths, "--out", str(files / "out"), *more])
+
+
+def test_what_was_recorded_is_simulated_again(files, capsys):
+    assert command(files, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert set(result["misfit"]) == {"motor_speed", "link_torque"}
+    assert all(one["of_range"] < 2e-3 for one in result["misfit"].values())
+    header, *rows = (files / "out" / "simulated.csv").read_text().splitlines()
+    assert header == ("time [s],motor_speed [rad/s],load_speed [rad/s],load_acceleration [rad/s^2],link_torque [N*m]")
+    assert len(rows) == 2001
+    recording = read_recording(files / "recording.csv", SYSTEM)
+    simulated = np.loadtxt(rows, delimiter=",")
+    assert np.sqrt(np.mean((simulated[:, 1] - recording["motor_speed"]) ** 2)) == pytest.approx(
+        result["misfit"]["motor_speed"]["rms"], abs=1e-6
+    )
+    assert (files / "out" / "simulated.svg").read_text().startswith("<?xml")
+
+
+def test_a_start_at_rest_misses_a_recording_in_motion(files, capsys):
+    assert command(files, "--start", "rest") == 0
+    assert "root mean square" in capsys.readouterr().out
+    assert command(files, "--start", "rest", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["misfit"]["motor_speed"]["of_range"] > 0.1
+
+
+def test_bad_recordings_end_with_two_and_leave_nothing(files, capsys):
+    (files / "recording.csv").write_text("time [s],motor_torque\n0,1\n1,2\n")
+    assert command(files) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "brake_torque" in told
+    assert not (files / "out").exists()

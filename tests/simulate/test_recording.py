@@ -1,0 +1,246 @@
+"""Recordings: what is read, mended, told and refused."""
+
+import numpy as np
+import pytest
+
+from modelling.errors import InputError
+from modelling.recording import Recording, csv_text, read_recording
+from tests.simulate.drives import system_with
+
+HEADER = "time [s],motor_torque [N*m],brake_torque [N*m],motor_speed [1/min],link_torque"
+SYSTEM = system_with()
+
+
+def rows(count=20, step=0.001):
+    return [f"{k * step:.6g},{0.1 * k:.4g},1.5,{60 * k},{-k}" for k in range(count)]
+
+
+def written(tmp_path, lines, header=HEADER, name="recording.csv", end="\n"):
+    path = tmp_path / name
+    path.write_bytes((end.join([header, *lines]) + end).encode())
+    return path
+
+
+def test_channels_come_in_si_by_name(tmp_path):
+    got = read_recording(written(tmp_path, rows()), SYSTEM)
+    assert got.notes == ()
+    np.testing.assert_allclose(got.time, np.arange(20) * 0.001, atol=1e-12)
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * np.arange(20))
+    np.testing.assert_allclose(got["link_torque"], -np.arange(20.0))
+    np.testing.assert_allclose(got.inputs(SYSTEM), np.column_stack([0.1 * np.arange(20), np.full(20, 1.5)]))
+    assert got.sensors(SYSTEM) == ["motor_speed", "link_torque"]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_line_ends_quotes_byte_order_mark_and_blank_lines(tmp_path, end):
+    lines = [*rows(5), "", '"0.005","0.5","1.5","300",-5']
+    got = read_recording(written(tmp_path, lines, "\ufeff" + HEADER, end=end), SYSTEM)
+    np.testing.assert_allclose(got["link_torque"], -np.arange(6.0))
+
+
+def test_units_other_than_si(tmp_path):
+    header = "time [ms],motor_torque [kN*m],brake_torque [N*m],motor_speed [deg/s]"
+    got = read_recording(written(tmp_path, ["0,1,2,180", "1,2,2,360"], header), SYSTEM)
+    np.testing.assert_allclose(got.time, [0, 0.001])
+    np.testing.assert_allclose(got["motor_torque"], [1000, 2000])
+    np.testing.assert_allclose(got["motor_speed"], [np.pi, 2 * np.pi])
+
+
+def test_missing_values_are_bridged_in_inputs_and_left_out_of_sensors(tmp_path):
+    lines = rows()
+    lines[3], lines[4] = "0.003,,1.5,180,-3", "0.004,NaN,1.5,,-4"
+    got = read_recording(written(tmp_path, lines), SYSTEM)
+    np.testing.assert_allclose(got["motor_torque"], 0.1 * np.arange(20))
+    assert np.isnan(got["motor_speed"][4])
+    assert np.isfinite(got["motor_speed"]).sum() == 19
+    assert "motor_torque: 2 values missing, first at 0.003 s; bridged" in got.notes[0]
+    assert "motor_speed: 1 values missing" in got.notes[1]
+
+
+def test_a_sensor_without_any_value_is_unused(tmp_path):
+    got = read_recording(written(tmp_path, [f"{k},1,1,,{k}" for k in range(4)]), SYSTEM)
+    assert got.sensors(SYSTEM) == ["link_torque"]
+    assert "motor_speed has no value" in got.notes[0]
+
+
+def test_columns_that_the_model_lacks_are_told(tmp_path):
+    header = "time [s],motor_torque,brake_torque,oil_temperature [degC]"
+    got = read_recording(written(tmp_path, ["0,1,1,80", "1,1,1,81"], header), SYSTEM)
+    assert got.notes == ("not in the model, unused: oil_temperature",)
+
+
+def test_duplicates_gaps_and_jitter_are_told(tmp_path):
+    lines = rows(40)
+    got = read_recording(written(tmp_path, [*lines[:10], lines[9], *lines[10:]]), SYSTEM)
+    assert len(got.time) == 40
+    assert "1 time stamps stand twice, first at 0.009 s" in got.notes[0]
+    got = read_recording(written(tmp_path, lines[:10] + lines[25:]), SYSTEM)
+    assert "gaps in time (0.016 s at 0.009 s)" in got.notes[0]
+    shaken = np.arange(40) * 0.001 + np.random.default_rng(0).uniform(-1, 1, 40) * 1e-4
+    got = read_recording(written(tmp_path, [f"{t:.9g},1,1,1,1" for t in shaken]), SYSTEM)
+    assert "jitter" in got.notes[0]
+    np.testing.assert_allclose(got.time, shaken, atol=1e-9)
+    slower = np.cumsum(np.linspace(0.001, 0.0012, 40))
+    got = read_recording(written(tmp_path, [f"{t:.9g},1,1,1,1" for t in np.sort(slower)]), SYSTEM)
+    assert "uneven" in got.notes[0] or "jitter" in got.notes[0]
+
+
+def test_time_stamps_that_were_rounded_lie_on_the_grid(tmp_path):
+    step = 1 / 3000
+    got = read_recording(written(tmp_path, [f"{k * step:.6f},1,1,1,1" for k in range(500)]), SYSTEM)
+    assert got.notes == ()
+    np.testing.assert_allclose(np.diff(got.time), step, rtol=1e-5)
+    assert np.ptp(np.diff(got.time)) < 1e-12
+
+
+ROWS = "\n0,1,1,1,1\n1,1,1,1,1\n"
+BAD = {
+    "empty": ("", "is empty"),
+    "header only": (HEADER + "\n", "has 0 rows"),
+    "one row": (HEADER + "\n0,1,1,1,1\n", "has 1 row of numbers"),
+    "no time": ("motor_torque,brake_torque\n1,2\n2,3\n", "line 1: the first column is 'motor_torque'"),
+    "text in numbers": (HEADER + "\n0,1,1,1,1\n0.001,1,off,1,1\n", r"line 3: 'off' in column 'brake_torque \[N\*m\]'"),
+    "short row": (HEADER + "\n0,1,1,1,1\n0.001,1,1\n", "line 3: 3 cells; the header has 5"),
+    "all rows short": (HEADER + "\n0,1,1\n0.001,1,1\n", "line 2: 3 cells"),
+    "unknown unit": (
+        HEADER.replace("1/min", "furlongs") + ROWS,
+        "column 'motor_speed'.*furlongs",
+    ),
+    "unit of another kind": (HEADER.replace("1/min", "kg") + ROWS, "unit 'kg' does not fit"),
+    "hertz": (HEADER.replace("1/min", "Hz") + ROWS, "radians or turns"),
+    "time falls": (HEADER + "\n0,1,1,1,1\n1,1,1,1,1\n0.5,1,1,1,1\n", "line 4: time falls from 1 to 0.5 s"),
+    "time missing": (HEADER + "\n0,1,1,1,1\n,1,1,1,1\n2,1,1,1,1\n", "line 3: time is missing"),
+    "time stands": (HEADER + "\n0,1,1,1,1\n0,1,1,1,1\n", "all rows have the same time"),
+    "near miss": (
+        HEADER.replace("motor_torque", "motor_torqe") + ROWS,
+        "did you mean 'motor_torqe'",
+    ),
+    "input without value": (HEADER + "\n0,,1,1,1\n1,,1,1,1\n", "column 'motor_torque': has no value"),
+    "input with a hole": (
+        HEADER + "\n0,1,1,1,1\n1,,1,1,1\n2,,1,1,1\n3,1,1,1,1\n4,1,1,1,1\n",
+        "3 s of values",
+    ),
+    "infinite": (HEADER + "\n0,1,1,1,1\n1,1,1,inf,1\n", "line 3: 'motor_speed' is infinite"),
+    "column twice": (HEADER + ",motor_speed\n0,1,1,1,1,1\n1,1,1,1,1,1\n", "'motor_speed' stands twice"),
+    "column without name": ("time,motor_torque,,brake_torque\n0,1,1,1\n", "column 3 has no name"),
+    "semicolons": ("time [s];motor_torque;brake_torque\n0;1,5;2\n", "parted by semicolons"),
+    "underscored number": (HEADER + "\n0,1,1,1,1\n1,1_0,1,1,1\n", "line 3: '1_0'"),
+    "zero bytes": ("\0" * 50, "line 1 is no header row"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_are_told_in_one_line(tmp_path, case):
+    text, line = BAD[case]
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=line) as told:
+        read_recording(path, SYSTEM)
+    assert str(path) in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_bytes_that_are_no_text_and_files_that_are_not_there(tmp_path):
+    path = tmp_path / "bad.csv"
+    path.write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(InputError, match=r"bad\.csv"):
+        read_recording(path, SYSTEM)
+    with pytest.raises(InputError, match="does not exist"):
+        read_recording(tmp_path / "none.csv", SYSTEM)
+    with pytest.raises(InputError, match=r"'\.xls' is no known format"):
+        read_recording(tmp_path / "none.xls", SYSTEM)
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(InputError):
+        read_recording(tmp_path / "folder.csv", SYSTEM)
+
+
+@pytest.mark.parametrize("nonsense", [b"x", b"1,", b"\n", b"0,1,1,1,1\n", b"\xff\xfe\x00"], ids=repr)
+@pytest.mark.parametrize("header", [True, False])
+def test_megabytes_of_nonsense_are_refused_quickly(tmp_path, nonsense, header):
+    path = tmp_path / "nonsense.csv"
+    path.write_bytes((HEADER.encode() + b"\n" if header else b"") + nonsense * (3_000_000 // len(nonsense)))
+    with pytest.raises(InputError):
+        read_recording(path, SYSTEM)
+
+
+def test_cut_and_resampled():
+    time = np.arange(101) * 0.01
+    recording = Recording(time, {"motor_torque": time**2, "motor_speed": np.where(time == time[50], np.nan, time)})
+    assert recording.resampled() is recording
+    finer = recording.resampled(200.0)
+    assert len(finer.time) == 201
+    np.testing.assert_allclose(finer["motor_torque"][::2], time**2)
+    assert np.isnan(finer["motor_speed"][100])
+    assert "resampled to 200 Hz" in finer.notes[0]
+    assert "folded" in recording.resampled(20.0).notes[1]
+    part = recording.cut(0.2, 0.4)
+    assert part.time[0] == pytest.approx(0.2)
+    assert len(part.time) == 20
+    with pytest.raises(InputError, match="fewer than two rows"):
+        recording.cut(5, 6)
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    values = np.random.default_rng(0).normal(size=(3, 50))
+    columns = {"motor_torque": values[0], "brake_torque": values[1], "motor_speed": values[2]}
+    units = {"motor_torque": "N*m", "brake_torque": "N*m", "motor_speed": "rad/s"}
+    path = tmp_path / "written.csv"
+    path.write_text(csv_text(np.arange(50) * 0.001, columns, units))
+    got = read_recording(path, SYSTEM)
+    for name, value in columns.items():
+        np.testing.assert_allclose(got[name], value, rtol=1e-8)
+
+
+def test_mat_files(tmp_path):
+    from scipy.io import savemat
+
+    time = np.arange(30) * 0.002
+    channels = {"motor_torque": time, "brake_torque": time**2, "motor_speed": 60 * time}
+    savemat(tmp_path / "a.mat", {"time": time, **channels, "units": {"motor_speed": "1/min"}, "comment": "x"})
+    savemat(tmp_path / "b.mat", {"run": {"time": time, **channels}})
+    np.testing.assert_allclose(read_recording(tmp_path / "a.mat", SYSTEM)["motor_speed"], 2 * np.pi * time)
+    np.testing.assert_allclose(read_recording(tmp_path / "b.mat", SYSTEM)["brake_torque"], time**2)
+    (tmp_path / "c.mat").write_text("no such thing " * 40)
+    with pytest.raises(InputError, match=r"is no \.mat file"):
+        read_recording(tmp_path / "c.mat", SYSTEM)
+
+
+def test_parquet_files(tmp_path):
+    parquet, pyarrow = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("pyarrow")
+    time = np.arange(30) * 0.002
+    torques = {"motor_torque": time, "brake_torque": time}
+    table = pyarrow.table({"time [s]": time, **torques, "motor_speed [1/min]": 60 * time})
+    parquet.write_table(table, tmp_path / "a.parquet")
+    np.testing.assert_allclose(read_recording(tmp_path / "a.parquet", SYSTEM)["motor_speed"], 2 * np.pi * time)
+    (tmp_path / "b.parquet").write_text("no such thing")
+    with pytest.raises(InputError, match="is no Parquet file"):
+        read_recording(tmp_path / "b.parquet", SYSTEM)
+
+
+def test_mdf_files(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    time = np.arange(30) * 0.002
+    signals = [
+        asammdf.Signal(60 * time, time, "1/min", "motor_speed"),
+        asammdf.Signal(time, time, "Nm", "motor_torque"),
+    ]
+    signals.append(asammdf.Signal(time[::2], time[::2], "Nm", "brake_torque"))
+    with asammdf.MDF(version="4.10") as file:
+        for signal in signals:
+            file.append([signal])
+        file.save(tmp_path / "a.mf4")
+    got = read_recording(tmp_path / "a.mf4", SYSTEM)
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * time)
+    np.testing.assert_allclose(got["brake_torque"][:-1], time[:-1], atol=1e-12)
+    assert "brake_torque: 15 values missing" in got.notes[0]
+    (tmp_path / "b.mf4").write_text("no such thing")
+    with pytest.raises(InputError, match="is no MDF file"):
+        read_recording(tmp_path / "b.mf4", SYSTEM)
+
+
+def test_newton_metres_as_test_beds_write_them(tmp_path):
+    header = "time [s],motor_torque [Nm],brake_torque [kNm],motor_speed [rpm]"
+    got = read_recording(written(tmp_path, ["0,1,2,60", "1,2,3,60"], header), SYSTEM)
+    np.testing.assert_allclose(got["motor_torque"], [1, 2])
+    np.testing.assert_allclose(got["brake_torque"], [2000, 3000])
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi)

@@ -1,0 +1,87 @@
+"""Start states: rest, given, steady, and read off a recording."""
+
+import numpy as np
+import pytest
+
+from modelling.compiled import compiled
+from modelling.errors import InputError
+from modelling.recording import Recording
+from modelling.simulate import simulate, simulate_batch, steady
+from modelling.simulation.recorded_start import recorded_start
+from tests.simulate.drives import EFFECTS, excitation, system_with
+
+TIME = np.linspace(0, 1, 201)
+
+
+@pytest.mark.parametrize(
+    "kinds", [(), ("backlash",), ("hardening", "lag"), ("slip",), ("compliance",), ("hysteresis",)]
+)
+def test_steady_motion_stays_as_it_is(kinds):
+    inputs = {"motor_torque": np.full(201, 5.0), "brake_torque": np.full(201, -2.0)}
+    got = simulate(system_with(*kinds), TIME, inputs, start="steady")
+    assert np.ptp(got["motor_speed"]) < 1e-4 * np.abs(got["motor_speed"]).max()
+    speed = got["load_speed"][0]
+    assert got["motor_speed"][0] * 0.02 + speed * 0.15 == pytest.approx(
+        3.0, rel=1e-4
+    )  # drag takes what the torques give
+
+
+def test_given_speeds_are_met_and_the_piece_accelerates_as_one():
+    model = compiled(system_with())
+    x = steady(model, model.p0, np.array([14.0, 0.0]), {"motor": 50.0})
+    rate = np.array(model.rates(x, [14.0, 0.0], model.p0)).ravel()
+    np.testing.assert_allclose(x[2:], 50.0)
+    assert rate[2] == pytest.approx(rate[3])
+    assert rate[2] == pytest.approx((14.0 - 50 * 0.17) / 1.39)
+
+
+def test_without_drag_there_is_no_steady_speed():
+    system = system_with().with_values({"inertias.motor.drag": 0.0, "inertias.load.drag": 0.0})
+    with pytest.raises(InputError, match="no steady motion"):
+        simulate(system, TIME, {"motor_torque": np.ones(201), "brake_torque": np.ones(201)}, start="steady")
+
+
+def test_lags_start_where_the_first_input_holds_them():
+    got = simulate(system_with("lag"), TIME, {"motor_torque": np.full(201, 4.0), "brake_torque": np.zeros(201)})
+    np.testing.assert_allclose(got["inputs.motor_torque.lag"], 4.0)
+
+
+def test_a_state_by_name_an_array_and_rows_of_states():
+    model = compiled(system_with())
+    time, inputs = excitation(0.1)
+    by_name = simulate(model, time, inputs, start={"speed(load)": 3.0})
+    by_array = simulate(model, time, inputs, start=np.array([0, 0, 0, 3.0]))
+    np.testing.assert_array_equal(by_name.states, by_array.states)
+    rows = simulate_batch(model, time, inputs, np.stack([model.p0] * 2), np.array([[0, 0, 0, 0], [0, 0, 0, 3.0]]))
+    np.testing.assert_allclose(rows[1, :, 1], by_name["load_speed"], rtol=1e-12)
+    assert abs(rows[0, 0, 1]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("start", "line"),
+    [
+        ("moving", "'moving' is not known"),
+        ({"speed(laod)": 1.0}, "did you mean 'speed\\(load\\)'"),
+        ({"speed(load)": np.nan}, "not finite"),
+        (np.zeros(3), "4 are needed"),
+    ],
+)
+def test_a_wrong_start_is_told(start, line):
+    with pytest.raises(InputError, match=line):
+        simulate(system_with(), *excitation(0.1), start=start)
+
+
+@pytest.mark.parametrize("kinds", [(), ("backlash", "coulomb_friction"), tuple(k for k in EFFECTS if "sensor" in k)])
+def test_the_start_is_found_in_a_recording_in_motion(kinds):
+    model = compiled(system_with(*kinds))
+    time, inputs = excitation(1.0)
+    truth = {"angle(motor)": 0.03, "angle(load)": 0.0, "speed(motor)": 21.0, "speed(load)": 19.0}
+    made = simulate(model, time, inputs, start=truth)
+    noise = np.random.default_rng(1).normal(size=(len(time), 4)) * 1e-3
+    channels = {name: value + np.ptp(value) * noise[:, j] for j, (name, value) in enumerate(made.readings.items())}
+    channels["load_speed"][3:40] = np.nan
+    found = recorded_start(model, Recording(time, channels | inputs), model.p0)
+    assert found["speed(motor)"] == pytest.approx(21.0, abs=0.1)
+    assert found["speed(load)"] == pytest.approx(19.0, abs=0.1)
+    if not kinds:
+        assert found["angle(motor)"] - found["angle(load)"] == pytest.approx(0.03, abs=1e-3)
