@@ -104,19 +104,15 @@ class ShaftLaw:
             if parallel != 0:
                 assembly.act(self.place, -parallel.xreplace({stand_in: rate}), twist)
         else:
-            relax: sm.Expr = sm.Integer(1)
             if self.series is not None:
                 spring = assembly.state(f"{self.place}.slip", lambda _: stand_in)
-                relax = 1 + self.damping / self.series  # the damper in series takes its part of the rate
-            torque = self._gapped(elastic, x, spring, rate, relax, assembly)
+                # the damper in series gives way to the parallel elements first, then to spring and damper:
+                # series·(twist rate − spring rate) = elastic + damping·spring rate + parallel
+                rate = rate - parallel / self.series
+            torque = self._gapped(elastic, x, spring, rate, assembly)
             if self.series is not None:
-                # in series: torque = series·(twist rate − spring rate); parallel elements pull on the same spring
-                spring_rate = rate - torque / self.series - parallel / self.series / relax
-                torque = torque + parallel / relax
-                assembly.substitute(stand_in, spring_rate.xreplace({stand_in: rate}))
-                rate = spring_rate
-            else:
-                torque = torque + parallel
+                rate = rate - torque / self.series
+            torque = torque + parallel
             assembly.act(self.place, -torque.xreplace({stand_in: rate}), twist)
             torque = torque.xreplace({stand_in: rate})
             parallel = sm.Integer(0)
@@ -132,24 +128,27 @@ class ShaftLaw:
         pushed, pulled = (stiffness.xreplace({x: spring - side}) for side in (half, -half))
         return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
 
-    def _gapped(
-        self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, relax: sm.Expr, assembly: Assembly
-    ) -> sm.Expr:
-        """Elastic and viscous torque; no pull across the lash.
+    def _gapped(self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, assembly: Assembly) -> sm.Expr:
+        """Elastic and viscous torque; no pull across the lash. ``rate`` is that of spring and damper in series together.
 
         The damping sets in at contact. It does so over the step of the integration, about the instant of contact: then
         a fixed step integrates the jump exactly, and the motion depends smoothly on the gap.
         """
         if self.gap is None:
-            return (elastic.xreplace({x: spring}) + self.damping * rate) / relax
+            return self._shared(elastic.xreplace({x: spring}), self.damping, rate)
         depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _NOTHING
         zero, one, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
         torque: list[sm.Expr] = []
         for side, within in ((one, sm.Max), (-one, sm.Min)):
             over = spring - side * self.gap / 2
-            damping = self.damping * rate * sm.Max(zero, sm.Min(one, half + side * over / depth))
-            torque.append(within(zero, (elastic.xreplace({x: within(zero, over)}) + damping) / relax))
+            damping = self.damping * sm.Max(zero, sm.Min(one, half + side * over / depth))
+            torque.append(within(zero, self._shared(elastic.xreplace({x: within(zero, over)}), damping, rate)))
         return sm.Add(*torque)
+
+    def _shared(self, elastic: sm.Expr, damping: sm.Expr, rate: sm.Expr) -> sm.Expr:
+        """elastic + damping·spring rate, where a damper in series takes its part of the rate."""
+        total = elastic + damping * rate
+        return total if self.series is None else total / (1 + damping / self.series)
 
 
 @dataclass
