@@ -129,7 +129,7 @@ class ShaftLaw:
         return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
 
     def _gapped(self, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, assembly: Assembly) -> sm.Expr:
-        """Elastic and viscous torque; no pull across the lash. ``rate`` is that of spring and damper in series together.
+        """Elastic and viscous torque; no pull across the lash. ``rate`` is that of spring and series damper together.
 
         The damping sets in at contact. It does so over the step of the integration, about the instant of contact: then
         a fixed step integrates the jump exactly, and the motion depends smoothly on the gap.

@@ -17,9 +17,15 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, wrong: str, right: str = ""):
-        self.where, self.wrong, self.right = (" ".join(str(part).split()) for part in (where, wrong, right))
+        self.where, self.wrong, self.right = (_plain(str(part)) for part in (where, wrong, right))
         line = f"{self.where}: {self.wrong}" if self.where else self.wrong
         super().__init__(f"{line}; {self.right}" if self.right else line)
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         return type(self), (self.where, self.wrong, self.right)
+
+
+def _plain(text: str, longest: int = 400) -> str:
+    """Text in one line without control characters, cut in the middle where it is endless."""
+    line = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
+    return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"

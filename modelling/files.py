@@ -61,6 +61,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
     except tomllib.TOMLDecodeError as fault:
         raise InputError(str(path), f"is not TOML: {fault}", "mend that line") from None
+    except ValueError as fault:  # a number of thousands of digits, say
+        raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
     except RecursionError:
         raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
 

@@ -53,7 +53,7 @@ def _parts(node: sm.Basic) -> Sequence[sm.Basic]:
 
 
 def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
-    if node.is_Number or isinstance(node, sm.NumberSymbol):
+    if (node.is_Number and node.is_finite) or isinstance(node, sm.NumberSymbol):
         return ca.SX(float(node))
     if node is sm.true or node is sm.false:
         return ca.SX(float(node is sm.true))
