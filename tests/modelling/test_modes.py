@@ -1,5 +1,6 @@
 """Modes against closed forms, independent eigenvalue solutions and the published figures."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,9 @@ def chain(J, stiffness, damping=None, **more):
         for i, (k, d) in enumerate(zip(stiffness, damping))
     }
     return from_dict({"inertias": {n: {"J": j} for n, j in zip(names, J)}, "shafts": shafts} | more)
+
+
+RIGID_TYRES = dataclasses.replace(VEHICLE, effects=())  # no slip: every spring twists with the angles
 
 
 BRANCHED = from_dict(
@@ -69,7 +73,7 @@ def test_two_masses_closed_form():
     np.testing.assert_allclose(found.potential[0], [0.0])
 
 
-@pytest.mark.parametrize("system", [VEHICLE, RIG, BRANCHED, DIFFERENTIAL, chain([1, 2, 3, 4], [10, 20, 30])])
+@pytest.mark.parametrize("system", [RIGID_TYRES, RIG, BRANCHED, DIFFERENTIAL, chain([1, 2, 3, 4], [10, 20, 30])])
 def test_against_scipy_on_the_compiled_equations(system):
     model = compiled(system)
     undamped = {name: 0.0 for name in model.parameters if name.endswith(("damping", "drag"))}

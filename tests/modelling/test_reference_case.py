@@ -1,12 +1,15 @@
 """Every modal figure of the reference case, from its files, against the published and recomputed values."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from modelling.compiled import compiled
+from modelling.damped_modes import damped_modes
 from modelling.files import load
+from modelling.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
 MODES = {
@@ -16,19 +19,31 @@ MODES = {
 
 
 @pytest.mark.parametrize("name", MODES)
+def test_every_modal_figure(name):
+    found = modes(load(CASE / f"{name}.toml"))
+    np.testing.assert_allclose(found.frequencies, MODES[name], rtol=1e-3)
+    assert found.frequencies[0] == 0.0
+
+
+@pytest.mark.parametrize("name", MODES)
 def test_frequencies_from_the_equations(name):
-    model = compiled(load(CASE / f"{name}.toml"))
-    n = model.n
-    A = model.jacobians(
-        np.zeros(2 * n),
-        np.zeros(len(model.inputs)),
-        model.p0 * ~np.array([("damping" in p or "drag" in p) for p in model.parameters]),
-        0,
-    )[0].full()
-    squares = np.sort(-np.linalg.eigvals(A[n:, :n]).real)
+    """The same from the linearised equations of motion, tyre slip and damping left out."""
+    system = dataclasses.replace(load(CASE / f"{name}.toml"), effects=())
+    model = compiled(system)
+    p = model.vector({key: 0.0 for key in model.parameters if key.endswith(("damping", "drag"))})
+    A = model.jacobians(np.zeros(2 * model.n), np.zeros(len(model.inputs)), p, 0)[0].full()
+    squares = np.sort(-np.linalg.eigvals(A[model.n :, : model.n]).real)
     frequencies = np.sqrt(np.abs(squares)) / (2 * np.pi)
     np.testing.assert_allclose(frequencies[1:], MODES[name][1:], rtol=1e-3)
     assert frequencies[0] < 1e-4
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_damped_modes_stay_near_the_targets(name):
+    """Damping is ours; it must leave the modes that are matched where they are."""
+    found = damped_modes(load(CASE / f"{name}.toml"))
+    np.testing.assert_allclose(found.frequencies[1:3], MODES[name][1:3], rtol=0.005)
+    assert np.all((found.damping_ratios[1:3] > 0.002) & (found.damping_ratios[1:3] < 0.1))
 
 
 def test_common_components_carry_the_same_values():
