@@ -239,10 +239,12 @@ class Assembly:
         return self.parameters.setdefault(name, sm.Symbol(name, real=True))
 
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
-        """Replace a stand-in in the states' derivatives."""
-        self.states = {
-            name: (z, rate.xreplace({old: new}) if rate.has(old) else rate) for name, (z, rate) in self.states.items()
-        }
+        """Replace a stand-in in the states' derivatives; as it stands, for SymPy takes seconds over |max(…)|."""
+        with sm.evaluate(not new.has(sm.Max)):
+            self.states = {
+                name: (z, rate.xreplace({old: new}) if rate.has(old) else rate)
+                for name, (z, rate) in self.states.items()
+            }
 
     def _assemble(self) -> None:
         from modelling.effects import EFFECTS

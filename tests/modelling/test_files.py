@@ -243,7 +243,7 @@ def outcome(read):
 CHARACTERS = st.sampled_from(list("[]{}\"'=.,#\n -+019eEnaifJ^*/_\x00ü✓"))
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(range(len(examples()))), st.data())
 def test_no_mutation_gives_anything_but_a_line(tmp_path, index, data):
     """Cut, doubled, swapped and overwritten example files: a system, or one line."""
@@ -274,7 +274,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(st.data())
 def test_no_value_in_a_model_gives_anything_but_a_line(data):
     """Any value, anywhere in a model's dictionary."""
