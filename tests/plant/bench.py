@@ -36,7 +36,11 @@ def record(drive: Drive, effects: list[Hidden], excitation: Excitation, dt: floa
         chain["controlled"][j], chain["gain_p"][j], chain["gain_i"][j] = 1, proportional, integral
         chain["torque_limit"][j] = 8 * drive.torque[name]
     rows = rows_needed(effects)
-    start = np.concatenate([np.zeros(chain.n), np.full(chain.n, excitation.start_speed)])
+    turns = np.ones(chain.n)
+    turns[: len(drive.inertias)] = [drive.speed_ratio(name) for name in drive.inertias]
+    for j in range(len(drive.shafts), chain.s):  # an added inertia turns with what it carries
+        turns[chain["first"][j]] = turns[chain["second"][j]]
+    start = np.concatenate([np.zeros(chain.n), excitation.start_speed * turns])
     motion = simulate(
         chain,
         excitation.inputs,
@@ -67,7 +71,7 @@ def replay(
     """Readings of the drive (without effects unless given) on recorded inputs (t, u), from a state (2n)."""
     other, effects = replace(drive, values=values or drive.values), effects or []
     chain, rows, n = chain_of(other, effects), rows_needed(effects), len(drive.inertias)
-    more = chain.n - n  # an added inertia moves with the last one
-    start = np.concatenate([start[:n], np.repeat(start[n - 1], more), start[n:], np.repeat(start[-1], more)])
+    follows = [*range(n), *chain["second"][len(drive.shafts) :]]  # an added inertia moves with what it carries
+    start = np.concatenate([start[:n][follows], start[n:][follows]])
     motion = simulate(chain, inputs, start, dt, step=step, rows_per_sample=rows)
     return converted(read(other, motion, effects, rows, 0), effects)

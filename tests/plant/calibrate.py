@@ -19,12 +19,32 @@ class OutOfReach(Exception):
 
 
 @dataclass
+class Point:
+    """Where the base model stands: values (SI) and what is added to the recorded start state (2n)."""
+
+    values: dict[str, float]
+    offset: np.ndarray
+
+
+@dataclass
 class Freedom:
-    """What a fit of the base model may move: columns (t·y, p), each in times the noise per unit, and its limits."""
+    """What a fit may move round a point: columns (t·y, p) in times the noise, limits (p,) and the p steps' meaning."""
 
     columns: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    names: list[str]
+    point: Point
+
+    def moved(self, x: np.ndarray) -> Point:
+        """The point after steps x (p,): relative ones of the values, then those of the start state."""
+        count = len(self.names)
+        values = {name: self.point.values[name] * (1 + step) for name, step in zip(self.names, x[:count], strict=True)}
+        return Point(self.point.values | values, self.point.offset + x[count:] * _state_steps(self.point))
+
+
+def _state_steps(point: Point) -> np.ndarray:
+    return np.repeat([1e-3, 0.1], len(point.offset) // 2)
 
 
 def stacked(readings: dict[str, np.ndarray], noise: dict[str, float]) -> np.ndarray:
@@ -32,30 +52,37 @@ def stacked(readings: dict[str, np.ndarray], noise: dict[str, float]) -> np.ndar
     return np.stack([readings[name][::SPARSE] / noise[name] for name in noise])
 
 
+def heard(drive: Drive, take: Take, point: Point, noise: dict[str, float], dt: float) -> np.ndarray:
+    """(y, t) what the base model reads at a point on the recorded inputs, in times the noise."""
+    return stacked(replay(drive, take.inputs, take.start + point.offset, dt, point.values), noise)
+
+
 def freedom(
-    drive: Drive, take: Take, noise: dict[str, float], dt: float, written: dict[str, float], fixed: str = ""
+    drive: Drive,
+    take: Take,
+    noise: dict[str, float],
+    dt: float,
+    written: dict[str, float],
+    known: set[str] | frozenset[str] = frozenset(),
+    point: Point | None = None,
 ) -> Freedom:
-    """Finite differences of the readings over every uncertain value and the initial state."""
-
-    def run(values: dict[str, float] | None = None, start: np.ndarray | None = None) -> np.ndarray:
-        return stacked(replay(drive, take.inputs, take.start if start is None else start, dt, values), noise).ravel()
-
-    base, columns, lower, upper = run(), [], [], []
-    for name, tolerance in drive.tolerance.items():
-        if name == fixed:
-            continue
-        value = drive.values[name]
-        columns.append((run(drive.values | {name: 1.01 * value}) - base) / 0.01)
-        lower.append(written[name] * (1 - tolerance) / value - 1)
-        upper.append(written[name] * (1 + tolerance) / value - 1)
-    scale = np.repeat([1e-3, 0.1], len(drive.inertias))
-    for i, size in enumerate(scale):
-        moved = take.start.copy()
-        moved[i] += size
-        columns.append(run(None, moved) - base)
-        lower.append(-np.inf)
-        upper.append(np.inf)
-    return Freedom(np.stack(columns, axis=1), np.array(lower), np.array(upper))
+    """Finite differences round a point (default: the truth) over values that are uncertain and the start state."""
+    here = point or Point(drive.values, np.zeros_like(take.start))
+    base = heard(drive, take, here, noise, dt).ravel()
+    columns, lower, upper = [], [], []
+    names = [name for name in drive.tolerance if name not in known]
+    for name in names:
+        value, tolerance = here.values[name], drive.tolerance[name]
+        there = Point(here.values | {name: 1.01 * value}, here.offset)
+        columns.append((heard(drive, take, there, noise, dt).ravel() - base) / 0.01)
+        lower.append(min(0.0, written[name] * (1 - tolerance) / value - 1))
+        upper.append(max(0.0, written[name] * (1 + tolerance) / value - 1))
+    for i, size in enumerate(_state_steps(here)):
+        offset = here.offset.copy()
+        offset[i] += size
+        columns.append(heard(drive, take, Point(here.values, offset), noise, dt).ravel() - base)
+    free = np.full(len(here.offset), np.inf)
+    return Freedom(np.stack(columns, axis=1), np.append(lower, -free), np.append(upper, free), names, here)
 
 
 def remainder(difference: np.ndarray, free: Freedom, more: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -77,9 +104,8 @@ def remainder(difference: np.ndarray, free: Freedom, more: np.ndarray | None = N
     return difference - (unit @ x).reshape(difference.shape), x / scale
 
 
-def worth(difference: np.ndarray, free: Freedom) -> float:
-    """Root mean square of what remains in the worst sensor, in times the noise."""
-    left, _ = remainder(difference, free)
+def worst(left: np.ndarray) -> float:
+    """Root mean square of what remains (y, t) in the worst sensor, in times the noise."""
     return float(np.sqrt(np.mean(left**2, axis=1)).max())
 
 

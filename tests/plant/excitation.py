@@ -73,19 +73,23 @@ def excite(
         fast = _tones(rng, time, 40.0) if holdout else _sweeps(rng, time, 60.0)
         columns.append(amplitude * _limited(steps + rng.uniform(0.25, 0.45) * fast, rng.uniform(0.004, 0.015), dt))
     inputs = np.stack(columns, axis=1)
-    total = sum(drive.values[f"inertias.{name}.J"] for name in drive.inertias)
-    free = np.cumsum(inputs.sum(axis=1)) * dt / total  # speed of the whole as one inertia
-    start_speed = -float(free.mean()) * (1.0 if moving else 0.0)
+    turns = {name: drive.speed_ratio(name) for name in drive.inertias}
+    total = sum(drive.values[f"inertias.{name}.J"] * turns[name] ** 2 for name in drive.inertias)
+    pull = inputs @ np.array([turns[on] for on in drive.inputs.values()])
+    free = np.cumsum(pull) * dt / total  # speed of the whole as one inertia
+    start_speed = -float(free.mean()) if moving else 0.0
     controllers, reference = {}, np.zeros_like(inputs)
     if closed_loop:
         driven = list(drive.inputs)[1:] or list(drive.inputs)
         gain = total * 2 * np.pi * rng.uniform(0.3, 1.0) / len(driven)
-        controllers = dict.fromkeys(driven, (gain, gain * rng.uniform(0.5, 2.0)))
+        integral = rng.uniform(0.5, 2.0)
         profile = np.cumsum(_steps(rng, time, 1.0, 3.0)) * dt
         profile *= max(free.std(), 1e-3) / max(profile.std(), 1e-9)
         profile += start_speed - profile[0]
         for name in driven:
-            reference[:, list(drive.inputs).index(name)] = profile
-            inputs[:, list(drive.inputs).index(name)] *= 0.5 if len(drive.inputs) > 1 else 0.8
+            turn, j = turns[drive.inputs[name]], list(drive.inputs).index(name)
+            controllers[name] = (gain / turn**2, gain * integral / turn**2)
+            reference[:, j] = profile * turn
+            inputs[:, j] *= 0.5 if len(drive.inputs) > 1 else 0.8
     noise = speed_noise * rng.standard_normal(inputs.shape) if closed_loop else np.zeros_like(inputs)
     return Excitation(inputs, begin, controllers, reference, noise, start_speed)

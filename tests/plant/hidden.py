@@ -37,7 +37,7 @@ class Scales:
     twist: dict[str, float]
     shaft_torque: dict[str, float]
     speed: dict[str, float]
-    drive_torque: float
+    drive_torque: dict[str, float]  # inertia -> the inputs' torque felt there
     sensor: dict[str, float]
     input_peak: dict[str, float]
     noise: dict[str, float]
@@ -47,13 +47,15 @@ class Scales:
 
 def scales(drive: Drive, motion: Motion, readings: dict[str, np.ndarray], noise: dict[str, float]) -> Scales:
     torque = {name: float(np.std(motion.torque[:, j])) for j, name in enumerate(drive.shafts)}
+    felt = [drive.speed_ratio(on) for on in drive.inputs.values()]
+    total = float(np.sqrt(np.sum(np.var(motion.input * felt, axis=0))))
     peak = {name: float(np.abs(motion.torque[:, j]).max()) for j, name in enumerate(drive.shafts)}
     stiff = {name: drive.values[f"shafts.{name}.stiffness"] for name in drive.shafts}
     return Scales(
         {name: torque[name] / stiff[name] for name in drive.shafts},
         torque,
         {name: float(np.std(motion.speed[:, i])) for i, name in enumerate(drive.inertias)},
-        float(np.sqrt(np.sum(np.var(motion.input, axis=0)))),
+        {name: total / drive.speed_ratio(name) for name in drive.inertias},
         {name: float(np.std(value)) for name, value in readings.items()},
         {name: float(np.abs(motion.input[:, j]).max()) for j, name in enumerate(drive.inputs)},
         noise,
@@ -86,22 +88,24 @@ def _hardening(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
 
 def _coulomb(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     other = rng.uniform(0.5, 0.8) ** _sign(rng) if rng.random() < 0.4 else 0.0
-    return lambda s: {"torque": s * c.drive_torque} | ({"torque_reverse": other * s * c.drive_torque} if other else {})
+    torque = c.drive_torque[name]
+    return lambda s: {"torque": s * torque} | ({"torque_reverse": other * s * torque} if other else {})
 
 
 def _stribeck(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     more, speed = rng.uniform(1.5, 2.5), rng.uniform(0.08, 0.3) * c.speed[name]
-    return lambda s: {"torque": s * c.drive_torque, "breakaway": more * s * c.drive_torque, "speed": speed}
+    return lambda s: {"torque": s * c.drive_torque[name], "breakaway": more * s * c.drive_torque[name], "speed": speed}
 
 
 def _ripple(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     order, phase = float(rng.choice([1, 2, 3, 4, 6])), rng.uniform(-np.pi, np.pi)
-    return lambda s: {"order": order, "amplitude": s * c.drive_torque, "phase": phase}
+    return lambda s: {"order": order, "amplitude": s * c.drive_torque[name], "phase": phase}
 
 
 def _compliance(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     stiff = d.values[f"shafts.{name}.stiffness"]
-    inertia = rng.uniform(0.2, 0.5) * min(d.values[f"inertias.{end}.J"] for end in d.shafts[name])
+    first, second = (d.values[f"inertias.{end}.J"] for end in d.shafts[name])
+    inertia = rng.uniform(0.2, 0.5) * min(first * d.values.get(f"shafts.{name}.ratio", 1.0) ** 2, second)
     return lambda s: {"stiffness": 2 * stiff / s, "J": s * inertia}
 
 
@@ -112,7 +116,7 @@ def _hysteresis(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any
 
 def _constant(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     sign = _sign(rng)
-    return lambda s: {"torque": sign * s * c.drive_torque}
+    return lambda s: {"torque": sign * s * c.drive_torque[name]}
 
 
 def _factor(strength: float) -> Any:
@@ -154,7 +158,7 @@ def _jump_value(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any
 
 def _seven_hertz(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     phase = rng.uniform(-np.pi, np.pi)
-    return lambda s: {"amplitude": s * c.drive_torque, "frequency": 7.0, "phase": phase}
+    return lambda s: {"amplitude": s * c.drive_torque[name], "frequency": 7.0, "phase": phase}
 
 
 def _crosstalk(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
@@ -179,7 +183,7 @@ KINDS: dict[str, Kind] = {
     "coulomb_friction": Kind("inertias", _coulomb, 1.5),
     "stribeck_friction": Kind("inertias", _stribeck, 1.0),
     "quadratic_drag": Kind(
-        "inertias", lambda rng, d, c, name: lambda s: {"coefficient": s * c.drive_torque / c.speed[name] ** 2}
+        "inertias", lambda rng, d, c, name: lambda s: {"coefficient": s * c.drive_torque[name] / c.speed[name] ** 2}
     ),
     "constant_torque": Kind("inertias", _constant, 2.0),
     "torque_ripple": Kind("inertias", _ripple, 5.0),

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from plant.bench import replay
+from plant.bench import Take, replay
 from plant.calibrate import SPARSE, freedom, remainder, stacked
 from plant.hidden import KINDS, SPOKEN, Hidden, places
+from plant.scene import Scene, scaled
+from plant.systems import Drive
 
 # kinds that can look alike at one place; every kind also competes with itself at other places
 ALIKE = [
@@ -23,46 +25,54 @@ INSEPARABLE = 20.0
 SAME_PLACE = 0.05
 
 
-def candidates(drive: Any, effect: Hidden) -> list[Hidden]:
+def candidates(drive: Drive, effect: Hidden) -> list[Hidden]:
+    """The same kind at other places, other kinds of its group at its place."""
     group = next((g for g in ALIKE if effect.kind in g), (effect.kind,))
-    same = [Hidden(effect.kind, at) for at in places(drive, effect.kind) if at != effect.at]
+    elsewhere = [at for at in places(drive, effect.kind) if at != effect.at]
+    same = [Hidden(effect.kind, at) for at in elsewhere if at not in drive.tolerance]  # an uncertain value is fitted
     return same + [Hidden(kind, effect.at) for kind in group if kind != effect.kind]
 
 
-def separations(scene: Any, effect: Hidden, take: Any) -> list[dict[str, Any]]:
-    """Each rival with the chi-square that remains when it and the base model try to explain the effect; least first."""
-    drive = scene.drive
-    found: list[dict[str, Any]] = []
-    usual = freedom(drive, take, scene.noise, scene.dt, scene.written)
-    base = stacked(replay(drive, take.inputs, take.start, scene.dt), scene.noise)
-    target = stacked(take.stepped, scene.noise) - base
+def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) -> list[dict[str, Any]]:
+    """Each rival with the chi-square that remains when it and the base model try to explain the effect; least first.
+
+    `others` are the further effects in the take: they stay as they are on either side.
+    """
+    drive, known = scene.drive, {e.at for e in (effect, *others)}
+    free = freedom(drive, take, scene.noise, scene.dt, scene.written, known)
+
+    def heard(*more: Hidden) -> np.ndarray:
+        readings = replay(drive, take.inputs, take.start, scene.dt, effects=[*others, *more])
+        return stacked(readings, scene.noise)
+
+    base = heard()
+    target = heard(effect) - base
+    own = float(np.sum(remainder(target, free)[0] ** 2))
+    found = []
     for rival in candidates(drive, effect):
-        fixed = rival.at if rival.kind == "wrong_parameter" else ""
-        free = freedom(drive, take, scene.noise, scene.dt, scene.written, fixed) if fixed else usual
-        entry = KINDS[rival.kind]
-        name = rival.at if entry.group == "values" else rival.at.split(".")[1]
-        parameters = entry.parameters(np.random.default_rng(effect.draw), drive, scene.scale, name)
+        parameters = scaled(scene, rival.kind, rival.at, effect.draw)
         s, best = 0.03, np.inf
-        own = float(np.sum(remainder(target, free)[0] ** 2)) * SPARSE
-        for _ in range(4):
+        for _ in range(4):  # the rival's own size, by its share in the regression
             try:
-                heard = replay(
-                    drive, take.inputs, take.start, scene.dt, effects=[Hidden(rival.kind, rival.at, parameters(s))]
-                )
+                left, x = remainder(target, free, heard(Hidden(rival.kind, rival.at, parameters(s))) - base)
             except FloatingPointError:
                 break
-            left, x = remainder(target, free, stacked(heard, scene.noise) - base)
-            chi = float(np.sum(left**2)) * SPARSE
-            best = min(best, chi)
-            if chi > 0.3 * own or not 1e-6 < s * abs(x[-1]) < entry.largest or abs(abs(x[-1]) - 1) < 0.01:
+            rest, share = float(np.sum(left**2)), abs(float(x[-1]))
+            best = min(best, rest)
+            if rest > 0.3 * own or not 1e-6 < s * share < KINDS[rival.kind].largest or abs(share - 1) < 0.01:
                 break
-            s *= abs(float(x[-1]))
-        found.append(
-            {
-                "kind": SPOKEN.get(rival.kind, rival.kind),
-                "at": rival.at,
-                "chi_square": best,
-                "mean_square": best / SPARSE / target.size,
-            }
-        )
-    return sorted(found, key=lambda one: one["chi_square"])
+            s *= share
+        where = {"kind": SPOKEN.get(rival.kind, rival.kind), "at": rival.at}
+        found.append(where | {"chi_square": best * SPARSE, "mean_square": best / target.size})
+    return sorted(found, key=lambda one: float(one["chi_square"]))
+
+
+def alike(effect: Hidden, found: list[dict[str, Any]]) -> list[dict[str, str]]:
+    """Of the separations, the causes that count as not told apart."""
+    spoken = SPOKEN.get(effect.kind, effect.kind)
+    near = [
+        one
+        for one in found
+        if one["chi_square"] < INSEPARABLE or (one["kind"] == spoken and one["mean_square"] < SAME_PLACE)
+    ]
+    return [{"kind": one["kind"], "at": one["at"]} for one in near]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from plant import OutOfReach, campaign_cases, make_case
-from plant.case import _scene, measured_worth
+from plant.following import remaining
 from plant.hidden import INSIDE, KINDS, OUTSIDE, SPOKEN, Hidden
+from plant.scene import measured_worth, set_scene
 from plant.systems import SYSTEMS
 
 SHORT = 4.0  # s, enough here
@@ -38,9 +39,16 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     ],
 )
 def test_an_effect_is_worth_what_was_asked(system: str, kind: str, size: float, closed_loop: bool) -> None:
-    case = make_case(system, kind, size, seed=5, duration=SHORT, closed_loop=closed_loop)
-    scene = _scene(system, "normal", 5, SHORT, 1000.0, closed_loop, False)
+    case = make_case(system, kind, size, seed=5, duration=2.5, closed_loop=closed_loop)
+    scene = set_scene(system, "normal", 5, 2.5, 1000.0, closed_loop, False)
     assert measured_worth(scene, kinds_hidden(case.answer)) == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.parametrize(("kind", "size"), [("coulomb_friction", 30.0), ("backlash", 3.0)])
+def test_a_full_nonlinear_fit_of_the_files_leaves_as_much(tmp_path: Path, kind: str, size: float) -> None:
+    case = make_case("two_mass", kind, size, seed=11, duration=SHORT)
+    left, _ = remaining(case.write(tmp_path), {"kind": "none", "parameters": {}})
+    assert np.sqrt(max(left.values()) ** 2 - 1) == pytest.approx(size, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", INSIDE + OUTSIDE)
@@ -137,6 +145,19 @@ def test_the_campaign_is_balanced() -> None:
     assert {order.noise for order in orders} == {"low", "normal", "high"}
     assert {order.system for order in orders} == set(SYSTEMS)
     assert 0.25 < np.mean([order.closed_loop for order in orders]) < 0.55
+
+
+def test_some_systems_are_geared() -> None:
+    for system in ("test_bed", "vehicle"):
+        drives = [SYSTEMS[system](np.random.default_rng(seed)) for seed in range(20)]
+        geared = [drive.speed_ratio("motor") for drive in drives if drive.speed_ratio("motor") != 1]
+        assert 2 <= len(geared) <= 12
+        assert 6 <= min(geared) <= max(geared) <= 12
+    seed = next(seed for seed in range(20) if "\nratio" in make_case("vehicle", (), seed=seed, duration=0.3).model)
+    case = make_case("vehicle", (), "plain", "low", seed, SHORT, moving=True)
+    data = np.loadtxt(case.recording.splitlines(), delimiter=",", skiprows=1)
+    ratio = tomllib.loads(case.model)["shafts"]["side_left"]["ratio"]
+    assert np.polyfit(data[:, 5], data[:, 2], 1)[0] == pytest.approx(ratio, rel=0.1)  # motor over body speed
 
 
 def test_an_unknown_kind_is_refused() -> None:

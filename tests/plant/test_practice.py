@@ -1,82 +1,14 @@
 """The plant against recordings of another plant: with what their answers tell, it follows them to the noise."""
 
 import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
-from plant.bench import replay
-from plant.hidden import Hidden
-from plant.systems import Drive
+from plant.following import remaining
 
 PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
-
-
-def read_drive(path: Path) -> tuple[Drive, dict[str, float]]:
-    model = tomllib.loads(path.read_text())
-    values, tolerance = {}, {}
-    for table, quantities in (("inertias", ("J", "drag")), ("shafts", ("stiffness", "damping"))):
-        for part, entry in model[table].items():
-            for quantity in quantities:
-                given, name = entry[quantity], f"{table}.{part}.{quantity}"
-                values[name] = given["value"] if isinstance(given, dict) else given
-                if isinstance(given, dict):
-                    tolerance[name] = given["tolerance"]
-    drive = Drive(
-        "practice",
-        model["title"],
-        list(model["inertias"]),
-        {name: tuple(one["between"]) for name, one in model["shafts"].items()},
-        {name: one["on"] for name, one in model["inputs"].items()},
-        {name: (one["measures"], one["of"]) for name, one in model["sensors"].items()},
-        values,
-        {},
-    )
-    drive.tolerance = tolerance
-    return drive, {name: one["uncertainty"] for name, one in model["sensors"].items()}
-
-
-def remaining(case: str, free: tuple[str, ...] = (), length: int = 16000) -> tuple[dict[str, float], dict[str, float]]:
-    """Fit base values, start state and the effect's own parameters; root mean square left by sensor, in noise."""
-    answer = json.loads((PRACTICE / "answers.json").read_text())[case]
-    drive, noise = read_drive(PRACTICE / case / "model.toml")
-    data = np.loadtxt(PRACTICE / case / "recording.csv", delimiter=",", skiprows=1)[:length]
-    count = 1 + len(drive.inputs)
-    measured = {
-        name: data[:, count + i] * (np.pi / 30 if what == "speed" else 1.0)
-        for i, (name, (what, _)) in enumerate(drive.sensors.items())
-    }
-    n, uncertain = len(drive.inertias), list(drive.tolerance)
-    told = {"phase": 0.0} | answer["parameters"]
-    guess = np.concatenate([np.ones(len(uncertain)), np.zeros(2 * n - 1), np.ones(len(free))])
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        values = drive.values | {name: drive.values[name] * f for name, f in zip(uncertain, x, strict=False)}
-        parameters = told | {
-            name: told.get(name, 1.0) * f for name, f in zip(free, x[len(guess) - len(free) :], strict=True)
-        }
-        effects = [] if answer["kind"] == "none" else [Hidden(answer["kind"], answer["at"], parameters)]
-        if answer["kind"] == "wrong_parameter":
-            values, effects = values | {answer["at"]: parameters["value"]}, []
-        start = np.concatenate([[0.0], x[len(uncertain) : len(uncertain) + 2 * n - 1] * 0.01])
-        model = replay(drive, data[:stretch, 1:count], start, 1e-3, values, effects)
-        return np.concatenate([(model[name] - measured[name][:stretch]) / noise[name] for name in noise])
-
-    width = np.array([drive.tolerance[name] for name in uncertain])
-    lower = np.concatenate([1 - width, np.full(2 * n - 1, -np.inf), np.full(len(free), 0.5)])
-    upper = np.concatenate([1 + width, np.full(2 * n - 1, np.inf), np.full(len(free), 2.0)])
-    settings = {"diff_step": 1e-4, "x_scale": "jac", "bounds": (lower, upper), "ftol": 1e-7}
-    x = guess
-    for share in (0.2, 0.5, 1.0):  # a longer stretch each time: hard effects make one long fit stop short
-        stretch = round(share * length)
-        solved = least_squares(residuals, x, max_nfev=12, **settings)
-        x = solved.x
-    parts = np.split(solved.fun, len(noise))
-    found = dict(zip((*uncertain, *range(2 * n - 1), *free), x, strict=True))
-    return {name: float(np.sqrt(np.mean(part**2))) for name, part in zip(noise, parts, strict=True)}, found
 
 
 @pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")
@@ -91,7 +23,8 @@ def remaining(case: str, free: tuple[str, ...] = (), length: int = 16000) -> tup
     ],
 )
 def test_follows_the_practice_recordings_to_the_noise(case: str, free: tuple[str, ...], length: int) -> None:
-    left, found = remaining(case, free, length)
+    answer = json.loads((PRACTICE / "answers.json").read_text())[case]
+    left, found = remaining(PRACTICE / case, answer, free, length)
     assert max(left.values()) < 1 + 4 / np.sqrt(2 * length)
     for name in free:
         assert found[name] == pytest.approx(1.0, abs=0.01)
