@@ -1,0 +1,28 @@
+"""``python -m tests.benchmarks``: runs every script of this folder, each in a process of its own with one BLAS thread.
+
+A script prints one row a measurement by :func:`tests.benchmarks.row.row`; it says in one line why it cannot run where a
+peer is not installed. Nothing here is a test: times depend on the machine, ratios within one run hardly.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.benchmarks.row import HEAD
+
+HERE = Path(__file__).parent
+
+
+def main() -> int:
+    scripts = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_") and path.stem != "row")
+    print(HEAD, flush=True)
+    alone = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    ends = [
+        subprocess.run([sys.executable, "-m", f"tests.benchmarks.{name}"], env=alone).returncode for name in scripts
+    ]
+    return max(ends, default=0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
