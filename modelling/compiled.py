@@ -87,6 +87,15 @@ class Model:
             self._functions["elements"] = build(self.equations)
         return self._functions["elements"]
 
+    @property
+    def element_weights(self) -> ca.Function:
+        """(x, p) → J (k,), stiffness (s,) of the elements alone."""
+        if "element_weights" not in self._functions:
+            x, p = ca.SX.sym("x", len(self.states)), ca.SX.sym("p", len(self.parameters))
+            J, _, stiffness, *_ = self.elements(x, p)
+            self._functions["element_weights"] = ca.Function("element_weights", [x, p], [J, stiffness])
+        return self._functions["element_weights"]
+
     def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Parameter vector (p,) with some values changed by name.
 

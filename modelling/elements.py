@@ -55,7 +55,10 @@ class Elements:
     def rigid(self) -> np.ndarray:
         """Number of rigid-body modes (b,): directions in which no spring twists, by structure, not size."""
         n = self.twists.shape[-1]
-        patterns, case = np.unique(self.stiffness != 0, axis=0, return_inverse=True)
+        holds = self.stiffness != 0
+        if (holds == holds[0]).all():
+            return np.full(len(holds), n - rank(self._one_twists()[holds[0]]))
+        patterns, case = np.unique(holds, axis=0, return_inverse=True)
         counts = np.array([n - rank(self._one_twists()[pattern]) for pattern in patterns])
         return counts[case.reshape(-1)]
 
@@ -122,9 +125,11 @@ def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elemen
     if len(p) == 1:
         J, stiffness = first[0].T, first[2].T
     else:
-        mapped = function.map(len(p))(np.broadcast_to(x, (len(p), x.shape[-1])).T, p.T)
-        J, stiffness = mapped[0].full().T, mapped[2].full().T
+        states = np.broadcast_to(x, (len(p), x.shape[-1])).T
+        weights = model.element_weights.map(len(p))(states, p.T)
+        J, stiffness = weights[0].full().T, weights[1].full().T
         if np.any(varies & (first[5].ravel() > 0)):
+            mapped = function.map(len(p))(states, p.T)
             turns, twists = (_unstacked(mapped[i], len(p)) for i in (1, 3))
     return Elements(tuple(a.masses), tuple(a.springs), J, stiffness, turns, twists, first[4])
 

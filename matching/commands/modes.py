@@ -1,7 +1,10 @@
 """`rigmatch modes`: modes of a model with energy shares and symmetry."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from modelling.system import System
 
 HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
 Undamped unless --damped. Writes modes.json, modes.svg (frequencies and shares of the first modes) and
@@ -14,6 +17,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--damped", action="store_true", help="damped modes with damping ratios")
     parser.add_argument(
         "--reduced", action="store_true", help="also give values reduced to the model's reference shaft"
+    )
+    parser.add_argument(
+        "--change",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="what a new value does to the frequencies: first-order prediction (Eq. 8) beside the exact solution; "
+        'e.g. --change "inertias.rotor_left.J=1.8 kg*m^2", may be repeated',
     )
     parser.add_argument("--out", metavar="DIR", default=".", help="directory to write to (default: here)")
 
@@ -28,9 +39,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.modes import modes
     from modelling.output import strict_json, write_all
     from modelling.reduction import reduced, reduced_values, speed_ratios
+    from modelling.sensitivity import what_if
 
     system = load(arguments.model)
     try:
+        changes = _changes(arguments.change, system)
         found = damped_modes(system) if arguments.damped else modes(system)
         result = found.to_dict()
         if arguments.reduced:
@@ -39,6 +52,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             at_reference = reduced(found, speed_ratios(system))
             for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
                 entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
+        if changes:
+            rows = [change.to_dict() for change in what_if(system, changes)]
+            result["what_if"] = {"changes": changes, "modes": rows}
     except InputError as error:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
     title = system.title or str(arguments.model)
@@ -51,11 +67,42 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+def _changes(given: list[str], system: "System") -> dict[str, float]:
+    """``NAME=VALUE`` with or without unit, as values in SI by name."""
+    from modelling.errors import InputError
+    from modelling.system import unknown
+    from modelling.units import to_si
+
+    changes = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError("--change", f"{text!r} has no '='", "write NAME=VALUE, e.g. inertias.motor.J=0.06")
+        if name.strip() not in system.parameters:
+            raise unknown(name.strip(), list(system.parameters), "--change")
+        changes[name.strip()] = to_si(value, system.units[name.strip()], f"--change {name.strip()}")
+    system.with_values(changes)  # says what is impossible
+    return changes
+
+
 def summary(result: dict[str, Any]) -> str:
     """The mode table, and reduced values where asked for."""
     from matching.report.modal_figures import mode_table, table_text
 
     lines = [table_text(mode_table(result["modes"]))]
+    if "what_if" in result:
+        rows = [
+            {
+                "mode": str(row["number"]),
+                "now [Hz]": f"{row['frequency']:.4g}",
+                "Eq. 8 [Hz]": f"{row['predicted']:.4g}",
+                "Eq. 8": f"{100 * row['predicted_change']:+.1f} %",
+                "exact [Hz]": f"{row['exact']:.4g}",
+                "exact": f"{100 * row['exact_change']:+.1f} %",
+            }
+            for row in result["what_if"]["modes"]
+        ]
+        lines += ["", "changed; Eq. 8 is first order, what is true is the exact solution:", table_text(rows)]
     if "reduced" in result:
         lines += ["", f"reduced to {result['reference']}:"]
         lines += [f"  {name:40} {value:.5g}" for name, value in result["reduced"].items() if value]

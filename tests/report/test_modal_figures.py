@@ -58,6 +58,26 @@ def test_damped_command_and_table(tmp_path, capsys):
     assert rows[1]["kinetic energy"] == "rotor left 48 %, rotor right 48 %"
 
 
+def test_change_shows_eq_8_beside_the_exact_solution(tmp_path, capsys):
+    command = ["modes", str(CASE / "rig.toml"), "--out", str(tmp_path)]
+    changes = [f"--change=inertias.rotor_{side}.J=1.79 kg*m^2" for side in ("left", "right")]
+    assert main([*command, *changes]) == 0
+    assert "-47.6 %" in (out := capsys.readouterr().out)
+    assert "-28.4 %" in out
+    written = json.loads((tmp_path / "modes.json").read_text())["what_if"]["modes"][1]
+    assert written["exact"] == pytest.approx(11.955, rel=1e-4)
+    for change, said in (
+        ("inertias.rotor_lefd.J=1", "did you mean 'inertias.rotor_left.J'"),
+        ("inertias.rotor_left.J", "has no '='"),
+        ("inertias.rotor_left.J=1 N*m", "does not fit"),
+        ("inertias.rotor_left.J=-1", "-1 is not possible"),
+    ):
+        assert main([*command, "--change", change]) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+
+
 def test_bad_model_is_one_line_and_nothing_is_written(tmp_path, capsys):
     bad = tmp_path / "bad.toml"
     bad.write_text("[inertias.a]\nJ = -1\n")
