@@ -9,7 +9,7 @@ import numpy as np
 from modelling.elements import Elements, elements, null, unit_rows
 from modelling.linear import Linear, deflated, linearise
 from modelling.modes import Modes
-from modelling.symmetry import labels, mirror_image
+from modelling.symmetry import images, labels
 from modelling.system import System
 
 ZERO = 1e-9  # of the largest eigenvalue: what counts as none
@@ -60,7 +60,7 @@ def damped_modes_of(linear: Linear) -> Modes:
     ratios = np.where(rigid, 0.0, -eigenvalues.real / np.where(rigid, 1.0, np.abs(eigenvalues)))
     # deflections belong to unit speeds; |λ|² takes them to unit angles
     stiffness = stiffness * np.abs(eigenvalues) ** 2
-    symmetries = labels(turns, parts.J[0], mirror_image(model.system, parts.masses))
+    symmetries = labels(turns, parts.J[0], images(model.system, parts.masses))
     return Modes(
         frequencies, ratios, symmetries, speed, mass, stiffness, kinetic.T, potential.T, turns,
         parts.masses, parts.springs, tuple(model.coordinates), eigenvalues,

@@ -11,7 +11,7 @@ import numpy as np
 from modelling.compiled import Model, compiled
 from modelling.elements import Elements, elements
 from modelling.errors import InputError
-from modelling.symmetry import labels, mirror_image, split
+from modelling.symmetry import images, labels, split
 from modelling.system import System
 
 SAME = 1e-9  # relative distance of squared frequencies below which a mode counts as repeated
@@ -175,7 +175,7 @@ def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Mo
     if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):
         raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
     squares = np.where(rigid, 0.0, np.maximum(squares, 0.0))
-    image = mirror_image(model.system, parts.masses)
+    image = images(model.system, parts.masses)
     if image is not None:
         _split_repeated(squares, shapes, parts, image)
     return _shares(squares, shapes, parts, image, tuple(model.coordinates))

@@ -6,25 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from modelling.mirror import mirror_image
 from modelling.system import System
 
 CLEAR = 0.9  # correlation of a shape with its mirror image above which it is called (anti)symmetric
 
 
-def mirror_image(system: System, components: Sequence[str]) -> np.ndarray | None:
+def images(system: System, components: Sequence[str]) -> np.ndarray | None:
     """Index (k,) of the mirror image of every component; itself where it has none. None without mirror pairs."""
     if not system.mirror:
         return None
-    swap = {name: other for pair in system.mirror for name, other in (pair, pair[::-1])}
-    image = {f"inertias.{name}": f"inertias.{other}" for name, other in swap.items()}
-    ends = {frozenset(shaft.between): shaft.name for shaft in system.shafts}
-    for shaft in system.shafts:
-        mirrored = ends.get(frozenset(swap.get(end, end) for end in shaft.between))
-        if mirrored:
-            for label in ("", ".compliance"):
-                image[f"shafts.{shaft.name}{label}"] = f"shafts.{mirrored}{label}"
     index = {name: i for i, name in enumerate(components)}
-    return np.array([index.get(image.get(name, name), i) for name, i in index.items()])
+    return np.array([index.get(mirror_image(name, system), i) for name, i in index.items()])
 
 
 def correlation(turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:
