@@ -48,13 +48,15 @@ def delay_curve(answer: dict[str, Any]) -> Figure:
                     [one["R_tau"] for one in own],
                     mark,
                     color=colour,
+                    clip_on=False,
+                    zorder=3,
                     label=domain.replace("_", " "),
                 )
-            for one in own:
+            for number, one in enumerate(sorted(own, key=lambda one: abs(one["nearest_delay"]))):
                 axes.annotate(
                     one["name"],
                     (1000 * abs(one["nearest_delay"]), one["R_tau"]),
-                    (5, 4),
+                    (6, 5 if number % 2 else -12),  # neighbours' names stay apart
                     textcoords="offset points",
                     fontsize=8,
                 )
@@ -71,7 +73,7 @@ def attribution(answer: dict[str, Any]) -> Figure:
     """What R_XiL would rise by if one cause alone were put right, largest first."""
     losses = answer["attribution"]["ranked"][:15]
     with style.styled():
-        drawn = style.figure(6.4, 1.4 + 0.3 * max(len(losses), 2))
+        drawn = style.figure(8.2, 1.2 + 0.3 * max(len(losses), 2))
         axes = drawn.add_subplot()
         axes.grid(visible=False, axis="y")
         for place, loss in enumerate(losses):
@@ -86,9 +88,8 @@ def attribution(answer: dict[str, Any]) -> Figure:
         handles: Any = [axes.barh(0, 0, color=colour) for origin, colour in COLOURS.items() if origin in present]
         drawn.legend(
             handles,
-            [f"{origin} ({100 * shares[origin]:.3g} % of the loss)" for origin in COLOURS if origin in present],
-            loc="outside lower center",
-            ncols=3,
+            [f"{origin}: {100 * shares[origin]:.3g} % of the loss" for origin in COLOURS if origin in present],
+            loc="outside right center",
         )
     return drawn
 

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from matching.report import style
+from matching.validity.units import printed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,13 +94,8 @@ def _branches(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]
 
 
 def _unit(measurand: dict[str, Any]) -> str:
-    return "" if measurand["unit"] == "1" else f" {shown(measurand['unit'])}"
+    return "" if measurand["unit"] == "1" else f" {printed(measurand['unit'])}"
 
 
 def _axis_unit(measurand: dict[str, Any]) -> str:
-    return "" if measurand["unit"] == "1" else f" in {shown(measurand['unit'])}"
-
-
-def shown(unit: str) -> str:
-    """A unit as it is printed: N·m rather than N*m."""
-    return unit.replace("**", "^").replace("*", "·").replace("delta_degC", "K").replace("degC", "°C")
+    return "" if measurand["unit"] == "1" else f" in {printed(measurand['unit'])}"

@@ -114,3 +114,8 @@ def signal_quantity(given: Any, where: str) -> tuple[float, Any]:
     if not math.isfinite(value):
         raise InputError(where, f"{given!r} is not finite", "give a finite number")
     return value, dimension
+
+
+def printed(unit: str) -> str:
+    """A unit as it is printed: N·m rather than N*m."""
+    return unit.replace("**", "^").replace("*", "·").replace("delta_degC", "K").replace("degC", "°C")

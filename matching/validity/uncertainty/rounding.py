@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
+from matching.validity.units import printed
+
 
 def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:
     """δ: half a unit of the last of so many significant digits of the uncertainty."""
@@ -38,7 +40,7 @@ def written(value: float, uncertainty: float, digits: int = 2) -> tuple[str, str
 
 
 def statement(name: str, value: float, expanded: float, unit: str, k: float, coverage: float) -> str:
-    """The complete result: ``M = (1500.00 ± 0.69) N*m, k = 2.00, coverage about 95 %``."""
+    """The complete result: ``M = (1500.00 ± 0.69) N·m, k = 2.00, coverage about 95 %``."""
     y, u = written(value, expanded)
-    shown = "" if unit == "1" else f" {unit}"
+    shown = "" if unit == "1" else f" {printed(unit)}"
     return f"{name} = ({y} ± {u}){shown}, k = {k:.2f}, coverage about {100 * coverage:.4g} %"
