@@ -10,13 +10,16 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
 
 from modelling.simulation.functions import Functions
 
-FLAGS = ("-O2", "-ftree-vectorize", "-fno-math-errno", "-shared", "-fPIC", "-std=c11", "-w")
+FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-w")
+GENERATED, DRIVER = "-O1", "-O3"  # the generated part differs by model: here the compiler's own time counts
 SECONDS = 300  # after which a compiler is given up
 
 
@@ -47,27 +50,40 @@ _LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
 
 
 def library(functions: Functions) -> ctypes.CDLL | None:
-    """The library of a set of functions, compiled if the cache lacks it; None if there is no compiler or it fails."""
+    """The library with ``field`` and ``reading``, compiled if the cache lacks it; None without a working compiler."""
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        kept = _LIBRARIES[id(functions)] = (functions, _load(_source(functions)) if compiler() else None)
+        made = _load(_source(functions), GENERATED) if compiler() else None
+        kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
+
+
+@functools.cache
+def driver() -> ctypes.CDLL | None:
+    """The library with ``run``, one for all models."""
+    return _load(Path(__file__).with_name("driver.c").read_text(encoding="utf-8"), DRIVER)
+
+
+def compile_ahead(functions: Iterable[Functions], processes: int = 2) -> None:
+    """Compile many at once, for a search over structures; afterwards :func:`library` finds them."""
+    with ThreadPoolExecutor(processes) as pool:  # the work is the compiler's, in processes of its own
+        list(pool.map(library, functions))
 
 
 def _source(functions: Functions) -> str:
     generator = ca.CodeGenerator("generated", {"with_header": False})
     generator.add(functions.field)
     generator.add(functions.reading)
-    driver = Path(__file__).with_name("driver.c").read_text(encoding="utf-8")
-    return f"{'#define SENSITIVE' if functions.derivatives else ''}\n{generator.dump()}\n{driver}"
+    return generator.dump()
 
 
-def _load(source: str) -> ctypes.CDLL | None:
+def _load(source: str, optimisation: str) -> ctypes.CDLL | None:
     cc = compiler()
     assert cc
-    key = hashlib.sha256("\0".join((source, _version(cc), *FLAGS, platform.machine())).encode()).hexdigest()[:32]
+    flags = (optimisation, *FLAGS)
+    key = hashlib.sha256("\0".join((source, _version(cc), *flags, platform.machine())).encode()).hexdigest()[:32]
     target = folder() / f"{key}.so"
-    if not target.exists() and not _compile(cc, source, target):
+    if not target.exists() and not _compile([cc, *flags], source, target):
         return None
     try:
         return ctypes.CDLL(str(target))
@@ -75,17 +91,17 @@ def _load(source: str) -> ctypes.CDLL | None:
         return None
 
 
-def _compile(cc: str, source: str, target: Path) -> bool:
+def _compile(command: list[str], source: str, target: Path) -> bool:
     """Compile beside the target and move there at once, so that processes may race."""
-    with tempfile.TemporaryDirectory(dir=target.parent) as work:
-        code, made = Path(work) / "step.c", Path(work) / "step.so"
-        code.write_text(source, encoding="utf-8")
-        command = [cc, *FLAGS, "-o", str(made), str(code), "-lm"]
-        try:
+    try:
+        with tempfile.TemporaryDirectory(dir=target.parent) as work:
+            code, made = Path(work) / "step.c", Path(work) / "step.so"
+            code.write_text(source, encoding="utf-8")
+            command = [*command, "-o", str(made), str(code), "-lm"]
             subprocess.run(command, check=True, capture_output=True, timeout=SECONDS)
-        except (OSError, subprocess.SubprocessError):
-            return False
-        os.replace(made, target)
+            os.replace(made, target)
+    except (OSError, subprocess.SubprocessError):  # no working compiler, or a full disk
+        return False
     return True
 
 

@@ -1,7 +1,7 @@
 /* Classical Runge-Kutta of order four around two generated functions, with forward sensitivities, and readings that
- * may be taken between the steps (delays). Compiled in one unit with:
+ * may be taken between the steps (delays). Compiled once for all models, which hand in
  *
- *   field(x, u, c)      -> xdot (, A, B, P)      derivatives by x, u, p: only with -DSENSITIVE
+ *   field(x, u, c)      -> xdot (, A, B, P)      derivatives by x, u, p: only if there are columns of sensitivity
  *   reading(x, u, c, t) -> y    (, C, D, Q)
  *
  * c are constants of the parameters. Letters as everywhere: b batch, t samples, x states, u inputs, y sensors,
@@ -14,8 +14,10 @@
 typedef long long integer;
 
 typedef struct { const integer *start, *row; } Pattern;
+typedef int (*Function)(const double **arg, double **res, integer *iw, double *w, int memory);
 
 typedef struct {
+    Function field, reading;
     integer batch, samples, states, coordinates, inputs, sensors, columns, groups, constants, parameters, sz_iw, sz_w;
     double steps_per_second;
     const double *time;          /* (t) */
@@ -64,7 +66,6 @@ static void look(Work *k, double t) {
     }
 }
 
-#ifdef SENSITIVE
 /* out (m, s) += M (m, x) · S (x, s) */
 static void add_product(const Pattern *M, const double *value, integer columns, const double *S, integer s, double *out) {
     for (integer j = 0; j < columns; j++)
@@ -91,20 +92,18 @@ static void add_direct(Work *k, const Pattern *P, const double *p, const Pattern
         }
     }
 }
-#endif
 
 static void flow(Work *k, double t, const double *X, double *dX) {
+    const Run *r = k->r;
+    integer x = r->states, s = r->columns;
     look(k, t);
     const double *arg[3] = {X, k->u, k->constant};
     double *res[4] = {dX, k->A, k->B, k->P};
-    field(arg, res, k->iw, k->w, 0);
-#ifdef SENSITIVE
-    const Run *r = k->r;
-    integer x = r->states, s = r->columns;
+    r->field(arg, res, k->iw, k->w, 0);
+    if (!s) return;
     memset(dX + x, 0, sizeof(double) * x * s);
     add_product(&r->A, k->A, x, X + x, s, dX + x);
     add_direct(k, &r->P, k->P, &r->B, k->B, dX + x);
-#endif
 }
 
 /* readings of one group of sensors, of sample number `sample`, from the state X that flows with dX at time t */
@@ -114,11 +113,11 @@ static void take(Work *k, integer b, integer sample, integer g, double t, const 
     look(k, t);
     const double *arg[4] = {X, k->u, k->constant, r->time + sample};
     double *res[4] = {k->y, k->C, k->D, k->Q};
-    reading(arg, res, k->iw, k->w, 0);
+    r->reading(arg, res, k->iw, k->w, 0);
     for (integer j = 0; j < m; j++)
         if (r->group[j] == g) r->out[at + j] = k->y[j];
-#ifdef SENSITIVE
     integer x = r->states, s = r->columns;
+    if (!s) return;
     double *slope = k->y + m, *rate = slope + m * s;
     memset(slope, 0, sizeof(double) * m * (s + 1));
     add_product(&r->C, k->C, x, X + x, s, slope);
@@ -131,9 +130,6 @@ static void take(Work *k, integer b, integer sample, integer g, double t, const 
     }
     for (integer j = 0; j < m; j++)
         if (r->group[j] == g) memcpy(r->slope + (at + j) * s, slope + j * s, sizeof(double) * s);
-#else
-    (void)dX;
-#endif
 }
 
 /* before the recording the system moved as it did at its start: angles run back with their speeds */
@@ -170,21 +166,20 @@ int run(const Run *r) {
     integer x = r->states, s = r->columns, size = x * (1 + s), m = r->sensors, n = r->inputs, T = r->samples;
     Work k = {.r = r, .size = size};
     integer reals = 9 * size + 2 * n + m * (s + 2) + r->sz_w + 8;
-#ifdef SENSITIVE
-    integer sizes[6] = {r->A.start[x], r->B.start[n], 0, r->C.start[x], r->D.start[n], 0};
-    sizes[2] = r->P.start[r->parameters], sizes[5] = r->Q.start[r->parameters];
-    for (int i = 0; i < 6; i++) reals += sizes[i];
-#endif
+    integer sizes[6] = {0};
+    if (s) {
+        integer p = r->parameters;
+        const integer ends[6] = {r->A.start[x], r->B.start[n], r->P.start[p], r->C.start[x], r->D.start[n], r->Q.start[p]};
+        for (int i = 0; i < 6; i++) reals += sizes[i] = ends[i];
+    }
     double *memory = malloc(sizeof(double) * reals);
     integer *counters = calloc(r->sz_iw + n + r->groups + 1, sizeof(integer));
     if (!memory || !counters) { free(memory); free(counters); return 1; }
     double *X = memory, *Y = X + size, *K1 = Y + size, *K2 = K1 + size, *K3 = K2 + size, *K4 = K3 + size, *Z = K4 + size;
     double *dZ = Z + size, *next = dZ + size;
     k.u = next + size, k.du = k.u + n, k.y = k.du + n, k.w = k.y + m * (s + 2);
-#ifdef SENSITIVE
     k.A = k.w + r->sz_w, k.B = k.A + sizes[0], k.P = k.B + sizes[1];
     k.C = k.P + sizes[2], k.D = k.C + sizes[3], k.Q = k.D + sizes[4];
-#endif
     k.iw = counters, k.hint = counters + r->sz_iw;
     integer *due = k.hint + n;
     for (integer b = 0; b < r->batch; b++) {

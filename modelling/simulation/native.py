@@ -7,7 +7,7 @@ from ctypes import POINTER, c_double, c_longlong
 
 import numpy as np
 
-from modelling.simulation.build import library
+from modelling.simulation.build import driver, library
 from modelling.simulation.functions import functions
 from modelling.simulation.task import Task
 
@@ -28,6 +28,7 @@ class _Run(ctypes.Structure):
     """The driver's ``Run``, field by field."""
 
     _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("field", "reading")),
         *((name, c_longlong) for name in _COUNTS),
         ("steps_per_second", c_double),
         *((name, _REAL) for name in _ARRAYS),
@@ -44,8 +45,9 @@ def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndar
     What is not asked for comes back empty.
     """
     made = functions(task.model, task.columns > 0)
-    driver = library(made)
-    if driver is None:
+    own = library(made)
+    general = driver() if own else None
+    if own is None or general is None:
         return None
     model, b, t, s = task.model, len(task.p), len(task.time), task.columns
     x, y = len(model.states), len(model.sensors)
@@ -61,6 +63,7 @@ def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndar
         "sz_iw": max(made.field.sz_iw(), made.reading.sz_iw()), "sz_w": max(made.field.sz_w(), made.reading.sz_w()),
     }  # fmt: skip
     r = _Run(**counts, steps_per_second=task.steps_per_second)
+    r.field, r.reading = (ctypes.cast(function, ctypes.c_void_p) for function in (own.field, own.reading))
     kept = []  # what ctypes points to must live until the call returns
     reals = {
         "time": task.time, "input": task.inputs, "constant": constant, "start": task.start,
@@ -80,6 +83,6 @@ def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndar
             start, row = (np.array(part, dtype=np.int64) for part in (sparsity.colind(), sparsity.row()))
             kept += [start, row]
             setattr(r, name, _Pattern(start.ctypes.data_as(_WHOLE), row.ctypes.data_as(_WHOLE)))
-    if driver.run(ctypes.byref(r)):
+    if general.run(ctypes.byref(r)):
         raise MemoryError("the integrator found no memory")
     return state, out, failed, slope

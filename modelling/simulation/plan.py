@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 STABLE = 2.0  # |λ|·h of a fast decay; the method's limit is 2.78
 ACCURATE = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase a radian
-CONTACT = 0.15  # the same where a lash opens and closes
+CONTACT = 0.2  # ω·h of the vibration of two neighbours on the spring of a lash alone
 MOST = 2e6  # steps a second
 SHARP, BLUNT = 2e-5, 5e-4  # stick speed over the range of the speeds that stick
 
@@ -38,14 +38,21 @@ def steps_per_second(
     x = np.zeros((len(model.states), 2 * len(p)))
     probe = 1e-9 * np.cos(np.arange(model.n) * 1.7)  # no two coordinates alike: every lash is closed
     x[: model.n] = np.repeat([probe, -probe], len(p), axis=0).T
-    A = [_matrices(model, x, np.zeros((len(model.inputs), x.shape[1])), np.vstack([closed, closed]).T)]
+    zero = np.zeros((len(model.inputs), x.shape[1]))
+    A = [_matrices(model, x, zero, np.vstack([closed, closed]).T)]
+    contact = 0.0
+    for one in lash:
+        opened = closed.copy()
+        opened[:, one] = 1e9
+        change = A[0] - _matrices(model, x, zero, np.vstack([opened, opened]).T)
+        square = -np.trace(change[:, model.n : 2 * model.n, : model.n], axis1=1, axis2=2)  # stiffness over inertia
+        contact = max(contact, float(np.sqrt(square.max(initial=0.0))))
     if states is not None and inputs is not None:
         A.append(_matrices(model, states.T, inputs.T, np.repeat(p[:1], len(states), axis=0).T))
     values = np.linalg.eigvals(np.concatenate(A)).ravel()
     size = np.abs(values)
     swinging = size[-values.real < 0.7 * size]
-    accurate = CONTACT if lash else ACCURATE
-    needed = max(size.max(initial=0.0) / STABLE, swinging.max(initial=0.0) / accurate, 1.0)
+    needed = max(size.max(initial=0.0) / STABLE, swinging.max(initial=0.0) / ACCURATE, contact / CONTACT, 1.0)
     if not needed <= MOST:
         raise SimulationError(
             "simulation", f"the fastest eigenvalue, {size.max():.3g} 1/s, needs {needed:.3g} steps a second",

@@ -30,23 +30,17 @@ def _row(task: Task, made: Functions, c: np.ndarray, b: int, states: bool, readi
     for column, j in enumerate(task.selected):
         if j >= 0:
             selection[j, column] = 1.0
-    u, du = zip(*(_look(task, b, at) for at in (nodes[:-1], middle, nodes[1:])), strict=True)
-    X = np.empty((x * (1 + s), len(nodes)))
+    looked = [_look(task, b, at) for at in (nodes[:-1], middle, nodes[1:])]
+    steps = len(h)
+    drive = np.zeros((1 + 6 * len(model.inputs), -(-steps // CHUNK) * CHUNK))  # idle steps at the end: h = 0
+    drive[:, :steps] = np.vstack([h, *(part.T for pair in looked for part in pair)])
+    fixed = np.concatenate([c, selection.ravel(order="F"), task.input_delay_slope.ravel(order="F")])
+    X = np.empty((x * (1 + s), drive.shape[1] + 1))
     X[:, 0] = np.concatenate([task.start[b], task.start_slope.ravel(order="F")])
     chunk = _chunk(made, s)
-    series = [part.T for pair in zip(u, du, strict=True) for part in pair]
-    for begin in range(0, len(h), CHUNK):
-        end = min(begin + CHUNK, len(h))
-        piece = slice(begin, end)
-        pad = ((0, 0), (0, CHUNK - (end - begin)))
-        moved = chunk(
-            X[:, begin],
-            *(np.pad(part[:, piece], pad) for part in (h[None], *series)),
-            c,
-            selection,
-            task.input_delay_slope,
-        )
-        X[:, begin + 1 : end + 1] = np.array(moved)[:, : end - begin]
+    for begin in range(0, drive.shape[1], CHUNK):
+        X[:, begin + 1 : begin + CHUNK + 1] = chunk(X[:, begin], drive[:, begin : begin + CHUNK], fixed).full()
+    X = X[:, : steps + 1]
     samples = X[:, first]
     bad = np.argwhere(~np.isfinite(samples.T))
     failed = np.full(2, -1, dtype=np.int64)
@@ -95,12 +89,17 @@ def _flow(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: c
 
 @functools.lru_cache(maxsize=128)
 def _chunk(made: Functions, s: int) -> ca.Function:
-    """(X, h, u at three times with slopes, c, selection, input_delay_slope) → X after each of ``CHUNK`` steps."""
+    """(X, drive, fixed) → X after each of ``CHUNK`` steps.
+
+    A column of ``drive`` is h and, at the beginning, the middle and the end of the step, the inputs and their slopes;
+    ``fixed`` is c, selection and input_delay_slope.
+    """
     x, n, k = made.field.size1_in(0), made.field.size1_in(1), made.field.size1_in(2)
     p = made.constants.size1_in(0)
-    X, h, c = ca.SX.sym("X", x * (1 + s)), ca.SX.sym("h"), ca.SX.sym("c", k)
-    u = [ca.SX.sym(f"u{i}", n) for i in range(6)]
-    selection, later = ca.SX.sym("selection", p, s), ca.SX.sym("later", n, s)
+    X, drive, fixed = ca.SX.sym("X", x * (1 + s)), ca.SX.sym("drive", 1 + 6 * n), ca.SX.sym("fixed", k + p * s + n * s)
+    h, *u = ca.vertsplit(drive, [0, *range(1, 1 + 6 * n, n), 1 + 6 * n]) if n else (drive, *([ca.SX(0, 1)] * 6))
+    c, selection, later = ca.vertsplit(fixed, [0, k, k + p * s, k + p * s + n * s])
+    selection, later = ca.reshape(selection, p, s), ca.reshape(later, n, s)
 
     def flow(at: ca.SX, stage: int) -> ca.SX:
         return _flow(made, at, u[2 * stage], u[2 * stage + 1], c, selection, later)
@@ -109,14 +108,14 @@ def _chunk(made: Functions, s: int) -> ca.Function:
     k2 = flow(X + h / 2 * k1, 1)
     k3 = flow(X + h / 2 * k2, 1)
     k4 = flow(X + h * k3, 2)
-    step = ca.Function("step", [X, h, *u, c, selection, later], [X + h / 6 * (k1 + 2 * (k2 + k3) + k4)])
-    series = [ca.MX.sym("h", 1, CHUNK), *(ca.MX.sym(f"u{i}", n, CHUNK) for i in range(6))]
-    start, fixed = (
-        ca.MX.sym("X", x * (1 + s)),
-        [ca.MX.sym("c", k), ca.MX.sym("selection", p, s), ca.MX.sym("later", n, s)],
+    step = ca.Function("step", [X, drive, fixed], [ca.cse(X + h / 6 * (k1 + 2 * (k2 + k3) + k4))])
+    begin, driven, same = (
+        ca.MX.sym("X", X.shape[0]),
+        ca.MX.sym("drive", 1 + 6 * n, CHUNK),
+        ca.MX.sym("f", fixed.shape[0]),
     )
-    moved = step.mapaccum("steps", CHUNK)(start, *series, *(ca.repmat(part, 1, CHUNK) for part in fixed))
-    return ca.Function("chunk", [start, *series, *fixed], [moved])
+    moved = step.mapaccum("steps", CHUNK)(begin, driven, ca.repmat(same, 1, CHUNK))
+    return ca.Function("chunk", [begin, driven, same], [moved])
 
 
 @functools.lru_cache(maxsize=128)

@@ -1,6 +1,7 @@
 """Batches, uneven time, caching."""
 
 import numpy as np
+import pytest
 
 from modelling.compiled import compiled
 from modelling.simulate import sensitivities, simulate, simulate_batch
@@ -61,3 +62,30 @@ def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
     monkeypatch.setattr(build, "_LIBRARIES", {})
     np.testing.assert_allclose(simulate(system_with(), time, inputs).states, expected.states, atol=1e-10)
     assert not list(tmp_path.iterdir())
+
+
+RACE = """
+import numpy as np
+from modelling.simulate import simulate
+from tests.simulate.drives import excitation, system_with
+print(repr(simulate(system_with("hardening", "lag"), *excitation(0.05))["link_torque"][-1]))
+"""
+
+
+def test_processes_may_race_for_the_cache(tmp_path):
+    import os
+    import subprocess
+    import sys
+
+    from modelling.simulation.build import compiler
+
+    if not compiler():
+        pytest.skip("no C compiler here")
+    environment = os.environ | {"RIGMATCH_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    commands = [
+        subprocess.Popen([sys.executable, "-c", RACE], env=environment, stdout=subprocess.PIPE) for _ in range(2)
+    ]
+    said = [command.communicate()[0] for command in commands]
+    assert [command.returncode for command in commands] == [0, 0]
+    assert said[0] == said[1] != b""
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".so", ".so"]  # driver and model, nothing half made

@@ -58,6 +58,13 @@ def test_hard_laws_are_met(name):
     assert max(np.abs(plain[name] - reading).max() / np.ptp(reading) for name, reading in expected.items()) > 0.04
 
 
+def test_coarse_recordings_of_a_lash_are_met_too():
+    time, motor, brake = torques(dt=0.01)
+    got = simulate(system_with("backlash", backlash={"gap": 0.3}), time, {"motor_torque": motor, "brake_torque": brake})
+    for sensor, reading in two_mass(time, motor, brake, gap=0.3).items():
+        assert np.abs(got[sensor] - reading).max() < 0.01 * np.ptp(reading), sensor
+
+
 def test_the_friction_cases_do_stick():
     time, motor, brake = torques()
     stuck = two_mass(time, motor, brake, friction=CASES["both stick"][2]["friction"])
