@@ -132,3 +132,24 @@ def test_step_responses():
     assert step_delay(time, rise(0.8), 0 * time).value is None
     exact = step_delay(time, np.where(time >= 0.5, 1.0, 0.0), np.where(time >= 0.5135, 1.0, 0.0))
     assert exact.value == pytest.approx(0.0135, abs=1.1 * STEP)
+
+
+def test_a_slow_noisy_rise_reaches_the_bound_and_knows_its_uncertainty():
+    """Noise puts small peaks on the broad correlation of a slow signal; none of them must be taken for the delay."""
+    time, sigma = STEP * np.arange(COUNT), 0.05
+    generator = np.random.default_rng(0)
+
+    def rise(t):
+        return 1 - np.exp(-np.maximum(t - 0.5, 0.0) / 0.1)
+
+    slope = np.gradient(rise(time), time)
+    bound = np.sqrt(2) * sigma / np.linalg.norm(slope - slope.mean())
+    errors, uncertainties = [], []
+    for _ in range(30):
+        lag = float(generator.uniform(-0.02, 0.02))
+        reference, test = (rise(time - late) + sigma * generator.standard_normal(COUNT) for late in (0.0, lag))
+        found = delay(reference, test, STEP)
+        errors.append(found.value - lag)
+        uncertainties.append(found.standard_uncertainty)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.4 * bound
+    assert 0.7 < np.sqrt(np.mean((np.array(errors) / uncertainties) ** 2)) < 1.4

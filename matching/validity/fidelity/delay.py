@@ -145,9 +145,19 @@ def _noise_level(reference: np.ndarray, test: np.ndarray) -> float:
 
 
 def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None:
-    """The least-squares delay near a whole-sample one (in samples), at the best of several cut-offs."""
-    fits = [_at_cutoff(reference, test, start, cutoff) for cutoff in (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)]
-    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.uncertainty, default=None)
+    """The least-squares delay near a whole-sample one (in samples), at the best of several cut-offs.
+
+    From coarse to fine, each cut-off starts from the given delay and from the best so far, and the better fit counts:
+    the former finds the sharp peak of wide-band signals, the latter passes the small peaks of noise on a broad one.
+    """
+    best: _Fit | None = None
+    for cutoff in (0.015625, 0.03125, 0.0625, 0.125, 0.25, 0.5):
+        starts = [start] if best is None or abs(best.delay - start) < 0.01 else [start, best.delay]
+        fits = [fit for one in starts if (fit := _at_cutoff(reference, test, one, cutoff)) is not None]
+        if fits:
+            fit = min(fits, key=lambda fit: fit.unexplained)
+            best = fit if best is None or fit.uncertainty < best.uncertainty else best
+    return best
 
 
 def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: float) -> _Fit | None:
@@ -184,22 +194,21 @@ def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: fl
     variance = float(np.var(target))
     unexplained = float(np.mean(residual**2)) / variance if variance > 0 else 1.0
     freedom = max(4.0, len(places) * cutoff)
-    # Gauss–Newton's curvature would count the slope of the reference's own noise as information; the full one does not.
-    bend = np.zeros((3, 3))
-    bend[0, 0] = a * float(residual @ spline(places - shift, nu=2))
-    bend[0, 1] = bend[1, 0] = -float(residual @ change)
-    return _Fit(shift, _sandwich(jacobian, residual, bend, cutoff), unexplained, freedom, cutoff)
+    # The reference's own noise has slope too, and no information: the residual's slope bounds what to take off.
+    spoilt = float(np.sum(np.gradient(residual) ** 2))
+    return _Fit(shift, _sandwich(jacobian, residual, spoilt, cutoff), unexplained, freedom, cutoff)
 
 
-def _sandwich(jacobian: np.ndarray, residual: np.ndarray, bend: np.ndarray, cutoff: float) -> float:
+def _sandwich(jacobian: np.ndarray, residual: np.ndarray, spoilt: float, cutoff: float) -> float:
     """Standard uncertainty of the first parameter with autocorrelated residuals (Newey and West).
 
-    ``bend`` is the residual times the model's second derivatives, which completes the curvature of the squares.
+    ``spoilt`` is taken off the first parameter's curvature; where it eats all of it, nothing is known.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     weighted = jacobian / scale
-    curvature = weighted.T @ weighted - bend / np.outer(scale, scale)
+    curvature = weighted.T @ weighted
+    curvature[0, 0] -= spoilt / scale[0] ** 2
     if np.linalg.eigvalsh(curvature).min() < 1e-12:
         return math.inf
     bread = np.linalg.inv(curvature)
