@@ -1,0 +1,130 @@
+"""Stability by encirclements and the modulus margin, on the loop with its exact dead time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from matching.frequency.verification.exact_loop import ExactLoop
+from matching.frequency.verification.parts import Parts
+from matching.frequency.verification.poles import ZERO
+
+LOWEST, HIGHEST = 1e-4, 5e3  # Hz
+STEP = 0.3  # rad: largest phase step of det(I + L) that is believed
+MOST = 200_000  # frequencies
+
+Difference = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Encirclements:
+    """What the return difference I + L(jω) says.
+
+    Attributes
+    ----------
+    unstable : int
+        Closed-loop poles in the right half plane.
+    open_loop_unstable : int
+        Those of the open loop, which were counted by its matrices.
+    remainder : float
+        By how much the winding missed a whole number; near 0.5 a pole stands on the imaginary axis.
+    modulus_margin : float
+        Least singular value of I + L over all frequencies: least distance from −1 of a loop of one dynamometer.
+    margin_frequency : float
+        Hz, where it is reached.
+    frequencies : ndarray (f,)
+        Hz, those that were needed.
+    """
+
+    unstable: int
+    open_loop_unstable: int
+    remainder: float
+    modulus_margin: float
+    margin_frequency: float
+    frequencies: np.ndarray
+
+    @property
+    def clear(self) -> bool:
+        """Whether the winding is a whole number."""
+        return abs(self.remainder) < 0.1
+
+
+def encirclements(parts: Parts, dead_time: float | None = None) -> Encirclements:
+    """Count encirclements and find the margin of a case's feedback loop."""
+    loop = ExactLoop(parts, dead_time)
+    open_loop = np.concatenate(
+        [np.linalg.eigvals(part.space.A) for part in parts.residual] + [np.linalg.eigvals(parts.rig.space.A)]
+    )
+    resting = int(np.sum(np.abs(open_loop) < ZERO))
+    if parts.case.loop["integral_gain"]:
+        resting += len(parts.dynamometers)
+    right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= ZERO)))
+    corners = np.abs(open_loop[open_loop.imag > 0]) / (2 * np.pi)
+    return count(loop.return_difference, right, resting, loop.dead_time, corners)
+
+
+def count(difference: Difference, right: int, resting: int, delay: float, corners: np.ndarray) -> Encirclements:
+    """Encirclements of the origin by det(I + L) along the imaginary axis.
+
+    The winding is that of det(I + L)·(s/(s + 1))^r, r the open loop's poles at 0, so that neither end has a pole:
+    real at s → 0, 1 at s → ∞, and its phase turns by −π·(unstable − right) in between (Nyquist).
+
+    Parameters
+    ----------
+    difference : callable
+        s (f,) → I + L (f, k, k).
+    right, resting : int
+        Poles of the open loop in the right half plane and at 0.
+    delay : float
+        s; the grid resolves its turning phase.
+    corners : ndarray
+        Hz, where the open loop resonates: the grid starts finer there.
+    """
+    frequencies = _grid(delay, corners)
+    values = difference(2j * np.pi * frequencies)
+    while True:
+        s = 2j * np.pi * frequencies
+        curve = np.linalg.det(values) * (s / (s + 1)) ** resting
+        step = np.angle(curve[1:] / curve[:-1])
+        wide = np.flatnonzero((np.abs(step) > STEP) & (np.diff(frequencies) > 1e-9 * frequencies[1:]))
+        if not len(wide) or len(frequencies) > MOST:
+            break
+        new = np.sqrt(frequencies[wide] * frequencies[wide + 1])
+        values = np.insert(values, wide + 1, difference(2j * np.pi * new), axis=0)
+        frequencies = np.insert(frequencies, wide + 1, new)
+    unstable = right - step.sum() / np.pi
+    margin, where = _margin(difference, frequencies, values)
+    return Encirclements(round(unstable), right, float(unstable - round(unstable)), margin, where, frequencies)
+
+
+def _grid(delay: float, corners: np.ndarray) -> np.ndarray:
+    parts = [
+        np.geomspace(LOWEST, HIGHEST, 500),
+        [1e-7, 1e-6, 1e-5],
+    ]  # far below, so that the curve begins on the real axis
+    near = np.concatenate([-np.geomspace(0.3, 1e-4, 12), [0.0], np.geomspace(1e-4, 0.3, 12)])
+    parts += [corner * (1 + near) for corner in corners]
+    if delay > 0:
+        parts.append(np.linspace(LOWEST, HIGHEST, int(min(HIGHEST * delay * 2 * np.pi / STEP + 2, MOST / 10))))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid > 0) & (grid <= HIGHEST)]
+
+
+def _margin(difference: Difference, frequencies: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Least singular value and its frequency, refined about the five lowest valleys."""
+    sizes = np.linalg.svd(values, compute_uv=False)[:, -1]
+    padded = np.concatenate([[np.inf], sizes, [np.inf]])
+    valleys = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
+    best = float(sizes.min()), float(frequencies[np.argmin(sizes)])
+    for i in valleys[np.argsort(sizes[valleys])][:5]:
+        low, high = np.log(frequencies[max(i - 1, 0)]), np.log(frequencies[min(i + 1, len(sizes) - 1)])
+        found = minimize_scalar(
+            lambda x: np.linalg.svd(difference(np.array([2j * np.pi * np.exp(x)])), compute_uv=False)[0, -1],
+            bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low) + 1e-12},
+        )  # fmt: skip
+        if found.fun < best[0]:
+            best = float(found.fun), float(np.exp(found.x))
+    return best

@@ -1,0 +1,65 @@
+"""Largest torques, twists, speeds and powers over the manoeuvre, held against the limits of the case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.frequency.verification.parts import Parts
+from matching.frequency.verification.simulation import Traces
+
+if TYPE_CHECKING:
+    from matching.frequency.case import Case
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit of the case that is broken: its key, where, the value and what is allowed, SI."""
+
+    limit: str
+    where: str
+    value: float
+    allowed: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return dict(vars(self))
+
+
+def peaks_of(parts: Parts, traces: Traces) -> dict[str, float]:
+    """Largest magnitudes of the matched rig: ``dynamometers.NAME.torque``, ``.speed``, ``.power``, ``shafts.NAME.torque``, ``.twist``."""
+    names = [f"dynamometers.{dyno.name}.{what}" for dyno in parts.dynamometers for what in ("torque", "speed", "power")]
+    names += [f"shafts.{shaft.name}.{what}" for shaft in parts.case.rig.shafts for what in ("torque", "twist")]
+    return {name: float(np.abs(traces.matched[name]).max()) for name in names if name in traces.matched}
+
+
+def violations_of(
+    case: Case, peaks: Mapping[str, float], margin: float, least_damping: tuple[float, float]
+) -> tuple[Violation, ...]:
+    """Broken limits, furthest off first."""
+    found = []
+    for limit, allowed in case.limits.items():
+        if limit == "modulus_margin":
+            if margin < allowed:
+                found.append(Violation(limit, "feedback loop", margin, allowed))
+        elif limit == "damping_ratio":
+            if least_damping[0] < allowed:
+                found.append(Violation(limit, f"mode at {least_damping[1]:.3g} Hz", least_damping[0], allowed))
+        elif limit.startswith("dynamometer_"):
+            what = limit.removeprefix("dynamometer_")
+            values = {
+                name: own
+                for name, own in peaks.items()
+                if name.startswith("dynamometers.") and name.endswith(f".{what}")
+            }
+            found += [Violation(limit, name, own, allowed) for name, own in values.items() if own > allowed]
+        elif peaks.get(limit, 0.0) > allowed:
+            found.append(Violation(limit, limit, peaks[limit], allowed))
+    return tuple(sorted(found, key=_excess, reverse=True))
+
+
+def _excess(own: Violation) -> float:
+    return own.value / own.allowed if own.value > own.allowed else own.allowed / max(own.value, 1e-12)

@@ -1,0 +1,129 @@
+"""Target modes read off simulated motion, for vehicle and matched rig alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.verification.body import Body, body
+from matching.frequency.verification.parts import Parts, interface_speed, watched
+from matching.frequency.verification.ringing import Ringing, read_modes
+from matching.frequency.verification.simulation import Traces, simulate_case
+from modelling.manoeuvres import Kick
+from modelling.modes import Mode, modes
+from modelling.twin import Twin
+
+PERIODS = 8.0  # that an excitation of its own is watched for
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A target mode as the simulation shows it; None where it is not seen.
+
+    ``excited_by`` is ``manoeuvre`` or the input that an excitation of its own acted on, because the manoeuvre left the
+    mode at rest or too little free motion after it.
+    """
+
+    vehicle_mode: int
+    vehicle: Ringing | None
+    matched: Ringing | None
+    excited_by: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        found = {"vehicle_mode": self.vehicle_mode, "excited_by": self.excited_by}
+        return found | {
+            key: None if own is None else dict(vars(own))
+            for key, own in (("vehicle", self.vehicle), ("matched", self.matched))
+        }
+
+
+def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
+    """Torques of the case's manoeuvre at the samples of the loop, and how many samples at the beginning only lead in.
+
+    Where torques do not begin at 0 they rise smoothly over 2 s before.
+    """
+    step, manoeuvres = parts.case.loop["sample_time"], parts.case.manoeuvre
+    time = np.arange(round(max(own.duration for own in manoeuvres.values()) / step) + 1) * step
+    torques = {name: own.torque(time) for name, own in manoeuvres.items()}
+    if not any(own[0] for own in torques.values()):
+        return torques, 0
+    rise = np.linspace(0, 1, round(2 / step), endpoint=False)
+    rise = rise * rise * (3 - 2 * rise)
+    return {name: np.concatenate([own[0] * rise, own]) for name, own in torques.items()}, len(rise)
+
+
+def seen_modes(parts: Parts, told: Twin | None, traces: Traces) -> tuple[Seen, ...]:
+    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
+
+    Raises
+    ------
+    SimulationError
+        If the loop grows out of bounds.
+    """
+    vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
+    known = modes(parts.case.vehicle)
+    targets = [known[target.mode - 1] for target in parts.case.targets]
+    shapes = [damped_shape(vehicle, mode) for mode in targets]
+    top = max(parts.case.band[1], *(1.5 * mode.frequency for mode in targets))
+    read = _read(parts, vehicle, traces, shapes, top)
+    found = []
+    for mode, shape, (own, rig) in zip(targets, shapes, read, strict=True):
+        by = "manoeuvre"
+        if own is None and mode.frequency > 0:
+            kicked = _kick(parts, vehicle, mode, shape)
+            if kicked is not None:
+                by, torques = kicked
+                own, rig = _read(parts, vehicle, simulate_case(parts, told, torques), [shape], top)[0]
+        found.append(Seen(mode.number, own, rig, by))
+    return tuple(found)
+
+
+def damped_shape(vehicle: Body, mode: Mode) -> np.ndarray:
+    """Eigenvector (x,) of the damped vehicle that moves like an undamped mode; none of them overdamped."""
+    values, vectors = np.linalg.eig(vehicle.space.A)
+    upper = values.imag > 0
+    values, vectors = values[upper], vectors[:, upper]
+    wanted = np.array([mode.shape[name] for name in vehicle.masses])
+    turns = vehicle.turns @ vectors
+    weighted = vehicle.J * wanted
+    own = np.sum(vehicle.J[:, None] * np.abs(turns) ** 2, axis=0)
+    likeness = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(own * np.vdot(wanted, weighted).real, 1e-300)
+    near = np.exp(-np.abs(np.log(np.abs(values) / max(2 * np.pi * mode.frequency, 1e-300))))
+    return vectors[:, int(np.argmax(likeness * near))] if len(values) else np.zeros(len(vehicle.space.A))
+
+
+def _read(
+    parts: Parts, vehicle: Body, traces: Traces, shapes: list[np.ndarray], top: float
+) -> list[tuple[Ringing | None, Ringing | None]]:
+    """(vehicle, matched) for every shape, off what follows the last change of a torque."""
+    changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
+    first = max((int(own[-1]) + 2 for own in changes if len(own)), default=0)
+    step = float(traces.time[1] - traces.time[0])
+    names = list(dict.fromkeys(pair.sensor for pair in parts.case.compared))
+    rows = [vehicle.space.output(name) for name in names]
+    rows += [vehicle.space.output(interface_speed(cut.shaft)) for cut in parts.cuts]
+    names += [f"interfaces.{cut.shaft}.speed" for cut in parts.cuts]
+    amplitudes = np.array([[row @ shape for row in rows] for shape in shapes])
+    pair = []
+    for one in (traces.vehicle, traces.matched):
+        signals = np.stack([one[name][first:] for name in names], axis=1)
+        pair.append(read_modes(signals, step, amplitudes, top) if len(signals) >= 40 else [None] * len(shapes))
+    return list(zip(*pair, strict=True))
+
+
+def _kick(parts: Parts, vehicle: Body, mode: Mode, shape: np.ndarray) -> tuple[str, Mapping[str, np.ndarray]] | None:
+    """A one-sided pulse, half a period long, on the input that moves the mode most."""
+    inputs = [name for name in (*parts.announced, *parts.drives, *parts.simulated) if name in vehicle.space.inputs]
+    on = {own.name: f"inertias.{own.on}" for own in vehicle.system.inputs}
+    push = {name: abs(mode.shape[on[name]]) for name in dict.fromkeys(inputs)}
+    if not push or max(push.values()) < 1e-6:
+        return None
+    best = max(push, key=lambda name: push[name])
+    rise = 0.25 / mode.frequency
+    kick = Kick(amplitude=500.0, at=0.05, rise_time=rise, duration=0.05 + 2 * rise + PERIODS / mode.frequency)
+    time = kick.time(1 / parts.case.loop["sample_time"])
+    return best, {best: kick.torque(time)}

@@ -1,0 +1,216 @@
+"""Time simulation of vehicle, free rig and matched rig on one time base, with true delay lines and a sampled controller.
+
+The controller runs at the loop's sample time. The dead time is counted from the sample to the middle of what it causes
+for the feedback: its hold lags half a sample, so its line is half a sample shorter than the dead time (not below 0).
+The twin counts it as its model does: its commands begin to act one dead time after the sample and are then held.
+Torques of the manoeuvre are demands that arrive and are held at the same samples, for vehicle and rig alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import cont2discrete
+
+from matching.frequency.verification.body import Body, body
+from matching.frequency.verification.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
+from matching.frequency.verification.parts import Parts, interface_speed, shaft_torque, watched
+from modelling.compiled import compiled
+from modelling.elements import elements
+from modelling.simulation.result import SimulationError
+from modelling.system import System
+from modelling.twin import Twin
+
+TOO_LARGE = 1e9  # a state beyond this has left every bed
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Vehicle, free rig and matched rig over one manoeuvre, SI.
+
+    Each of the three maps names to traces (t,): sensors by name, ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and
+    ``.twist``; of the matched rig also ``dynamometers.NAME.torque`` (air gap), ``.speed``, ``.power`` and ``.command``.
+    """
+
+    time: np.ndarray
+    torques: dict[str, np.ndarray]
+    vehicle: dict[str, np.ndarray] = field(repr=False)
+    rig: dict[str, np.ndarray] = field(repr=False)
+    matched: dict[str, np.ndarray] = field(repr=False)
+
+
+def simulate_case(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
+    """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
+
+    Parameters
+    ----------
+    told : Twin or None
+        None in the structure ``pi``.
+    settle : int
+        Samples at the beginning that are left out of the traces.
+
+    Raises
+    ------
+    SimulationError
+        If the loop grows out of bounds.
+    """
+    step = parts.case.loop["sample_time"]
+    vehicle = watched(parts.case.vehicle, parts.cuts, rig_side=False)
+    count = len(next(iter(torques.values())))
+    time = (np.arange(count) - settle) * step
+    found = (
+        free_motion(vehicle, parts, torques, step),
+        free_motion(parts.rig.system, parts, torques, step, parts.rig),
+        matched_motion(parts, told, torques),
+    )
+    cut_off = [{name: trace[settle:] for name, trace in one.items()} for one in found]
+    return Traces(time[settle:], {name: np.asarray(own)[settle:] for name, own in torques.items()}, *cut_off)
+
+
+def free_motion(
+    system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, own: Body | None = None
+) -> dict[str, np.ndarray]:
+    """Traces of a system on its own."""
+    inputs = [part.name for part in system.inputs]
+    count = len(next(iter(torques.values())))
+    drives = np.stack([torques.get(name, np.zeros(count)) for name in inputs], axis=1)
+    if is_linear(system):
+        own = body(system) if own is None else own
+        motion: LinearMotion | NonlinearMotion = body_motion(own, step)
+    else:
+        motion = NonlinearMotion(None, system, step)
+    states = np.empty((count, len(motion.start)))
+    x = motion.start
+    for k in range(count):
+        states[k] = x
+        x = motion.advance(x, drives[k], (), k)
+    _check(states, step)
+    return _readings(system, parts, own, motion, states, drives)
+
+
+def matched_motion(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Traces of the rig with its loop closed."""
+    loop, k_dynos = parts.case.loop, len(parts.dynamometers)
+    step = loop["sample_time"]
+    count = len(next(iter(torques.values())))
+    delays = (loop["dead_time"], max(loop["dead_time"] - step / 2, 0.0))
+    linear = is_linear(parts.case.rig)
+    bed = parts.bed
+    motion: LinearMotion | NonlinearMotion = (
+        LinearMotion(bed.A, bed.B, k_dynos, step, delays)
+        if linear
+        else NonlinearMotion(parts, parts.rig.system, step, delays)
+    )
+    drives = _stacked(torques, parts.drives, count)
+    feedback = _Sampled(parts, step)
+    twin = None if told is None else _RunningTwin(parts, told, count)
+    roads = _stacked(torques if told is None else {}, parts.simulated, count)
+    news = (
+        None
+        if told is None
+        else _stacked({name: torques[name] for name in parts.announced if name in torques}, told.announced, count)
+    )
+    issued = np.zeros((2, count, k_dynos))
+    states = np.empty((count, len(motion.start)))
+    x = motion.start
+    for k in range(count):
+        states[k] = x
+        seen = bed.C[: 2 * k_dynos] @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
+        if twin is not None and news is not None:
+            issued[0, k], expected = twin.command(k, news[k])
+            seen = seen - expected
+        issued[1, k] = feedback.command(np.concatenate([seen, roads[k]]))
+        x = motion.advance(x, drives[k], (issued[0], issued[1]), k)
+        if k % 256 == 0 and not np.abs(x).max() < TOO_LARGE:
+            break
+    _check(states[: k + 1], step)
+    n = len(motion.start) - 2 * k_dynos
+    every = np.zeros((count, len(parts.rig.space.inputs)))
+    for i, name in enumerate(parts.rig.space.inputs):
+        every[:, i] = drives[:, parts.drives.index(name)] if name in parts.drives else 0.0
+    for j, dyno in enumerate(parts.dynamometers):
+        every[:, parts.rig.space.inputs.index(dyno.torque_input)] = states[:, n + j]
+    free: LinearMotion | NonlinearMotion | None = None if linear else NonlinearMotion(None, parts.rig.system, step)
+    traces = _readings(parts.rig.system, parts, parts.rig, free, states[:, :n], every)
+    for j, dyno in enumerate(parts.dynamometers):
+        place, torque, speed = f"dynamometers.{dyno.name}", states[:, n + j], traces[dyno.speed_sensor]
+        traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
+        traces[f"{place}.command"] = issued[:, :, j].sum(axis=0)
+    return traces
+
+
+class _Sampled:
+    """The feedback controller by Tustin's rule."""
+
+    def __init__(self, parts: Parts, step: float):
+        own = parts.controller
+        self._A, self._B, self._C, self._D = cont2discrete((own.A, own.B, own.C, own.D), step, "bilinear")[:4]
+        self._x = np.zeros(len(self._A))
+
+    def command(self, seen: np.ndarray) -> np.ndarray:
+        out = self._C @ self._x + self._D @ seen
+        self._x = self._A @ self._x + self._B @ seen
+        return out
+
+
+class _RunningTwin:
+    """The twin as the controller runs it: predicts, commands, and tells what the sensors should read."""
+
+    def __init__(self, parts: Parts, told: Twin, count: int):
+        names = [dyno.name for dyno in parts.dynamometers]
+        rows = [told.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
+        sign = np.concatenate([parts.toward, np.ones(len(names))])
+        self._C, self._D = sign[:, None] * told.C[rows], sign[:, None] * told.D[rows]
+        self._twin, self._state = told, np.zeros(len(told.A))
+        self._sent = np.zeros((count + told.delay, len(names)))  # begins with a dead time of silence
+
+    def command(self, k: int, announced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own = self._twin
+        expected = self._C @ self._state + self._D @ announced
+        ahead = own.predict(self._state, self._sent[k : k + own.delay], announced)
+        self._sent[k + own.delay] = -own.F @ ahead
+        self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ announced
+        return self._sent[k + own.delay], expected
+
+
+def _stacked(torques: Mapping[str, np.ndarray], names: Sequence[str], count: int) -> np.ndarray:
+    found = [np.asarray(torques.get(name, np.zeros(count)), float) for name in names]
+    return np.stack(found, axis=1) if found else np.zeros((count, 0))
+
+
+def _readings(
+    system: System,
+    parts: Parts,
+    own: Body | None,
+    motion: LinearMotion | NonlinearMotion | None,
+    states: np.ndarray,
+    inputs: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Traces by name from states (t, x) and inputs (t, u) of a system."""
+    names = [sensor.name for sensor in system.sensors]
+    if isinstance(motion, NonlinearMotion):
+        values = np.array(motion.readings.map(len(states))(states.T, inputs.T)).T
+        twists, springs = states @ motion.twists.T, elements(compiled(system), compiled(system).p0[None]).springs
+    else:
+        assert own is not None
+        values = states @ own.space.C.T + inputs @ own.space.D.T
+        twists, springs = states @ own.twists.T, own.springs
+    found = dict(zip(names, values.T, strict=True))
+    traces = {sensor.name: found[sensor.name] for sensor in system.sensors if not sensor.name.startswith("verified_")}
+    for shaft in system.shafts:
+        traces[f"shafts.{shaft.name}.torque"] = found[shaft_torque(shaft.name)]
+        if f"shafts.{shaft.name}" in springs:
+            traces[f"shafts.{shaft.name}.twist"] = twists[:, springs.index(f"shafts.{shaft.name}")]
+    for cut in parts.cuts:
+        traces[f"interfaces.{cut.shaft}.speed"] = found[interface_speed(cut.shaft)]
+    return traces
+
+
+def _check(states: np.ndarray, step: float) -> None:
+    bad = np.flatnonzero(~(np.abs(states).max(axis=1) < TOO_LARGE))
+    if len(bad):
+        raise SimulationError(
+            "simulation", f"the motion grows out of bounds at {bad[0] * step:g} s", "the loop is unstable"
+        )

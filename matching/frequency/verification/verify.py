@@ -1,0 +1,221 @@
+"""Everything a tuned case is checked by, in one call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.frequency.verification.encirclements import Encirclements, encirclements
+from matching.frequency.verification.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
+from matching.frequency.verification.parts import Parts, parts_of
+from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
+from matching.frequency.verification.poles import (
+    Approximation,
+    approximations,
+    neutral_motions,
+    resting_and_right,
+    sampled_poles,
+)
+from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
+from matching.frequency.verification.responses import ErrorFigures, error_figures
+from matching.frequency.verification.robustness import Deviation, robustness
+from matching.frequency.verification.simulation import Traces, simulate_case
+from modelling.modes import modes
+from modelling.residual_vehicle import cut
+from modelling.simulation.result import SimulationError
+from modelling.twin import twin
+
+if TYPE_CHECKING:
+    from matching.frequency.case import Case
+
+BELIEVED = np.radians(5.0)  # phase error of an approximation up to where the loop gain is small
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A tuned case, checked by code the optimiser does not use.
+
+    Attributes
+    ----------
+    stable : bool
+        Poles, encirclements, poles of the sampled loop, the twin's poles and the simulation all say so.
+    checks : dict of str to bool
+        Each of them.
+    spectral_abscissa : float
+        1/s, largest real part of all poles: feedback loop (highest order) and, with ``model_based``, the twin. A rigid
+        motion that drag alone slows counts with its slow decay.
+    modulus_margin, margin_frequency : float
+        Least singular value of I + L, and where, Hz.
+    winding : Encirclements
+    approximations : tuple of Approximation
+        Poles of the feedback loop by order of the dead time's approximation.
+    sampled : ndarray
+        Poles z of the feedback loop as it is sampled.
+    twin_poles : ndarray
+        rad/s; empty in the structure ``pi``. Told torques do not go round the feedback and the feedback does not reach the
+        twin, so the poles of both together are the poles of each.
+    modes : tuple of LoopMode
+        Of the twin (``announced``), then of the feedback loop.
+    targets : tuple of (vehicle mode number, LoopMode or None, likeness)
+        The mode that each target became: in ``model_based`` among the twin's.
+    least_damping : tuple of (damping ratio, Hz)
+        The smallest of all modes.
+    seen : tuple of Seen
+        Read off the simulation.
+    peaks : dict of str to float
+        Largest magnitudes over the manoeuvre, by trace name of the matched rig.
+    violations : tuple of Violation
+        Limits of the case that are broken.
+    errors : ErrorFigures
+    robustness : tuple of Deviation
+        Worst first.
+    traces : Traces or None
+        None where the loop grows out of bounds.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    stable: bool
+    checks: dict[str, bool]
+    spectral_abscissa: float
+    modulus_margin: float
+    margin_frequency: float
+    winding: Encirclements
+    approximations: tuple[Approximation, ...]
+    sampled: np.ndarray = field(repr=False)
+    twin_poles: np.ndarray = field(repr=False)
+    modes: tuple[LoopMode, ...] = field(repr=False)
+    targets: tuple[tuple[int, LoopMode | None, float], ...]
+    least_damping: tuple[float, float]
+    seen: tuple[Seen, ...]
+    peaks: dict[str, float]
+    violations: tuple[Violation, ...]
+    errors: ErrorFigures
+    robustness: tuple[Deviation, ...]
+    traces: Traces | None = field(repr=False)
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; traces are left out."""
+        return {
+            "stable": self.stable,
+            "checks": dict(self.checks),
+            "spectral_abscissa": self.spectral_abscissa,
+            "modulus_margin": self.modulus_margin,
+            "margin_frequency": self.margin_frequency,
+            "encirclements": {
+                "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
+                "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
+            },
+            "poles": [
+                {
+                    "pade_order": own.order, "spectral_abscissa": own.abscissa,
+                    "phase_error_deg": float(np.degrees(own.phase_error)), "good_up_to": own.good_up_to,
+                }
+                for own in self.approximations
+            ],
+            "sampled_largest": float(np.abs(self.sampled).max()),
+            "twin_spectral_abscissa": float(self.twin_poles.real.max()) if len(self.twin_poles) else None,
+            "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
+            "targets": [
+                {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": likeness}
+                for number, mode, likeness in self.targets
+            ],
+            "seen": [own.to_dict() for own in self.seen],
+            "peaks": dict(self.peaks),
+            "violations": [own.to_dict() for own in self.violations],
+            "robustness": [own.to_dict() for own in self.robustness],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def verify(case: Case, *, deviations: bool = True) -> Verification:
+    """Check a tuned case.
+
+    Parameters
+    ----------
+    deviations : bool
+        Whether to work out :attr:`Verification.robustness`, about half of the time.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the twin has no solution.
+    """
+    parts = parts_of(case)
+    reference = cut(case.vehicle, case.rig)
+    told = twin(case.rig, reference, case.loop) if case.loop.structure == "model_based" else None
+    neutral, notes = neutral_motions(parts), []
+    orders, winding, sampled = approximations(parts), encirclements(parts), sampled_poles(parts)
+    checks = {
+        f"poles, order {own.order}": own.unstable(neutral) == 0 for own in _believed(parts, orders, winding, notes)
+    }
+    checks["encirclements"] = winding.unstable == 0 and winding.clear
+    checks["sampled loop"] = _inside(sampled, neutral)
+    twin_poles = np.zeros(0, complex) if told is None else told.poles
+    if told is not None:
+        checks["twin"] = resting_and_right(twin_poles, neutral)[1] == 0
+    traces, seen = None, tuple(Seen(target.mode, None, None, "nothing") for target in case.targets)
+    try:
+        traces = simulate_case(parts, told, *manoeuvre_torques(parts))
+        seen = seen_modes(parts, told, traces)
+        checks["simulation"] = True
+    except SimulationError as fault:
+        checks["simulation"] = False
+        notes.append(f"simulation: {fault.wrong}")
+    found = () if told is None else twin_modes(parts, told, reference)
+    every = (*found, *feedback_modes(parts))
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
+    peaks = {} if traces is None else peaks_of(parts, traces)
+    least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
+    if neutral:
+        notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
+    return Verification(
+        all(checks.values()), checks,
+        float(max(orders[-1].abscissa, *twin_poles.real) if len(twin_poles) else orders[-1].abscissa),
+        margin, winding.margin_frequency, winding, orders, sampled, twin_poles, every,
+        _targets(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
+        error_figures(case, parts, told), robustness(parts, told) if deviations else (), traces, tuple(notes),
+    )  # fmt: skip
+
+
+def _inside(z: np.ndarray, neutral: int) -> bool:
+    on = np.abs(z - 1) < 1e-9
+    return int(on.sum()) <= neutral and bool(np.all(np.abs(z[~on]) < 1))
+
+
+def _believed(
+    parts: Parts, orders: tuple[Approximation, ...], winding: Encirclements, notes: list[str]
+) -> list[Approximation]:
+    """The approximations that are good as far as the loop has gain; always the highest order."""
+    from matching.frequency.verification.exact_loop import ExactLoop
+    from matching.frequency.verification.pade import phase_error
+
+    f = winding.frequencies
+    k = len(parts.dynamometers)
+    L = ExactLoop(parts).return_difference(2j * np.pi * f) - np.eye(k)
+    gaining = np.linalg.norm(L, 2, axis=(1, 2)) > 0.5
+    edge = float(f[gaining].max()) if gaining.any() else parts.case.band[1]
+    kept = []
+    for own in orders:
+        error = float(phase_error(parts.case.loop["dead_time"], own.order, np.array([edge]))[0])
+        if error <= BELIEVED or own is orders[-1]:
+            kept.append(own)
+        if error > BELIEVED:
+            notes.append(
+                f"order {own.order} misses {np.degrees(error):.0f}° of the dead time's phase at {edge:.0f} Hz, up to where the loop has gain"
+                + ("" if own is orders[-1] else ": not counted")
+            )
+    return kept
+
+
+def _targets(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
+    known = modes(case.vehicle)
+    inertia = {f"inertias.{own.name}": own.J.value for own in case.vehicle.inertias}
+    found = []
+    for target in case.targets:
+        best = match_mode(known[target.mode - 1], candidates, inertia)
+        found.append((target.mode, *(best or (None, 0.0))))
+    return tuple(found)

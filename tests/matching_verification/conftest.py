@@ -1,0 +1,67 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from matching.frequency.case import load_case
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STABLE = {"proportional_gain": 100.0, "integral_gain": 50.0}  # of the reference case, with a poor margin
+
+COMPACT = """
+vehicle = "{folder}/vehicle.toml"
+rig = "{folder}/rig.toml"
+[dynamometers.left]
+torque_input = "dyno_left"
+torque_sensor = "flange_left_torque"
+speed_sensor = "rotor_left_speed"
+follows = "side_left"
+[dynamometers.right]
+torque_input = "dyno_right"
+torque_sensor = "flange_right_torque"
+speed_sensor = "rotor_right_speed"
+follows = "side_right"
+[loop]
+structure = "model_based"
+knows = ["motor_torque"]
+proportional_gain = 30
+integral_gain = 20
+torque_feed_forward = 0.5
+acceleration_feed_forward = 0.2
+[[targets]]
+mode = 2
+[[targets]]
+mode = 3
+[response]
+compare = [
+    {{ input = "motor_torque", sensor = "motor_speed" }},
+    {{ input = "motor_torque", sensor = "side_left_torque" }},
+    {{ input = "road_torque", sensor = "side_right_torque" }},
+]
+[manoeuvre.motor_torque]
+kind = "tip_in"
+amplitude = 60
+offset = 10
+duration = 3
+"""
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """The reference case, feedback stable; targets must be seen in the twin."""
+    case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
+    return replace(case, loop=case.loop.with_values(STABLE))
+
+
+@pytest.fixture(scope="session")
+def feedback(reference):
+    """The reference case with the structure pi."""
+    return replace(reference, loop=replace(reference.loop, structure="pi"))
+
+
+@pytest.fixture(scope="session")
+def compact(tmp_path_factory):
+    """One residual vehicle with two interfaces, an open differential and slip."""
+    path = tmp_path_factory.mktemp("compact") / "case.toml"
+    path.write_text(COMPACT.format(folder=(EXAMPLES / "compact_bev").as_posix()))
+    return load_case(path)

@@ -1,0 +1,203 @@
+"""Simulation against frequency responses, the twin, and itself by another path; poles of both parts together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from matching.frequency.verification.body import body
+from matching.frequency.verification.exact_loop import ExactLoop
+from matching.frequency.verification.line import arrivals
+from matching.frequency.verification.motion import LinearMotion
+from matching.frequency.verification.parts import parts_of, watched
+from matching.frequency.verification.poles import sampled_poles
+from matching.frequency.verification.robustness import told_by
+from matching.frequency.verification.simulation import free_motion, matched_motion
+from modelling.quantity import Quantity
+from modelling.residual_vehicle import cut
+from modelling.simulate import simulate
+from modelling.system import Effect
+from modelling.twin import twin
+
+STEP = 1e-3
+
+
+def twin_of(case):
+    return twin(case.rig, cut(case.vehicle, case.rig), case.loop)
+
+
+def phasor(signal, frequency, periods=5):
+    """Complex amplitude over the last whole periods."""
+    count = round(periods / (frequency * STEP))
+    k = np.arange(len(signal) - count, len(signal))
+    carrier = np.exp(-2j * np.pi * frequency * STEP * k)
+    basis = np.stack([np.ones(count), k / len(signal), carrier.real, -carrier.imag], axis=1)
+    fitted = np.linalg.lstsq(basis, signal[-count:], rcond=None)[0]
+    return fitted[2] - 1j * fitted[3]
+
+
+def sine(frequency, length):
+    k = np.arange(round(length / STEP))
+    return np.cos(2 * np.pi * frequency * STEP * k)
+
+
+def held(frequency):
+    s = 2j * np.pi * frequency
+    return -np.expm1(-s * STEP) / (s * STEP)
+
+
+def test_arrivals():
+    weights = arrivals(0.00253, 0.001, 20)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    # of a sample 0.53 still belongs to the command of three samples ago
+    np.testing.assert_allclose(weights.mean(axis=0), [0, 0, 0.47, 0.53], atol=1e-12)
+    np.testing.assert_allclose(arrivals(0.0, 0.001, 5), np.ones((5, 1)))
+
+
+def test_free_rig_is_its_response(reference):
+    parts = parts_of(reference)
+    f = 5.0
+    trace = free_motion(parts.rig.system, parts, {"motor_torque": sine(f, 12)}, STEP, parts.rig)["side_left_torque"]
+    rig = parts.rig.space
+    H = parts.rig.response(np.array([2j * np.pi * f]))[
+        0, rig.outputs.index("side_left_torque"), rig.inputs.index("motor_torque")
+    ]
+    assert phasor(trace, f) == pytest.approx(H * held(f), rel=1e-3)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 4.0, 12.5])
+@pytest.mark.parametrize("source", ["motor_torque", "road_left"])
+def test_feedback_in_simulation_is_its_response(feedback, source, frequency):
+    parts = parts_of(feedback)
+    sensors = ["motor_speed", "side_left_torque"]
+    traces = matched_motion(parts, None, {source: sine(frequency, 30)})
+    H = ExactLoop(parts).response(np.array([2j * np.pi * frequency]), [source], sensors)[0, :, 0]
+    # a road torque is a sample of the controller itself, no torque that is held on a rig
+    hold = held(frequency) if source == "motor_torque" else 1.0
+    for sensor, wanted in zip(sensors, H * hold, strict=True):
+        assert phasor(traces[sensor], frequency) == pytest.approx(wanted, rel=2e-2)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 8.0, 25.0])
+@pytest.mark.parametrize("source", ["motor_torque", "road_left"])
+def test_announced_torques_are_answered_as_the_twin_says(reference, source, frequency):
+    parts, told = parts_of(reference), twin_of(reference)
+    traces = matched_motion(parts, told, {source: sine(frequency, 14)})
+    H = told.response(np.array([frequency]))[0]
+    for sensor in ("motor_speed", "side_left_torque"):
+        wanted = H[told.outputs.index(sensor), told.announced.index(source)]
+        assert phasor(traces[sensor], frequency) == pytest.approx(wanted, rel=1e-3)
+
+
+@pytest.mark.parametrize("dead_time", [0.0005, 0.003, 0.0047])
+def test_a_perfect_twin_and_the_rig_do_the_same(reference, dead_time):
+    """The twin's own recursion against the rig at fine steps with a true delay line: to rounding."""
+    case = replace(reference, loop=reference.loop.with_values({"dead_time": dead_time, "torque_feed_forward": 0.0}))
+    parts, told = parts_of(case), twin_of(case)
+    rng = np.random.default_rng(0)
+    torques = {"motor_torque": rng.normal(size=600).cumsum(), "road_left": 10 * rng.normal(size=600).cumsum()}
+    traces = matched_motion(parts, told, torques)
+    news = np.stack([torques.get(name, np.zeros(600)) for name in told.announced], axis=1)
+    state, sent, outputs = np.zeros(len(told.A)), np.zeros((600 + told.delay, 2)), []
+    for k in range(600):
+        outputs.append(told.C @ state + told.D @ news[k])
+        sent[k + told.delay] = -told.F @ told.predict(state, sent[k : k + told.delay], news[k])
+        state = told.A @ state + told.B @ sent[k] + told.W @ news[k]
+    # what the delay line leaves when it falls between two fine steps is of their size squared
+    tolerance = 1e-9 if dead_time != 0.0047 else 1e-7
+    for sensor in ("motor_speed", "side_left_torque", "flange_right_torque"):
+        wanted = np.array(outputs)[:, told.outputs.index(sensor)]
+        np.testing.assert_allclose(traces[sensor], wanted, atol=tolerance * np.ptp(wanted))
+
+
+def test_a_wrong_twin_answers_as_the_frequency_domain_says(reference):
+    """The rig's side shafts are 5 % stiffer than the twin believes: both parts of the loop at work."""
+    parts, told = parts_of(reference), twin_of(reference)
+    values = {f"shafts.side_{side}.stiffness": 1.05 * 1.092e4 for side in ("left", "right")}
+    rig = reference.rig.with_values(values)
+    true = replace(parts, rig=body(watched(rig, parts.cuts, rig_side=True)))
+    true = replace(true, case=replace(reference, rig=rig))
+    frequency = 5.0
+    traces = matched_motion(true, told, {"motor_torque": sine(frequency, 40)})
+    f = np.array([frequency])
+    H = ExactLoop(true).response(
+        2j * np.pi * f, ["motor_torque"], ["side_left_torque"], told_by(told, true, ["motor_torque"], f, 0.003)
+    )
+    assert phasor(traces["side_left_torque"], frequency) == pytest.approx(H[0, 0, 0] * held(frequency), rel=2e-2)
+    right = told.response(f)[0, told.outputs.index("side_left_torque"), 0]
+    assert abs(H[0, 0, 0] * held(frequency) / right - 1) > 0.02
+
+
+def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
+    """Rig, true delay line, feedback and twin assembled in one discrete model: block triangular."""
+    parts, told = parts_of(reference), twin_of(reference)
+    bed, own, k = parts.bed, parts.controller, 2
+    motion = LinearMotion(bed.A, bed.B, k, STEP, [0.003, 0.0025])
+    Ad, Bd, Cd, Dd = cont2discrete((own.A, own.B[:, :4], own.C, own.D[:, :4]), STEP, "bilinear")[:4]
+    rows = [told.outputs.index(name) for name in ("left torque", "right torque", "left speed", "right speed")]
+    n, c, t, late = len(bed.A), len(Ad), len(told.A), 3
+    size = n + c + t + 2 * late * k
+    x, xc, xt = slice(0, n), slice(n, n + c), slice(n + c, n + c + t)
+
+    def register(line, ago):
+        start = n + c + t + line * late * k + (ago - 1) * k
+        return slice(start, start + k)
+
+    seen = np.zeros((2 * k, size))
+    seen[:, x], seen[:, xt] = bed.C[: 2 * k], -told.C[rows]
+    issue = np.zeros((2, k, size))
+    ahead = np.linalg.matrix_power(told.A, late)
+    issue[0, :, xt] = -told.F @ ahead
+    # the oldest command on its way acts first: A^(ago − 1)·B belongs to the one sent `late + 1 − ago` steps before the end
+    for ago in range(1, late + 1):
+        issue[0, :, register(0, ago)] = -told.F @ np.linalg.matrix_power(told.A, ago - 1) @ told.B
+    issue[1] = Dd @ seen
+    issue[1][:, xc] += Cd
+    whole = np.zeros((size, size))
+    whole[x, x] = motion.whole
+    for line in (0, 1):
+        for ago, push in motion.lines[line]:
+            whole[x, register(line, ago)] += push
+    whole[xc] = Bd @ seen
+    whole[xc, xc] += Ad
+    whole[xt, xt] = told.A
+    whole[xt, register(0, late)] += told.B
+    for line in (0, 1):
+        whole[register(line, 1)] = issue[line]
+        for ago in range(2, late + 1):
+            whole[register(line, ago), register(line, ago - 1)] = np.eye(k)
+    together = np.linalg.eigvals(whole)
+    apart = np.concatenate([np.linalg.eigvals(told.A - told.B @ told.F), sampled_poles(parts)])
+    for z in apart[np.abs(apart) > 0.3]:
+        assert np.abs(together - z).min() < 1e-6, z
+    assert np.sum(np.abs(together) > 0.3) == np.sum(np.abs(apart) > 0.3)
+
+
+def test_nonlinear_path_is_the_linear_one_where_nothing_bends(reference):
+    bent = reference.rig.with_effects(Effect("hardening", "shafts.side_left", (("cubic", Quantity(0.0)),)))
+    case = replace(reference, rig=bent)
+    time = np.arange(400) * STEP
+    torques = {"motor_torque": 50 * np.clip(time / 0.05, 0, 1)}
+    told = twin_of(reference)
+    curved, straight = (matched_motion(parts_of(own), told, torques) for own in (case, reference))
+    assert curved.keys() == straight.keys()
+    for name, wanted in straight.items():
+        np.testing.assert_allclose(curved[name], wanted, atol=2e-5 * np.ptp(wanted), err_msg=name)
+
+
+def test_lash_moves_as_the_general_simulation_says(reference):
+    """The same rig by the general simulation, its inputs as stairs of 1 ms on a grid of 0.1 ms."""
+    lash = reference.rig.with_effects(Effect("backlash", "shafts.side_left", (("gap", Quantity(0.02)),)))
+    parts = parts_of(replace(reference, rig=lash))
+    time = np.arange(300) * STEP
+    torque = 50 * np.sin(2 * np.pi * 8 * time)
+    trace = free_motion(parts.rig.system, parts, {"motor_torque": torque}, STEP)["side_left_torque"]
+    fine = np.arange(3000) * STEP / 10
+    inputs = {"motor_torque": np.repeat(torque, 10), "dyno_left": 0 * fine, "dyno_right": 0 * fine}
+    other = simulate(lash, fine, inputs, compile=False)["side_left_torque"][::10]
+    np.testing.assert_allclose(trace, other, atol=0.01 * np.ptp(other))
+    plain = parts_of(reference)
+    assert np.abs(
+        free_motion(plain.rig.system, plain, {"motor_torque": torque}, STEP)["side_left_torque"] - trace
+    ).max() > 0.1 * np.ptp(trace)

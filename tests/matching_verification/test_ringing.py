@@ -1,0 +1,61 @@
+"""Frequency and damping read off made-up signals."""
+
+import numpy as np
+import pytest
+
+from matching.frequency.verification.ringing import pencil, read_modes, thinned
+
+STEP = 1e-3
+TIME = np.arange(4000) * STEP
+SHAPES = np.array([[1, -1], [0.5 * np.exp(1j), 0.7]])
+TRUE = [(1.6, 0.044), (8.44, 0.022)]
+
+
+def rings(frequency, ratio, amplitude=1.0):
+    rate = 2 * np.pi * frequency * (-ratio + 1j * np.sqrt(1 - ratio**2))
+    return (amplitude * np.exp(rate * TIME)).real
+
+
+def signals(noise=0.0, seed=0):
+    drift = np.stack([3 + 2 * TIME, 1 - 0.2 * TIME], axis=1)
+    made = sum(np.stack([rings(*mode, a) for a in shape], axis=1) for mode, shape in zip(TRUE, SHAPES, strict=True))
+    fast = np.stack([rings(45, 0.25, 2), rings(46, 0.2, 1)], axis=1)
+    return drift + made + fast + noise * np.random.default_rng(seed).normal(size=made.shape)
+
+
+@pytest.mark.parametrize(("noise", "frequency", "damping"), [(0.0, 1e-9, 1e-9), (0.01, 5e-4, 5e-4), (0.05, 3e-3, 2e-3)])
+def test_two_modes_on_a_drift(noise, frequency, damping):
+    for seed in range(3 if noise else 1):
+        found = read_modes(signals(noise, seed), STEP, SHAPES)
+        for one, (f, ratio) in zip(found, TRUE, strict=True):
+            assert one is not None
+            assert one.frequency == pytest.approx(f, rel=frequency)
+            assert one.damping_ratio == pytest.approx(ratio, abs=damping)
+
+
+def test_thinning_keeps_poles():
+    few, step = thinned(signals(), STEP, 30.0)
+    assert len(few) < 1000
+    poles = pencil(few, step).poles
+    for f, ratio in TRUE:
+        true = 2 * np.pi * f * (-ratio + 1j * np.sqrt(1 - ratio**2))
+        assert np.abs(poles - true).min() < 1e-8 * abs(true)
+
+
+def test_what_does_not_ring_is_not_seen():
+    quiet = np.stack([3 + 2 * TIME, np.exp(-TIME / 0.5)], axis=1)
+    assert read_modes(quiet, STEP, SHAPES) == [None, None]
+    noise = np.random.default_rng(1).normal(size=(4000, 2))
+    assert read_modes(noise, STEP, SHAPES) == [None, None]
+
+
+def test_a_mode_of_another_shape_is_not_taken():
+    both = np.stack([rings(1.6, 0.04), rings(1.6, 0.04)], axis=1)
+    assert read_modes(both, STEP, np.array([[1, -1]])) == [None]
+    assert read_modes(both, STEP, np.array([[1, 1]]))[0].frequency == pytest.approx(1.6)
+
+
+def test_too_short_a_record():
+    assert read_modes(signals()[:15], STEP, SHAPES) == [None, None]
+    with pytest.raises(ValueError, match="20 finite"):
+        pencil(np.full((50, 1), np.nan), STEP)

@@ -1,0 +1,170 @@
+"""The whole verification, and the response errors it reports."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.frequency.verification import error_figures, response_error, responses, verify
+from matching.frequency.verification.body import body
+from matching.frequency.verification.exact_loop import ExactLoop
+from matching.frequency.verification.loop_modes import match_mode
+from matching.frequency.verification.parts import parts_of
+from matching.frequency.verification.robustness import _compared
+from modelling.modes import modes
+from modelling.residual_vehicle import cut
+from modelling.twin import twin
+
+
+@pytest.fixture(scope="module")
+def verified(reference):
+    return verify(reference)
+
+
+def test_response_error_of_known_ratios():
+    ones = np.ones((7, 2), complex)
+    assert response_error(ones, ones) == 0
+    assert response_error(np.e * ones, ones) == pytest.approx(1.0)
+    assert response_error(np.exp(0.3 + 0.4j) * ones, ones) == pytest.approx(0.5)
+
+
+def test_errors_of_the_reference_case(reference):
+    found = error_figures(reference)
+    by = {(own["input"], own["sensor"]): own for own in found.functions}
+    # the figure of a trial with the published set: motor speed of the free rig
+    assert by["motor_torque", "motor_speed"]["before"] == pytest.approx(3.3, abs=0.05)
+    assert by["road_left", "side_left_torque"]["before"] is None
+    assert found.after < 0.01 < found.unannounced
+    like = [own["after"] ** 2 for own in found.functions if own["before"] is not None]
+    assert found.after_like_before == pytest.approx(np.sqrt(np.mean(like)))
+    for key, value in found.unwrapped.items():
+        assert value == pytest.approx(getattr(found, key), rel=1e-6), key
+
+
+def test_pi_is_what_model_based_does_unannounced(reference, feedback):
+    f = np.geomspace(0.5, 30, 12)
+    one, other = responses(reference, f), responses(feedback, f)
+    np.testing.assert_allclose(other.matched, one.unannounced)
+    np.testing.assert_allclose(other.reference, other.vehicle)
+    assert np.isnan(one.rig[:, [pair[0] == "road_left" for pair in one.pairs]]).all()
+
+
+def test_an_input_nobody_knows_is_answered_by_the_feedback(reference):
+    f = np.geomspace(0.5, 30, 12)
+    untold = replace(reference, loop=replace(reference.loop, knows=()))
+    found = responses(untold, f)
+    motor = [pair[0] == "motor_torque" for pair in found.pairs]
+    np.testing.assert_allclose(found.matched[:, motor], found.unannounced[:, motor])
+    assert not np.allclose(found.matched[:, ~np.array(motor)], found.unannounced[:, ~np.array(motor)])
+
+
+def test_sidebands_left_out_cost_little(reference):
+    parts, told = parts_of(reference), twin(reference.rig, cut(reference.vehicle, reference.rig), reference.loop)
+    f = np.geomspace(*reference.band, 80)
+    nominal = response_error(*_compared(ExactLoop(parts), told, body(reference.vehicle), f))
+    assert nominal == pytest.approx(error_figures(reference, parts, told).after, rel=0.01)
+
+
+def test_reference_case_is_stable_under_every_check(verified):
+    assert verified.stable
+    assert set(verified.checks) == {f"poles, order {n}" for n in (3, 5, 8)} | {
+        "encirclements",
+        "sampled loop",
+        "twin",
+        "simulation",
+    }
+    assert verified.spectral_abscissa < 0
+    np.testing.assert_allclose([own.abscissa for own in verified.approximations], verified.spectral_abscissa, rtol=1e-6)
+
+
+def test_targets_are_read_off_the_simulation(verified):
+    for seen, (number, mode, likeness), wanted in zip(verified.seen, verified.targets, (1.5997, 8.4421), strict=True):
+        assert seen.vehicle_mode == number
+        assert mode.answers == "announced"
+        assert likeness > 0.99
+        assert seen.vehicle.frequency == pytest.approx(wanted, rel=1e-4)
+        assert seen.matched.frequency == pytest.approx(mode.frequency, rel=1e-4)
+        assert seen.matched.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-4)
+
+
+def test_feedback_modes_are_read_off_too(feedback):
+    checked = verify(feedback, deviations=False)
+    for seen, (_, mode, _) in zip(checked.seen, checked.targets, strict=True):
+        assert mode.answers == "feedback"
+        assert seen.matched.frequency == pytest.approx(mode.frequency, rel=2e-3)
+        assert seen.matched.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-3)
+        assert abs(seen.matched.frequency / seen.vehicle.frequency - 1) > 0.05  # honest: this gain does not match
+
+
+def test_peaks_and_limits(verified, reference):
+    matched = verified.traces.matched
+    assert verified.peaks["dynamometers.left.torque"] == np.abs(matched["dynamometers.left.torque"]).max()
+    assert verified.peaks["shafts.flange_left.torque"] == pytest.approx(
+        2e5 * verified.peaks["shafts.flange_left.twist"], rel=1e-2
+    )
+    assert [own.limit for own in verified.violations] == ["modulus_margin"]
+    tight = replace(
+        reference,
+        limits={
+            "dynamometer_torque": 800.0,
+            "shafts.flange_left.twist": 1e-3,
+            "modulus_margin": 1e-3,
+            "damping_ratio": 0.01,
+        },
+    )
+    broken = verify(tight, deviations=False).violations
+    assert [own.limit for own in broken] == ["shafts.flange_left.twist", "dynamometer_torque", "dynamometer_torque"]
+
+
+def test_what_must_be_known_is_ranked(verified):
+    errors = [own.response_error for own in verified.robustness]
+    assert errors == sorted(errors, reverse=True)
+    assert {own.name for own in verified.robustness[:4]} == {"rig.inertias.motor.J", "rig.shafts.side_left.stiffness"}
+    late = [own.change for own in verified.robustness if own.name == "loop.dead_time"]
+    assert sorted(late) == pytest.approx([-5e-4, 5e-4])
+
+
+def test_dictionary_is_plain(verified):
+    assert json.loads(json.dumps(verified.to_dict(), allow_nan=False))["stable"] is True
+
+
+def test_an_unstable_loop_is_never_called_stable(reference):
+    checked = verify(replace(reference, loop=reference.loop.with_values({"proportional_gain": 10.0})), deviations=False)
+    assert not checked.stable
+    assert not checked.checks["encirclements"]
+    assert checked.spectral_abscissa > 0
+    json.dumps(checked.to_dict(), allow_nan=False)
+
+
+def test_one_residual_vehicle_with_two_interfaces(compact):
+    checked = verify(compact, deviations=False)
+    assert checked.stable
+    first, second = checked.seen
+    assert first.matched.frequency == pytest.approx(first.vehicle.frequency, rel=0.01)
+    # wheel against wheel: neither the motor nor the road on the one body moves it
+    assert second.vehicle is None
+    assert second.matched is None
+    assert checked.traces.time[0] == 0
+    assert checked.traces.vehicle["side_left_torque"][0] == pytest.approx(
+        checked.traces.matched["side_left_torque"][0], rel=0.05
+    )
+    assert abs(checked.traces.vehicle["side_left_torque"][0]) > 10
+
+
+def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
+    known = modes(reference.vehicle)
+    inertia = {f"inertias.{own.name}": own.J.value for own in reference.vehicle.inertias}
+    announced = [mode for mode in verified.modes if mode.answers == "announced"]
+    for number, symmetry in (
+        (2, "antisymmetric"),
+        (3, "symmetric"),
+        (4, "symmetric"),
+        (5, "antisymmetric"),
+        (6, "symmetric"),
+    ):
+        mode, likeness = match_mode(known[number - 1], announced, inertia)
+        assert (mode.symmetry, likeness > 0.9) == (symmetry, True)
+        assert sum(mode.kinetic.values()) == pytest.approx(1)
+        assert sum(mode.potential.values()) == pytest.approx(1)
+    assert match_mode(known[0], announced, inertia) is None
