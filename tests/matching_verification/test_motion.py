@@ -149,7 +149,7 @@ def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
     issue = np.zeros((2, k, size))
     ahead = np.linalg.matrix_power(told.A, late)
     issue[0, :, xt] = -told.F @ ahead
-    # the oldest command on its way acts first: A^(ago − 1)·B belongs to the one sent `late + 1 − ago` steps before the end
+    # of those on their way, the newest has its effect multiplied by A no further
     for ago in range(1, late + 1):
         issue[0, :, register(0, ago)] = -told.F @ np.linalg.matrix_power(told.A, ago - 1) @ told.B
     issue[1] = Dd @ seen

@@ -11,7 +11,7 @@ from modelling.elements import elements
 from modelling.errors import InputError
 from modelling.linear import deflated, linearise
 from modelling.state_space import StateSpace
-from modelling.symmetry import mirror_image
+from modelling.symmetry import images
 from modelling.system import System
 
 
@@ -75,7 +75,7 @@ def body(system: System) -> Body:
         parts.stiffness[0],
         parts.masses,
         parts.springs,
-        mirror_image(system, parts.masses),
+        images(system, parts.masses),
     )
 
 

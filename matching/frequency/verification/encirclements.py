@@ -101,10 +101,8 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
 
 
 def _grid(delay: float, corners: np.ndarray) -> np.ndarray:
-    parts = [
-        np.geomspace(LOWEST, HIGHEST, 500),
-        [1e-7, 1e-6, 1e-5],
-    ]  # far below, so that the curve begins on the real axis
+    parts = [np.geomspace(LOWEST, HIGHEST, 500)]
+    parts.append(np.array([1e-7, 1e-6, 1e-5]))  # so low that the curve begins on the real axis
     near = np.concatenate([-np.geomspace(0.3, 1e-4, 12), [0.0], np.geomspace(1e-4, 0.3, 12)])
     parts += [corner * (1 + near) for corner in corners]
     if delay > 0:

@@ -14,7 +14,15 @@ from modelling.system import unknown
 
 @dataclass(frozen=True)
 class Told:
-    """What the twin does about announced torques w: commands (f, k, w) as the inverters get them, readings (f, 2k, w) it expects."""
+    """What the twin does about announced torques w.
+
+    Attributes
+    ----------
+    commands : ndarray (f, k, w)
+        As the inverters get them, dead time included.
+    expected : ndarray (f, 2k, w)
+        Signed flange torques and rotor speeds.
+    """
 
     commands: np.ndarray
     expected: np.ndarray
@@ -45,7 +53,8 @@ class ExactLoop:
     ) -> np.ndarray:
         """Response (f, y, u) of the rig's sensors to inputs of the rig or of the residual vehicle.
 
-        Without ``told`` the feedback sees rig inputs by what they do alone; simulated inputs act in its residual vehicle.
+        Without ``told``, the feedback sees rig inputs only by what they do, and simulated inputs act in its residual
+        vehicle.
 
         Raises
         ------
@@ -85,7 +94,7 @@ class ExactLoop:
         return np.concatenate([torque * parts.toward[:, None] * lag[:, None, None], speed], axis=1)
 
     def _controller(self, s: np.ndarray) -> np.ndarray:
-        """Air-gap torques (f, k, 2k + r) for flange torques, rotor speeds and simulated torques; dead time and lags in it."""
+        """Air-gap torques (f, k, 2k + r) for flange torques, rotor speeds, simulated torques; lags included."""
         parts, loop, k = self.parts, self.parts.case.loop, len(self.parts.dynamometers)
         s = np.asarray(s, complex)
         error = loop["proportional_gain"] + loop["integral_gain"] / s

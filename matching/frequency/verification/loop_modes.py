@@ -38,8 +38,8 @@ class LoopMode:
         Energy shares of the rig (``inertias.NAME``) and the emulated vehicle (``residual_vehicle.inertias.NAME``); each
         adds up to 1.
     shape : dict
-        Complex amplitudes of the rig's inertias, under the vehicle's names where they stand for its own: shared ones, and
-        the rig's end of a cut for the inertia behind the cut.
+        Complex amplitudes of the rig's inertias, under the vehicle's names where they stand for its own: shared ones,
+        and the rig's end of a cut for the inertia behind the cut.
     eigenvalue : complex
         rad/s.
     """
@@ -69,7 +69,7 @@ def feedback_modes(parts: Parts) -> tuple[LoopMode, ...]:
 
 
 def twin_modes(parts: Parts, twin: Twin, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
-    """Modes of the twin's loop, up to 0.45 of its sampling frequency; ``reference`` is the residual vehicle it follows."""
+    """Modes of the twin's loop, up to 0.45 of its sampling frequency; it follows the residual vehicle ``reference``."""
     z, vectors = np.linalg.eig(twin.A - twin.B @ twin.F)
     alive = np.abs(z) > 1e-6
     eigenvalues = np.log(z[alive].astype(complex)) / twin.sample_time
@@ -115,7 +115,8 @@ def _listed(
 
 
 def _energies(rows: list[tuple[Body, slice, str]], vector: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-    kinetic, potential = {}, {}
+    kinetic: dict[str, float] = {}
+    potential: dict[str, float] = {}
     for own, place, prefix in rows:
         speeds, twists = own.turns @ vector[place], own.twists @ vector[place]
         kinetic |= {prefix + name: float(e) for name, e in zip(own.masses, own.J * np.abs(speeds) ** 2, strict=True)}

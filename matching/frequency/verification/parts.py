@@ -97,7 +97,7 @@ class Parts:
         """Residual vehicle, speed controller, feed-forwards and lead.
 
         Inputs [signed flange torques (k), rotor speeds (k), :attr:`simulated`], outputs torque commands (k). States
-        [residual vehicle, integrals of the speed errors (k), leads (k)]; an integral or lead that does nothing has none.
+        [residual vehicle, integrals of the speed errors (k), leads (k)]; integrals or leads that do nothing have none.
         """
         loop, k, count = self.case.loop, len(self.dynamometers), len(self.simulated)
         vehicle = block_diag(*(part.space.A for part in self.residual))
@@ -153,7 +153,7 @@ def parts_of(case: Case, rig: System | None = None) -> Parts:
 
 
 def watched(system: System, cuts: tuple[Interface, ...], *, rig_side: bool) -> System:
-    """The system with sensors of every shaft's torque and of the speeds at the cuts, on the rig's or the vehicle's side."""
+    """The system with sensors of every shaft's torque and of the speeds at the cuts, on the rig's side or beyond."""
     more = [Sensor(shaft_torque(shaft.name), "torque", shaft.name) for shaft in system.shafts]
     more += [Sensor(interface_speed(cut.shaft), "speed", cut.rig_end if rig_side else cut.vehicle_end) for cut in cuts]
     return replace(system, sensors=(*system.sensors, *more))
@@ -178,7 +178,8 @@ def _toward(rig: System, dyno: Dynamometer) -> float:
         if sensor.name == dyno.torque_sensor and sensor.of == shaft.name
     )
     rotor = next(own.on for own in rig.inputs if own.name == dyno.torque_input)
-    joints = [set(part.between) for part in (*rig.shafts, *rig.gears) if part.name != flange.name]
+    joints = [set(part.between) for part in rig.shafts if part.name != flange.name]
+    joints += [set(part.between) for part in rig.gears]
     joints += [{part.cage, part.left, part.right} for part in rig.differentials]
     beyond = {flange.between[1]}
     while grown := {end for joint in joints if joint & beyond for end in joint} - beyond:

@@ -30,7 +30,7 @@ class Violation:
 
 
 def peaks_of(parts: Parts, traces: Traces) -> dict[str, float]:
-    """Largest magnitudes of the matched rig: ``dynamometers.NAME.torque``, ``.speed``, ``.power``, ``shafts.NAME.torque``, ``.twist``."""
+    """Largest magnitudes of the matched rig's dynamometer and shaft traces, by name."""
     names = [f"dynamometers.{dyno.name}.{what}" for dyno in parts.dynamometers for what in ("torque", "speed", "power")]
     names += [f"shafts.{shaft.name}.{what}" for shaft in parts.case.rig.shafts for what in ("torque", "twist")]
     return {name: float(np.abs(traces.matched[name]).max()) for name in names if name in traces.matched}

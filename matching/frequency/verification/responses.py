@@ -47,10 +47,10 @@ class Responses:
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Root mean squares over the band of |log(H_rig/H_vehicle)|, principal value, pooled over functions; None without any.
+    """Root mean squares over band and functions of |log(H_rig/H_vehicle)|, principal value; None without a function.
 
-    ``before`` free rig; ``after`` matched; ``after_like_before`` matched over the functions of ``before``; ``unannounced``
-    feedback alone. ``unwrapped`` holds the same with the phase followed along the frequency instead, as a check.
+    ``before`` free rig; ``after`` matched; ``after_like_before`` matched over the functions of ``before``;
+    ``unannounced`` feedback alone. ``unwrapped`` is the same with the phase followed along the frequency, as a check.
     """
 
     band: tuple[float, float]
@@ -150,8 +150,14 @@ def error_figures(case: Case, parts: Parts | None = None, told: Twin | None = No
         pooled.append(one | {"after_like_before": _root(squares["after"][:, path])})
     main = pooled[0]
     return ErrorFigures(
-        case.band, main["before"], main["after"] or 0.0, main["after_like_before"], main["unannounced"] or 0.0, tuple(functions), pooled[1]
-    )  # fmt: skip
+        case.band,
+        main["before"],
+        float(main["after"] or 0.0),
+        main["after_like_before"],
+        float(main["unannounced"] or 0.0),
+        tuple(functions),
+        pooled[1],
+    )
 
 
 def _fine(points: np.ndarray, case: Case, parts: Parts) -> tuple[np.ndarray, np.ndarray]:

@@ -43,7 +43,7 @@ class Ringing:
 
 @dataclass(frozen=True)
 class Poles:
-    """Poles (m,) in rad/s, complex amplitudes (m, c) at the first sample in units of each signal's scale (c,), and the fit."""
+    """Poles (m,) in rad/s, complex amplitudes (m, c) at the first sample over each signal's scale (c,), and the fit."""
 
     poles: np.ndarray
     amplitudes: np.ndarray

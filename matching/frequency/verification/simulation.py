@@ -1,4 +1,4 @@
-"""Time simulation of vehicle, free rig and matched rig on one time base, with true delay lines and a sampled controller.
+"""Time simulation of vehicle, free rig and matched rig on one time base: true delay lines, a sampled controller.
 
 The controller runs at the loop's sample time. The dead time is counted from the sample to the middle of what it causes
 for the feedback: its hold lags half a sample, so its line is half a sample shorter than the dead time (not below 0).
@@ -169,7 +169,7 @@ class _RunningTwin:
     def command(self, k: int, announced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         own = self._twin
         expected = self._C @ self._state + self._D @ announced
-        ahead = own.predict(self._state, self._sent[k : k + own.delay], announced)
+        ahead = own.predict(self._state, list(self._sent[k : k + own.delay]), announced)
         self._sent[k + own.delay] = -own.F @ ahead
         self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ announced
         return self._sent[k + own.delay], expected

@@ -54,8 +54,8 @@ class Verification:
     sampled : ndarray
         Poles z of the feedback loop as it is sampled.
     twin_poles : ndarray
-        rad/s; empty in the structure ``pi``. Told torques do not go round the feedback and the feedback does not reach the
-        twin, so the poles of both together are the poles of each.
+        rad/s; empty in the structure ``pi``. Announced torques do not go round the feedback and the feedback does not
+        reach the twin, so the poles of both together are the poles of each.
     modes : tuple of LoopMode
         Of the twin (``announced``), then of the feedback loop.
     targets : tuple of (vehicle mode number, LoopMode or None, likeness)
@@ -147,7 +147,8 @@ def verify(case: Case, *, deviations: bool = True) -> Verification:
     parts = parts_of(case)
     reference = cut(case.vehicle, case.rig)
     told = twin(case.rig, reference, case.loop) if case.loop.structure == "model_based" else None
-    neutral, notes = neutral_motions(parts), []
+    neutral = neutral_motions(parts)
+    notes: list[str] = []
     orders, winding, sampled = approximations(parts), encirclements(parts), sampled_poles(parts)
     checks = {
         f"poles, order {own.order}": own.unstable(neutral) == 0 for own in _believed(parts, orders, winding, notes)
@@ -204,9 +205,10 @@ def _believed(
         if error <= BELIEVED or own is orders[-1]:
             kept.append(own)
         if error > BELIEVED:
+            counted = "" if own is orders[-1] else ", and is not counted"
             notes.append(
-                f"order {own.order} misses {np.degrees(error):.0f}° of the dead time's phase at {edge:.0f} Hz, up to where the loop has gain"
-                + ("" if own is orders[-1] else ": not counted")
+                f"order {own.order} misses {np.degrees(error):.0f}° of the dead time's phase at {edge:.0f} Hz, "
+                f"where the loop still has gain{counted}"
             )
     return kept
 
