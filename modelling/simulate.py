@@ -215,7 +215,7 @@ def prepare(
         if attempt == 16:
             raise_if_failed(failed, time, model.states)
     if choose:
-        p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states[0])
+        p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states[0], 1 / float(np.median(np.diff(time))))
     some = np.linspace(0, len(time) - 1, min(len(time), 48)).astype(int)
     return p, steps_per_second or needed_steps(model, p[None], states[0][some], u[some])
 

@@ -27,7 +27,9 @@ def read(path: Path) -> Table:
         Naming the line: no header, text among numbers, a row of another length, not UTF-8, too large.
     """
     if path.stat().st_size > LARGEST:
-        raise InputError(str(path), f"{path.stat().st_size / 1e9:.1f} GB are too much", "cut the recording: at most 2 GB are read")
+        raise InputError(
+            str(path), f"{path.stat().st_size / 1e9:.1f} GB are too much", "cut the recording: at most 2 GB are read"
+        )
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             header = _header(path, file)
@@ -54,7 +56,9 @@ def _header(path: Path, file: TextIO) -> list[str]:
         raise InputError(str(path), "line 1 is no header row", "'time [s],name [unit],…' is needed")
     names = [cell.strip() for cell in next(csv.reader([line]))]
     if len(names) < 2 and any(mark in line for mark in ";\t"):
-        raise InputError(str(path), "columns are parted by semicolons or tabs", "save with commas, and points in numbers")
+        raise InputError(
+            str(path), "columns are parted by semicolons or tabs", "save with commas, and points in numbers"
+        )
     return names
 
 
@@ -88,7 +92,9 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
             try:
                 yield line, next(csv.reader([text], strict=True))
             except (csv.Error, StopIteration) as fault:
-                raise InputError(f"{path}: line {line}", f"is no row of a CSV file: {fault}", "mend that line") from None
+                raise InputError(
+                    f"{path}: line {line}", f"is no row of a CSV file: {fault}", "mend that line"
+                ) from None
 
 
 def _number(cell: str) -> float | None:

@@ -30,20 +30,28 @@ def read(path: Path) -> Table:
         raise
     except Exception as fault:  # scipy raises many kinds for what is not a .mat file
         raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
-    structs = [value for name, value in found.items() if isinstance(value, dict) and name != "units" and "time" in value]
+    structs = [
+        value for name, value in found.items() if isinstance(value, dict) and name != "units" and "time" in value
+    ]
     if "time" not in found and len(structs) == 1:
         found = structs[0]
-    units = found.get("units") if isinstance(found.get("units"), dict) else {}
+    units: dict = given if isinstance(given := found.get("units"), dict) else {}
     if "time" not in found:
         raise InputError(str(path), "has no vector 'time'", "save time and channels as vectors of one length")
     length = np.size(found["time"])
     columns = {
         name: np.asarray(value, dtype=float).ravel()
         for name, value in found.items()
-        if isinstance(value, np.ndarray) and np.size(value) == length and np.issubdtype(value.dtype, np.number) and value.dtype.kind != "c"
+        if isinstance(value, np.ndarray)
+        and np.size(value) == length
+        and np.issubdtype(value.dtype, np.number)
+        and value.dtype.kind != "c"
     }
     if "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
-    header = [f"{name} [{units[name]}]" if name in units else name for name in sorted(columns, key=lambda name: name != "time")]
+    header = [
+        f"{name} [{units[name]}]" if name in units else name
+        for name in sorted(columns, key=lambda name: name != "time")
+    ]
     values = np.stack([columns[name.split(" [")[0]] for name in header], axis=1)
     return Table(header, values)

@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from modelling.assembly import CONTACT_TIME
+
 if TYPE_CHECKING:
     from modelling.compiled import Model
+
+SHARPER = 0.2  # of the step: how long a closing lash takes to a sensor, for which no jump is integrated
 
 
 @dataclass(frozen=True)
@@ -32,14 +36,18 @@ class Functions:
 
 def functions(model: Model, derivatives: bool = False) -> Functions:
     """The functions of a model, kept for models of one structure."""
-    return _functions(model.rates, model.readings, derivatives)
+    contact = model.parameters.index(CONTACT_TIME) if CONTACT_TIME in model.parameters else None
+    return _functions(model.rates, model.readings, contact, derivatives)
 
 
 @functools.lru_cache(maxsize=512)
-def _functions(rates: ca.Function, readings: ca.Function, derivatives: bool) -> Functions:
+def _functions(rates: ca.Function, readings: ca.Function, contact: int | None, derivatives: bool) -> Functions:
     x, u, p, t = (ca.SX.sym(name, readings.size1_in(i)) for i, name in enumerate("xupt"))
     outputs = []
-    for expression in (rates(x, u, p), readings(x, u, p, t)):
+    sharp = ca.SX(p)
+    if contact is not None:
+        sharp[contact] = SHARPER * p[contact]
+    for expression in (rates(x, u, p), readings(x, u, sharp, t)):
         outputs.append(expression)
         if derivatives:
             outputs += [ca.jacobian(expression, by) for by in (x, u, p)]

@@ -72,7 +72,7 @@ def _matrices(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.n
     return A.reshape(n, k, n).transpose(1, 0, 2)
 
 
-def stick_speed(model: Model, p: np.ndarray, states: np.ndarray) -> float:
+def stick_speed(model: Model, p: np.ndarray, states: np.ndarray, rate: float) -> float:
     """Stick speed for dry friction, rad/s: as sharp as costs no further steps, at most ``BLUNT`` of the speeds' range.
 
     A sticking inertia creeps with up to about twice that speed where the law says it stands.
@@ -82,6 +82,8 @@ def stick_speed(model: Model, p: np.ndarray, states: np.ndarray) -> float:
     p : ndarray (p,)
     states : ndarray (t, x)
         A simulated motion; it gives the range of the speeds.
+    rate : float
+        Samples a second, which are steps at least.
     """
     at = model.parameters.index(STICK_SPEED)
     reach = np.ptp(_sticking_speeds(model, p, states), axis=0)
@@ -96,7 +98,9 @@ def stick_speed(model: Model, p: np.ndarray, states: np.ndarray) -> float:
         np.abs(np.linalg.eigvals(_matrices(model, np.zeros((len(model.states), 1)), zero, blunt[:, None]))).max()
         * blunt[at]
     )
-    return float(np.clip(slope / (STABLE * steps_per_second(model, without[None])), SHARP * least, BLUNT * least))
+    return float(
+        np.clip(slope / (STABLE * max(rate, steps_per_second(model, without[None]))), SHARP * least, BLUNT * least)
+    )
 
 
 def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -34,14 +34,34 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
     closed = np.atleast_2d(rest(model, p))[0][: len(names)]
     if not recording.sensors(model.system):
         return dict.fromkeys(names, 0.0)
+    turning = _turning(model, recording, p)
     found: list[tuple[float, np.ndarray]] = []
     for side in (0.0, 1.0, -1.0) if closed.any() else (0.0,):
-        start, misfit = side * closed, np.inf
+        start, misfit = side * closed + turning, np.inf
         for window in WINDOWS:
             start, misfit = _fitted(*_problem(model, recording, p, window, names), start)
         found.append((misfit, start))
     best = min(found, key=lambda one: one[0])[1]
     return dict(zip(names, best.tolist(), strict=True))
+
+
+def _turning(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
+    """Angles 0 and the speeds (2n,) that were measured first, what was not measured turning with them."""
+    from modelling.elements import elements
+
+    parts = elements(model, p[None])
+    turns, twists = (rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.turns, parts.twists))
+    rows, speeds = [], []
+    for part in model.system.sensors:
+        if part.measures == "speed" and part.name in recording.channels:
+            measured = recording[part.name]
+            rows.append(turns[parts.masses.index(f"inertias.{part.of}")])
+            speeds.append(np.median(measured[np.isfinite(measured)][:9]))
+    if not rows:
+        return np.zeros(2 * model.n)
+    together = np.vstack([twists, 1e3 * np.array(rows)])
+    wanted = np.concatenate([np.zeros(len(twists)), 1e3 * np.array(speeds)])
+    return np.concatenate([np.zeros(model.n), np.linalg.lstsq(together, wanted)[0]])
 
 
 def _problem(

@@ -1,10 +1,13 @@
 """Start states: rest, given, steady, and read off a recording."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
 from modelling.compiled import compiled
 from modelling.errors import InputError
+from modelling.files import from_dict
 from modelling.recording import Recording
 from modelling.simulate import simulate, simulate_batch, steady
 from modelling.simulation.recorded_start import recorded_start
@@ -85,3 +88,29 @@ def test_the_start_is_found_in_a_recording_in_motion(kinds):
     assert found["speed(load)"] == pytest.approx(19.0, abs=0.1)
     if not kinds:
         assert found["angle(motor)"] - found["angle(load)"] == pytest.approx(0.03, abs=1e-3)
+
+
+def test_the_start_is_found_behind_gears_and_a_differential():
+    data = tomllib.loads(GEARED)
+    system = from_dict(data, "test")
+    time = np.arange(500) * 1e-3
+    inputs = {"motor_torque": 40 * np.sin(30 * time)}
+    begin = {name: 3.0 if "left" in name else 4.0 for name in compiled(system).states if name.startswith("speed")}
+    made = simulate(system, time, inputs, start=begin)
+    found = recorded_start(compiled(system), Recording(time, {**inputs, **made.readings}), compiled(system).p0)
+    again = simulate(system, time, inputs, start=found)
+    for name, reading in made.readings.items():
+        np.testing.assert_allclose(again[name], reading, atol=1e-6 * np.abs(reading).max())
+
+
+GEARED = """
+inertias = { motor.J = 0.05, cage.J = 0.05, left.J = 0.7, right.J = 0.7, wheel_left.J = 20, wheel_right.J = 20 }
+gears.reduction = { between = ["motor", "cage"], ratio = { value = 9.7, tolerance = 0.01 } }
+differentials.open = { cage = "cage", left = "left", right = "right" }
+shafts.side_left = { between = ["left", "wheel_left"], stiffness = 9000, damping = 5 }
+shafts.side_right = { between = ["right", "wheel_right"], stiffness = 9000, damping = 5 }
+inputs.motor_torque.on = "motor"
+sensors.motor_speed = { measures = "speed", of = "motor" }
+sensors.left_torque = { measures = "torque", of = "side_left" }
+sensors.left_speed = { measures = "speed", of = "wheel_left" }
+"""
