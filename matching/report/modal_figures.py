@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,22 +23,23 @@ class Column:
 
     title: str
     colour: str
-    modes: Modes
+    modes: Sequence[Mode] | Modes
     shown: tuple[int, ...] = ()
 
     @property
     def chosen(self) -> list[Mode]:
         """The modes to show; the first two that are not rigid if none are named."""
         numbers = self.shown or tuple(mode.number for mode in self.modes if mode.frequency > 0)[:2]
-        return [self.modes[number - 1] for number in numbers[: len(_TINTS)]]
+        by_number = {mode.number: mode for mode in self.modes}
+        return [by_number[number] for number in numbers[: len(_TINTS)]]
 
 
 def energy_figure(columns: Sequence[Column]) -> Figure:
     """Frequencies on top, kinetic shares in the middle, potential shares at the bottom, one column a system."""
     with styled():
-        drawn = figure(1.2 + 4.6 * len(columns), 7.4)
+        drawn = figure(min(1.2 + 4.6 * len(columns), 12.4), 7.4)
         rows = drawn.subplots(3, len(columns), squeeze=False)
-        top = max(float(column.modes.frequencies.max()) for column in columns)
+        top = max(mode.frequency for column in columns for mode in column.modes)
         for (first, middle, last), column in zip(rows.T, columns, strict=True):
             _frequencies(first, column, top)
             _shares(middle, column, "kinetic")
@@ -63,7 +64,8 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
             (0, 2),
             textcoords="offset points",
             ha="center",
-            fontsize=7.5,
+            fontsize=7.5 if len(column.modes) <= 10 else 6.5,
+            rotation=0 if len(column.modes) <= 10 else 60,
         )
     axes.set_yscale("log")
     axes.set_ylim(floor, 3 * max(top, 1.0))
@@ -79,10 +81,11 @@ def _labelled(column: Column) -> bool:
 
 def _shares(axes: Any, column: Column, energy: str) -> None:
     chosen = column.chosen
-    names = _most([list(getattr(mode, energy).values()) for mode in chosen], list(getattr(column.modes[0], energy)), 24)
+    named = _named(chosen or column.modes, energy)
+    names = _most([[getattr(mode, energy).get(name, 0.0) for name in named] for mode in chosen], named, 24)
     width = 0.8 / max(len(chosen), 1)
     for i, (mode, tint) in enumerate(zip(chosen, _TINTS)):
-        values = 100 * np.array([getattr(mode, energy)[name] for name in names])
+        values = 100 * np.array([getattr(mode, energy).get(name, 0.0) for name in names])
         place = np.arange(len(names)) + (i - (len(chosen) - 1) / 2) * width
         label = f"mode {mode.number}, {mode.frequency:.4g} Hz"
         axes.bar(
@@ -171,6 +174,11 @@ def _largest(shares: dict[str, float], most: int) -> str:
     return ", ".join(f"{_short(name)} {100 * share:.0f} %" for name, share in ranked if share >= 0.05) or "–"
 
 
+def _named(modes: Iterable[Mode], energy: str) -> list[str]:
+    """Components that hold any energy of the modes, in the model's order; a rigid mode may know none."""
+    return list(dict.fromkeys(name for mode in modes for name in getattr(mode, energy)))
+
+
 def _most(shares: Any, names: Sequence[str], most: int) -> list[str]:
     """The components with the largest shares (rows of modes), at most so many, in the model's order."""
     if len(names) <= most or not len(shares):
@@ -180,7 +188,7 @@ def _most(shares: Any, names: Sequence[str], most: int) -> list[str]:
 
 
 def _short(name: str) -> str:
-    return name.split(".", 1)[1].replace("_", " ")
+    return name.rsplit(".", 1)[1].replace("_", " ")
 
 
 def _tint(colour: str, strength: float) -> tuple[float, ...]:
