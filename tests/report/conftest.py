@@ -1,0 +1,88 @@
+"""A match set by hand: gains known to be stable on the reference case, verified for good. No optimiser is involved."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.frequency.case import load_case
+from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.verification import responses, verify
+from modelling.modes import modes
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+GAINS = {
+    "proportional_gain": 60.0,
+    "integral_gain": 60.0,
+    "torque_feed_forward": 0.2,
+    "acceleration_feed_forward": 0.3,
+}
+
+
+@pytest.fixture(scope="session")
+def case():
+    return load_case(CASE)
+
+
+@pytest.fixture(scope="session")
+def hand_made(case):
+    tuned = replace(case, loop=case.loop.with_values(GAINS))
+    seen = verify(tuned)
+    found = responses(tuned, np.geomspace(0.3, 50, 200))
+    vehicle, rig = tuple(modes(case.vehicle)), tuple(modes(case.rig))
+    targets = []
+    for (number, mode, _), own in zip(seen.targets, seen.seen, strict=True):
+        aim = vehicle[number - 1]
+        like = next(one for one in rig if one.symmetry == aim.symmetry and one.frequency > 0)
+        targets.append(
+            TargetResult(
+                number,
+                aim.symmetry,
+                aim.frequency,
+                own.vehicle.damping_ratio,
+                like.frequency,
+                mode.frequency,
+                mode.damping_ratio,
+                own.matched.frequency,
+                own.matched.damping_ratio,
+                True,
+            )
+        )
+    parameters = []
+    for move in case.moves:
+        value = tuned.loop.values.get(move.name.removeprefix("loop."), move.start)
+        still = value == move.start
+        parameters.append(
+            ParameterResult(
+                move.name, move.start, value, move.unit, move.lower, move.upper, 1.0, 0.0 if still else 0.5, still
+            )
+        )
+    errors = seen.errors
+    return MatchResult(
+        "limited",
+        ("Set by hand: nothing was tuned",),
+        seen.notes,
+        case,
+        tuned,
+        vehicle,
+        rig,
+        tuple(mode.to_dict() for mode in seen.modes),
+        tuple(targets),
+        tuple(parameters),
+        ResponseError(
+            errors.band,
+            errors.before,
+            errors.after,
+            errors.after_like_before,
+            errors.unannounced,
+            0.004,
+            0.003,
+            errors.functions,
+        ),
+        Curves(found.frequencies, found.vehicle, found.rig, found.matched, found.unannounced),
+        seen,
+        1.0,
+        (1.0, 1.005, None),
+        2.0,
+    )

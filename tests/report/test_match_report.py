@@ -1,0 +1,181 @@
+"""Figures, page and text of a match."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import sympy as sm
+
+from matching.frequency.case import load_case
+from matching.frequency.case_file import case_files
+from matching.report.margin_figure import frequencies_around, return_difference
+from matching.report.match_checks import checks, needs, signals
+from matching.report.match_figures import CAPTIONS, figures, overview
+from matching.report.match_page import page
+from matching.report.match_text import content, summary
+from matching.report.mathml import equations
+from matching.report.style import MATCHED, RIG, VEHICLE, image
+from modelling.files import from_dict
+from modelling.output import strict_json
+
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+@pytest.fixture(scope="session")
+def drawn(hand_made):
+    return {name: image(figure) for name, figure in figures(hand_made).items()}
+
+
+@pytest.fixture(scope="session")
+def html(hand_made, drawn):
+    return page(hand_made, drawn)
+
+
+class Tags(HTMLParser):
+    """Checks that every tag is closed in order, and keeps what pages load."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.sources, self.titles = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.sources += [value for key, value in attrs if key in ("src", "href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "title":
+            self.titles.append(data)
+
+
+def test_page_is_whole_and_needs_nothing_from_outside(html, drawn, hand_made):
+    tags = Tags()
+    tags.feed(html)
+    assert not tags.open
+    assert tags.titles == [hand_made.case.title]
+    assert all(source.startswith(("data:image/", "#")) for source in tags.sources)
+    assert "http" not in html
+    assert "<script" not in html
+    assert sum(source.startswith("data:") for source in tags.sources) == len(drawn) == len(CAPTIONS)
+
+
+def test_page_says_what_to_order_enter_and_know(html, hand_made):
+    for target in hand_made.targets:
+        assert f"{target.matched:.4g} Hz" in html
+    for name, value in hand_made.tuned.loop.values.items():
+        assert f"<code>loop.{name}</code>" in html, value
+    for own in hand_made.parameters:
+        assert own.name.removeprefix("residual_vehicle.") in html
+    assert "Set by hand" in html
+    assert html.count("<math") > 50
+    assert "nan" not in re.sub(r"data:image[^\"]*", "", html).lower().replace("dominan", "")
+
+
+def test_text_is_short(hand_made):
+    result = content(hand_made)
+    lines = summary(result).splitlines()
+    assert len(lines) <= 20
+    assert lines[0].startswith("LIMITED")
+    many = result | {
+        "parameters": result["parameters"] * 9,
+        "limits": ["too late"] * 9,
+        "targets": result["targets"] * 9,
+    }
+    assert len(summary(many).splitlines()) <= 20
+    assert summary(json.loads(strict_json(result))) == summary(result)  # what is written is enough to say it again
+
+
+def test_json_has_the_agreed_shape(hand_made):
+    result = json.loads(strict_json(content(hand_made)))
+    assert result["status"] in ("matched", "limited")
+    for who in ("vehicle", "rig", "matched"):
+        assert {"number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential"} <= set(
+            result[who]["modes"][1]
+        )
+    assert {"vehicle_mode", "vehicle", "rig", "matched", "seen_in_simulation"} <= set(result["targets"][0])
+    assert {"name", "start", "tuned", "unit", "lower", "upper", "weight", "at_bound"} <= set(result["parameters"][0])
+    assert {"band", "before", "after"} <= set(result["response_error"])
+    assert isinstance(result["stable"], bool)
+    assert isinstance(result["modulus_margin"], float)
+    assert isinstance(result["spectral_abscissa"], float)
+    assert result["asked"]["modulus_margin"] == 0.5
+
+
+def test_responses_are_drawn_in_their_colours(hand_made):
+    axes = figures(hand_made)["responses"].axes[0]
+    lines = {line.get_color(): line for line in axes.get_lines() if line.get_linestyle() != ":"}
+    assert {VEHICLE, RIG, MATCHED} <= set(lines)
+    np.testing.assert_allclose(lines[VEHICLE].get_ydata(), np.abs(hand_made.curves.vehicle[:, 0]))
+    np.testing.assert_allclose(lines[RIG].get_ydata(), np.abs(hand_made.curves.rig[:, 0]))
+
+
+def test_overview_is_1200_wide(hand_made):
+    png = image(overview(hand_made), "png")
+    assert int.from_bytes(png[16:20], "big") == 1200
+
+
+def test_margin_figure_agrees_with_the_verification(hand_made):
+    f = frequencies_around([target.vehicle for target in hand_made.targets])
+    least = np.linalg.svd(return_difference(hand_made.tuned, f), compute_uv=False)[:, -1].min()
+    assert least == pytest.approx(hand_made.verification.modulus_margin, rel=2e-3)
+
+
+def test_needs_and_checks(hand_made):
+    peaks = {need.what: need for need in needs(hand_made)}
+    left = peaks["dynamometers.left.torque"]
+    trace = next(own for own in signals(hand_made) if own.title == "Dynamometer left, torque")
+    assert left.peak == pytest.approx(np.abs(trace.curves["matched"]).max())
+    assert left.limit == hand_made.case.limits["dynamometer_torque"]
+    assert peaks["shafts.flange_left.twist"].limit == pytest.approx(np.pi / 180)
+    assert all(own.holds for own in checks(hand_made))
+    stricter = replace(hand_made, case=replace(hand_made.case, limits={**hand_made.case.limits, "modulus_margin": 0.9}))
+    assert [own.what for own in checks(stricter) if not own.holds] == [
+        "Modulus margin of the feedback loop, exact dead time"
+    ]
+
+
+def test_a_motion_that_ran_away_still_gives_a_page(hand_made):
+    fallen = replace(hand_made.verification, traces=None, peaks={}, robustness=(), stable=False)
+    result = replace(hand_made, verification=fallen, parameters=())
+    shown = figures(result)
+    assert {"manoeuvre", "robustness", "quantities"}.isdisjoint(shown)
+    assert "NOT STABLE" in summary(content(result))
+    assert page(result, {"overview": image(shown["overview"])}).count("data:image") == 1
+
+
+def test_a_tuned_case_can_be_read_again(hand_made, tmp_path):
+    files = case_files(hand_made.tuned)
+    assert set(files) == {"case.toml", "vehicle.toml", "rig.toml", "residual_vehicle_1.toml", "residual_vehicle_2.toml"}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    again = load_case(tmp_path / "case.toml")
+    assert again.loop == hand_made.tuned.loop
+    assert replace(again, moves=()) == replace(hand_made.tuned, moves=())
+    starts = {move.name: move.start for move in again.moves}
+    assert starts["loop.proportional_gain"] == 60.0
+    assert starts["rig.shafts.flange_left.stiffness"] == 2e5
+
+
+def test_equations_keep_their_signs():
+    system = from_dict(
+        {
+            "inertias": {"a": {"J": 1.0}, "b": {"J": 2.0, "drag": 0.1}},
+            "shafts": {"s": {"between": ["a", "b"], "stiffness": 3.0}},
+            "inputs": {"m": {"on": "a"}},
+        }
+    )
+    lines = [re.sub(r"<[^>]+>|&nbsp;|\s", "", line) for line in equations(system)["motion"]]
+    symbols = {name: sm.Symbol(name) for name in ("bb", "cs", "xa", "xb", "va", "vb", "Mm")}
+    s = symbols
+    right = [s["cs"] * (s["xb"] - s["xa"]) + s["Mm"], s["cs"] * (s["xa"] - s["xb"]) - s["bb"] * s["vb"]]
+    for line, wanted in zip(lines, right, strict=True):
+        side = line.split("=")[1]
+        for old, new in (("−", "-"), ("&InvisibleTimes;", "*"), ("φ\u0308", "w"), ("φ\u0307", "v"), ("φ", "x")):
+            side = side.replace(old, new)
+        assert sm.expand(sm.parse_expr(side, local_dict=symbols) - wanted) == 0, line
