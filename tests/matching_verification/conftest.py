@@ -65,3 +65,93 @@ def compact(tmp_path_factory):
     path = tmp_path_factory.mktemp("compact") / "case.toml"
     path.write_text(COMPACT.format(folder=(EXAMPLES / "compact_bev").as_posix()))
     return load_case(path)
+
+
+CHAIN = """
+[inertias.motor]
+J = 4.0
+drag = 0.02
+[shafts.side]
+between = ["motor", "{end}"]
+stiffness = 9000
+damping = 6
+{beyond}
+[inputs.motor_torque]
+on = "motor"
+[sensors.motor_speed]
+measures = "speed"
+of = "motor"
+[sensors.side_torque]
+measures = "torque"
+of = "side"
+"""
+WHEEL = """
+[inertias.wheel]
+J = 1.5
+[inertias.body]
+J = 160
+drag = 2
+[shafts.tyre]
+between = ["wheel", "body"]
+stiffness = 60000
+damping = 300
+[inputs.road]
+on = "body"
+"""
+ROTOR = """
+[inertias.adapter]
+J = 0.1
+[inertias.rotor]
+J = 1.2
+drag = 0.05
+[shafts.flange]
+between = [{flange}]
+stiffness = 300000
+damping = 30
+[inputs.dyno]
+on = "rotor"
+[sensors.flange_torque]
+measures = "torque"
+of = "flange"
+[sensors.rotor_speed]
+measures = "speed"
+of = "rotor"
+"""
+SINGLE = """
+vehicle = "vehicle.toml"
+rig = "rig.toml"
+[dynamometers.one]
+torque_input = "dyno"
+torque_sensor = "flange_torque"
+speed_sensor = "rotor_speed"
+follows = "side"
+[loop]
+structure = "pi"
+dead_time = 0.002
+proportional_gain = 60
+integral_gain = 50
+torque_feed_forward = 0.4
+[[targets]]
+mode = 2
+[response]
+compare = [{ input = "motor_torque", sensor = "motor_speed" }, { input = "road", sensor = "side_torque" }]
+[manoeuvre.motor_torque]
+kind = "sweep"
+amplitude = 30
+duration = 3
+"""
+
+
+@pytest.fixture(scope="session")
+def single(tmp_path_factory):
+    """(flange ends) → a case with one dynamometer."""
+
+    def build(*ends):
+        folder = tmp_path_factory.mktemp("single")
+        flange = ", ".join(f'"{end}"' for end in ends)
+        (folder / "vehicle.toml").write_text(CHAIN.format(end="wheel", beyond=WHEEL))
+        (folder / "rig.toml").write_text(CHAIN.format(end="adapter", beyond=ROTOR.format(flange=flange)))
+        (folder / "case.toml").write_text(SINGLE)
+        return load_case(folder / "case.toml")
+
+    return build

@@ -145,15 +145,34 @@ def test_sampled_poles_tend_to_the_continuous_ones(reference):
             assert np.abs(slow - mode.eigenvalue).min() < 2e-4 * abs(mode.eigenvalue)
 
 
-def test_a_vehicle_without_drag_coasts(reference):
-    free = {"inertias.body_left.drag": 0.0, "inertias.body_right.drag": 0.0}
-    residual = reference.residual_vehicle
-    tuned = replace(
-        residual,
-        parts=tuple(
-            part.with_values({k: v for k, v in free.items() if k in part.parameters}) for part in residual.parts
-        ),
-    )
-    parts = parts_of(replace(reference, residual_vehicle=tuned))
+def without_drag(case, rig):
+    def free(system):
+        return system.with_values({name: 0.0 for name in system.parameters if name.endswith(".drag")})
+
+    residual = case.residual_vehicle
+    tuned = replace(residual, parts=tuple(free(part) for part in residual.parts))
+    return parts_of(replace(case, residual_vehicle=tuned, rig=free(case.rig) if rig else case.rig))
+
+
+@pytest.mark.parametrize("rig", [False, True])
+@pytest.mark.parametrize(("gain", "unstable"), [(100.0, 0), (10.0, 2)])
+def test_a_vehicle_without_drag_coasts(reference, rig, gain, unstable):
+    """Rigid motions that nothing slows stand at 0: in the vehicle as in the loop, neither stable nor unstable."""
+    parts = without_drag(replace(reference, loop=reference.loop.with_values({"proportional_gain": gain})), rig)
     assert neutral_motions(parts) == 2
-    assert approximations(parts)[-1].unstable(neutral_motions(parts)) == 0
+    assert approximations(parts)[-1].unstable(2) == unstable
+    found = encirclements(parts)
+    assert found.clear
+    assert found.unstable == unstable
+    assert found.resting <= 2
+
+
+def test_a_pole_on_the_axis_is_not_clear():
+    found = count(lambda s: ((s**2 + 100) / (s + 5) ** 2)[:, None, None], 0, 0, 0.0, np.zeros(0))
+    assert not found.clear
+
+
+def test_poles_at_the_origin_are_counted_as_such():
+    # 1 + L = s·(s − 1)/(s + 2)²: one at 0, one in the right half plane
+    found = count(lambda s: (s * (s - 1) / (s + 2) ** 2)[:, None, None], 0, 0, 0.0, np.zeros(0))
+    assert (found.resting, found.unstable, found.clear) == (1, 1, True)

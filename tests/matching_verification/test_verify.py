@@ -168,3 +168,41 @@ def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
         assert sum(mode.kinetic.values()) == pytest.approx(1)
         assert sum(mode.potential.values()) == pytest.approx(1)
     assert match_mode(known[0], announced, inertia) is None
+
+
+@pytest.mark.parametrize("structure", ["pi", "model_based"])
+def test_a_flange_may_point_either_way(single, structure):
+    forth, back = (
+        verify(replace(case, loop=replace(case.loop, structure=structure, knows=("motor_torque",))), deviations=False)
+        for case in (single("adapter", "rotor"), single("rotor", "adapter"))
+    )
+    assert forth.stable
+    assert back.modulus_margin == pytest.approx(forth.modulus_margin, rel=1e-9)
+    assert back.spectral_abscissa == pytest.approx(forth.spectral_abscissa, rel=1e-6)
+    assert back.errors.after == pytest.approx(forth.errors.after, rel=1e-6)
+    assert back.peaks["dynamometers.one.torque"] == pytest.approx(forth.peaks["dynamometers.one.torque"], rel=1e-6)
+    # a sweep leaves no free motion: the mode is read off a kick of its own
+    assert forth.seen[0].excited_by == "motor_torque"
+    if structure == "model_based":  # this gain leaves nothing like the mode to the feedback alone
+        assert forth.seen[0].matched.frequency == pytest.approx(forth.targets[0][1].frequency, rel=5e-3)
+
+
+def test_a_motion_that_leaves_every_bound_is_no_result(feedback):
+    values = {
+        "proportional_gain": 15.67, "integral_gain": 0.0, "torque_feed_forward": -0.234, "lead_time": 0.003,
+        "acceleration_feed_forward": 2.477, "dead_time": 0.0005, "inverter_lag": 1e-5,
+    }  # fmt: skip
+    checked = verify(replace(feedback, loop=feedback.loop.with_values(values)), deviations=False)
+    assert np.abs(checked.sampled).max() > 1.1
+    assert checked.traces is None
+    assert not checked.checks["simulation"]
+    assert all(own.matched is None for own in checked.seen)
+    json.dumps(checked.to_dict(), allow_nan=False)
+
+
+def test_a_long_dead_time_takes_higher_orders(feedback):
+    values = {"dead_time": 0.04, "inverter_lag": 0.05, "proportional_gain": 300.0}
+    checked = verify(replace(feedback, loop=feedback.loop.with_values(values)), deviations=False)
+    assert checked.approximations[-1].order >= 8
+    assert any("do not count" in note for note in checked.notes)
+    assert checked.approximations[-1].unstable(0) == checked.winding.unstable

@@ -1,6 +1,6 @@
-"""Independent verification of a tuned case: poles, encirclements, simulation and responses in NumPy and SciPy alone.
+"""Independent verification of a tuned case: poles, encirclements, simulation and responses by NumPy and SciPy.
 
-Nothing here is used by the optimiser, and nothing of the optimiser is used here.
+It starts from the linear models and shares no code with the CasADi loop that the optimiser differentiates.
 """
 
 from __future__ import annotations

@@ -29,21 +29,27 @@ class Encirclements:
         Closed-loop poles in the right half plane.
     open_loop_unstable : int
         Those of the open loop, which were counted by its matrices.
+    resting : int
+        Closed-loop poles at 0.
     remainder : float
-        By how much the winding missed a whole number; near 0.5 a pole stands on the imaginary axis.
+        By how much the winding missed a whole number; 0.5 where a pole stands on the imaginary axis elsewhere.
     modulus_margin : float
         Least singular value of I + L over all frequencies: least distance from −1 of a loop of one dynamometer.
     margin_frequency : float
         Hz, where it is reached.
+    gain_edge : float
+        Hz, above which the loop gain stays below a half: what happens to the phase beyond does not matter.
     frequencies : ndarray (f,)
         Hz, those that were needed.
     """
 
     unstable: int
     open_loop_unstable: int
+    resting: int
     remainder: float
     modulus_margin: float
     margin_frequency: float
+    gain_edge: float
     frequencies: np.ndarray
 
     @property
@@ -70,7 +76,8 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
     """Encirclements of the origin by det(I + L) along the imaginary axis.
 
     The winding is that of det(I + L)·(s/(s + 1))^r, r the open loop's poles at 0, so that neither end has a pole:
-    real at s → 0, 1 at s → ∞, and its phase turns by −π·(unstable − right) in between (Nyquist).
+    1 at s → ∞, c·s^m at s → 0 with m closed-loop poles there, and its phase turns by −π·(unstable − right) − m·π/2 in
+    between (Nyquist, the contour passing 0 on its right).
 
     Parameters
     ----------
@@ -83,7 +90,7 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
     corners : ndarray
         Hz, where the open loop resonates: the grid starts finer there.
     """
-    frequencies = _grid(delay, corners)
+    frequencies = _grid(delay, corners, _top(difference))
     values = difference(2j * np.pi * frequencies)
     while True:
         s = 2j * np.pi * frequencies
@@ -95,20 +102,38 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
         new = np.sqrt(frequencies[wide] * frequencies[wide + 1])
         values = np.insert(values, wide + 1, difference(2j * np.pi * new), axis=0)
         frequencies = np.insert(frequencies, wide + 1, new)
-    unstable = right - step.sum() / np.pi
+    slope = np.log(np.abs(curve[1] / curve[0])) / np.log(frequencies[1] / frequencies[0])
+    left = round(float(slope))
+    unstable = right - step.sum() / np.pi - left / 2
+    remainder = 0.5 if len(wide) or np.abs(step).max() > STEP else float(unstable - round(unstable))
     margin, where = _margin(difference, frequencies, values)
-    return Encirclements(round(unstable), right, float(unstable - round(unstable)), margin, where, frequencies)
+    gaining = frequencies[_gain(values) > 0.5]
+    edge = float(gaining.max(initial=LOWEST))
+    return Encirclements(round(unstable), right, left, remainder, margin, where, edge, frequencies)
 
 
-def _grid(delay: float, corners: np.ndarray) -> np.ndarray:
-    parts = [np.geomspace(LOWEST, HIGHEST, 500)]
+def _gain(values: np.ndarray) -> np.ndarray:
+    """Largest singular value (f,) of L for I + L (f, k, k)."""
+    return np.linalg.norm(values - np.eye(values.shape[-1]), 2, axis=(1, 2))
+
+
+def _top(difference: Difference) -> float:
+    """Frequency in Hz up to where the loop is followed: 5 kHz, or more until its gain has gone."""
+    top = HIGHEST
+    while top < 1e6 and _gain(difference(np.array([2j * np.pi * top])))[0] > 0.05:
+        top *= 2
+    return top
+
+
+def _grid(delay: float, corners: np.ndarray, top: float) -> np.ndarray:
+    parts = [np.geomspace(LOWEST, top, 500)]
     parts.append(np.array([1e-7, 1e-6, 1e-5]))  # so low that the curve begins on the real axis
     near = np.concatenate([-np.geomspace(0.3, 1e-4, 12), [0.0], np.geomspace(1e-4, 0.3, 12)])
     parts += [corner * (1 + near) for corner in corners]
     if delay > 0:
-        parts.append(np.linspace(LOWEST, HIGHEST, int(min(HIGHEST * delay * 2 * np.pi / STEP + 2, MOST / 10))))
+        parts.append(np.linspace(LOWEST, top, int(min(top * delay * 2 * np.pi / STEP + 2, MOST / 10))))
     grid = np.unique(np.concatenate(parts))
-    return grid[(grid > 0) & (grid <= HIGHEST)]
+    return grid[(grid > 0) & (grid <= top)]
 
 
 def _margin(difference: Difference, frequencies: np.ndarray, values: np.ndarray) -> tuple[float, float]:

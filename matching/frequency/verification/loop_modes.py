@@ -60,10 +60,10 @@ class LoopMode:
         return {key: getattr(self, key) for key in keys}
 
 
-def feedback_modes(parts: Parts) -> tuple[LoopMode, ...]:
-    """Modes of the feedback loop, up to where the best Padé approximation of the dead time can be believed."""
-    eigenvalues, vectors = np.linalg.eig(closed_matrix(parts, ORDERS[-1]))
-    limit = good_up_to(parts.case.loop["dead_time"], ORDERS[-1], TRUSTED)
+def feedback_modes(parts: Parts, order: int = ORDERS[-1]) -> tuple[LoopMode, ...]:
+    """Modes of the feedback loop, up to where the Padé approximation of that order can be believed."""
+    eigenvalues, vectors = np.linalg.eig(closed_matrix(parts, order))
+    limit = good_up_to(parts.case.loop["dead_time"], order, TRUSTED)
     start = len(parts.bed.A)
     return tuple(_listed(parts, parts.residual, eigenvalues, vectors, start, limit, "feedback"))
 

@@ -86,6 +86,8 @@ class NonlinearMotion:
         model = compiled(system)
         p = model.p0
         needed = max(steps_per_second(model, p[None]) * step, step / FINEST)
+        if parts is not None:
+            needed = max(needed, *(step / (2 * parts.case.loop[lag]) for lag in ("inverter_lag", "torque_sensor_lag")))
         self._pieces = int(np.ceil(needed - 1e-9))
         if CONTACT_TIME in model.parameters:
             p = p.copy()

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matching.frequency.case import Case
     from modelling.residual_vehicle import Interface
 
+STATIC = 1e-6  # s: a lead this short does nothing below 100 kHz
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -122,7 +124,7 @@ class Parts:
             A = np.block([[A, np.zeros((size, k))], [error[0], np.zeros((k, k))]])
             B = np.vstack([B, error[1]])
             C = np.hstack([C, loop["integral_gain"] * np.eye(k)])
-        if loop["lead_time"]:
+        if loop["lead_time"] > STATIC:
             rate = LEAD_SPREAD / loop["lead_time"]
             A = np.block([[A, np.zeros((len(A), k))], [rate * C, -rate * np.eye(k)]])
             B = np.vstack([B, rate * D])

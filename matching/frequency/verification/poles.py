@@ -12,6 +12,8 @@ from matching.frequency.verification.pade import good_up_to, parallel, phase_err
 from matching.frequency.verification.parts import Parts
 
 ORDERS = (3, 5, 8)
+MORE = (12, 16, 20, 24)  # taken as well where the dead time is long for what the loop does
+BELIEVED = np.radians(5.0)  # phase error up to which an approximation counts, as far as the loop has gain
 TRUSTED = np.radians(1.0)  # phase error up to which an approximation is believed
 ZERO = 1e-6  # rad/s: a rigid motion without drag stands here, neither stable nor unstable
 
@@ -116,6 +118,16 @@ def sampled_poles(parts: Parts) -> np.ndarray:
         closed[n + c : n + c + k] = issue
         closed[n + c + k :, n + c : -k] = np.eye((oldest - 1) * k)
     return np.linalg.eigvals(closed)
+
+
+def orders_for(delay: float, edge: float) -> tuple[int, ...]:
+    """Orders to take: 3, 5, 8 and as many more as bring the phase error at ``edge`` (Hz) to 5°."""
+    found = list(ORDERS)
+    for order in MORE:
+        if phase_error(delay, found[-1], np.array([edge]))[0] <= BELIEVED:
+            break
+        found.append(order)
+    return tuple(found)
 
 
 def neutral_motions(parts: Parts) -> int:

@@ -67,6 +67,8 @@ def robustness(parts: Parts, told: Twin | None) -> tuple[Deviation, ...]:
             found.append(_judged(true, told, target, frequencies, f"rig.{name}", change, case.loop["dead_time"]))
     for change in (LATER, -LATER):
         late = max(case.loop["dead_time"] + change, 0.0)
+        if late == case.loop["dead_time"]:
+            continue
         found.append(_judged(parts, told, vehicle, frequencies, "loop.dead_time", late - case.loop["dead_time"], late))
     return tuple(sorted(found, key=lambda own: (own.stable, -own.response_error)))
 

@@ -9,12 +9,16 @@ import numpy as np
 
 from matching.frequency.verification.encirclements import Encirclements, encirclements
 from matching.frequency.verification.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
-from matching.frequency.verification.parts import Parts, parts_of
+from matching.frequency.verification.motion import is_linear
+from matching.frequency.verification.pade import phase_error
+from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
 from matching.frequency.verification.poles import (
+    BELIEVED,
     Approximation,
     approximations,
     neutral_motions,
+    orders_for,
     resting_and_right,
     sampled_poles,
 )
@@ -29,8 +33,6 @@ from modelling.twin import twin
 
 if TYPE_CHECKING:
     from matching.frequency.case import Case
-
-BELIEVED = np.radians(5.0)  # phase error of an approximation up to where the loop gain is small
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ class Verification:
             "poles": [
                 {
                     "pade_order": own.order, "spectral_abscissa": own.abscissa,
-                    "phase_error_deg": float(np.degrees(own.phase_error)), "good_up_to": own.good_up_to,
+                    "phase_error_deg": float(np.degrees(own.phase_error)),
+                    "good_up_to": own.good_up_to if np.isfinite(own.good_up_to) else None,
                 }
                 for own in self.approximations
             ],
@@ -149,11 +152,11 @@ def verify(case: Case, *, deviations: bool = True) -> Verification:
     told = twin(case.rig, reference, case.loop) if case.loop.structure == "model_based" else None
     neutral = neutral_motions(parts)
     notes: list[str] = []
-    orders, winding, sampled = approximations(parts), encirclements(parts), sampled_poles(parts)
-    checks = {
-        f"poles, order {own.order}": own.unstable(neutral) == 0 for own in _believed(parts, orders, winding, notes)
-    }
-    checks["encirclements"] = winding.unstable == 0 and winding.clear
+    winding, sampled, delay = encirclements(parts), sampled_poles(parts), case.loop["dead_time"]
+    orders = approximations(parts, orders=orders_for(delay, winding.gain_edge))
+    counted = _believed(orders, delay, winding.gain_edge, notes)
+    checks = {f"poles, order {own.order}": own.unstable(neutral) == 0 for own in counted}
+    checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
     checks["sampled loop"] = _inside(sampled, neutral)
     twin_poles = np.zeros(0, complex) if told is None else told.poles
     if told is not None:
@@ -167,10 +170,14 @@ def verify(case: Case, *, deviations: bool = True) -> Verification:
         checks["simulation"] = False
         notes.append(f"simulation: {fault.wrong}")
     found = () if told is None else twin_modes(parts, told, reference)
-    every = (*found, *feedback_modes(parts))
+    every = (*found, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
+    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
+        notes.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
+    if case.loop["dead_time"] < case.loop["sample_time"] / 2:
+        notes.append("the hold of a sample alone takes longer than the dead time: simulated with the hold")
     if neutral:
         notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
     return Verification(
@@ -187,30 +194,18 @@ def _inside(z: np.ndarray, neutral: int) -> bool:
     return int(on.sum()) <= neutral and bool(np.all(np.abs(z[~on]) < 1))
 
 
-def _believed(
-    parts: Parts, orders: tuple[Approximation, ...], winding: Encirclements, notes: list[str]
-) -> list[Approximation]:
-    """The approximations that are good as far as the loop has gain; always the highest order."""
-    from matching.frequency.verification.exact_loop import ExactLoop
-    from matching.frequency.verification.pade import phase_error
-
-    f = winding.frequencies
-    k = len(parts.dynamometers)
-    L = ExactLoop(parts).return_difference(2j * np.pi * f) - np.eye(k)
-    gaining = np.linalg.norm(L, 2, axis=(1, 2)) > 0.5
-    edge = float(f[gaining].max()) if gaining.any() else parts.case.band[1]
-    kept = []
-    for own in orders:
-        error = float(phase_error(parts.case.loop["dead_time"], own.order, np.array([edge]))[0])
-        if error <= BELIEVED or own is orders[-1]:
-            kept.append(own)
-        if error > BELIEVED:
-            counted = "" if own is orders[-1] else ", and is not counted"
-            notes.append(
-                f"order {own.order} misses {np.degrees(error):.0f}° of the dead time's phase at {edge:.0f} Hz, "
-                f"where the loop still has gain{counted}"
-            )
-    return kept
+def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, notes: list[str]) -> list[Approximation]:
+    """The approximations that are good as far as the loop has gain, and the highest order whatever it is."""
+    errors = [float(phase_error(delay, own.order, np.array([edge]))[0]) for own in orders]
+    poor = [str(own.order) for own, error in zip(orders[:-1], errors[:-1], strict=True) if error > BELIEVED]
+    if poor:
+        notes.append(
+            f"poles with the dead time approximated to order {', '.join(poor)} do not count: "
+            f"more than 5° off at {edge:.0f} Hz, where the loop still has gain"
+        )
+    if errors[-1] > BELIEVED:
+        notes.append(f"even order {orders[-1].order} misses {np.degrees(errors[-1]):.0f}° of the dead time there")
+    return [own for own, error in zip(orders, errors, strict=True) if error <= BELIEVED or own is orders[-1]]
 
 
 def _targets(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
