@@ -29,9 +29,9 @@ def map_figure(found: Map) -> Figure:
         drawn = figure(8.0, 6.0)
         axes = drawn.subplots()
         columns, rows = _edges(found.x), _edges(found.y)
+        span = known if known.size else np.array([0.1, 1.0])
+        norm = LogNorm(span.min() / 1.02, span.max() * 1.02)
         if known.size:
-            low, high = known.min(), known.max()
-            norm = LogNorm(low / 1.02, high * 1.02)
             fields = axes.pcolormesh(columns, rows, np.ma.masked_invalid(errors), cmap="viridis_r", norm=norm, zorder=1)
             bar = drawn.colorbar(fields, ax=axes)
             band = f"{number(found.band[0])}–{number(found.band[1])} Hz"
@@ -43,7 +43,9 @@ def map_figure(found: Map) -> Figure:
                 if point.status != "matched":
                     hatch, _ = hatched[point.stable]
                     shown.add(point.stable)
-                    _hatch(axes, columns[column : column + 2], rows[row : row + 2], hatch)
+                    dark = point.error is not None and norm(point.error) > 0.45
+                    colour = "white" if dark else LIMIT
+                    _hatch(axes, columns[column : column + 2], rows[row : row + 2], hatch, colour)
                 if point.error is not None and max(errors.shape) <= _READABLE:
                     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5}
                     at = (point.x, point.y)
@@ -75,12 +77,12 @@ def _edges(axis: Axis) -> np.ndarray:
     return np.exp(ends) if axis.by_ratio else np.array(ends)
 
 
-def _hatch(axes: Any, across: np.ndarray, up: np.ndarray, hatch: str) -> None:
+def _hatch(axes: Any, across: np.ndarray, up: np.ndarray, hatch: str, colour: str) -> None:
     from matplotlib.patches import Rectangle
 
     corner, width, height = (across[0], up[0]), across[1] - across[0], up[1] - up[0]
     axes.add_patch(
-        Rectangle(corner, width, height, hatch=hatch, linewidth=0, zorder=3, facecolor="none", edgecolor=LIMIT)
+        Rectangle(corner, width, height, hatch=hatch, linewidth=0, zorder=3, facecolor="none", edgecolor=colour)
     )
 
 

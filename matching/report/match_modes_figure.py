@@ -40,6 +40,8 @@ def columns(result: MatchResult) -> list[Column]:
         ]
         numbers = tuple(dict.fromkeys(mode.number for mode in shown if mode is not None))
         low = [mode for mode in modes if mode.frequency <= HIGHEST]
+        if not numbers:
+            title += ", no target mode found: its first modes"
         if low:
             found.append(Column(title, colour, low, numbers))
     return found

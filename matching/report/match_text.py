@@ -43,9 +43,12 @@ def summary(result: Mapping[str, Any]) -> str:
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     body = [_target(target) for target in result["targets"][:4]]
     free = "" if error["before"] is None else f", free rig {number(error['before'], 3)}"
+    alone = f"; {number(error['unannounced'], 3)} for a torque nobody announces"
+    if result.get("structure") == "pi":  # feedback answers all torques alike
+        alone = ""
     body.append(
-        f"error {_band(error)}: {number(error['after'], 3)} matched{free}; {number(error['unannounced'], 3)} for a "
-        f"torque nobody announces; dead time leaves {number(error['bound'], 3)}"
+        f"error {_band(error)}: {number(error['after'], 3)} matched{free}{alone}; "
+        f"dead time leaves {number(error['bound'], 3)}"
     )
     margin = f" (asked {number(asked['modulus_margin'], 3)})" if "modulus_margin" in asked else ""
     body.append(
@@ -79,8 +82,9 @@ def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
 
 
 def _target(target: Mapping[str, Any]) -> str:
+    side = target["symmetry"].replace("none", "")
     return (
-        f"mode {target['vehicle_mode']:<3}{target['symmetry']:13} vehicle {number(target['vehicle'])} Hz, "
+        f"mode {target['vehicle_mode']:<3}{side:13} vehicle {number(target['vehicle'])} Hz, "
         f"rig {number(target['rig'])}, matched {number(target['matched'])}, "
         f"seen in simulation {number(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
     )

@@ -15,7 +15,7 @@ from matching.report.trace_figure import Signal, trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from matching.frequency.result import MatchResult
+    from matching.frequency.result import MatchResult, TargetResult
 
 
 def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
@@ -58,6 +58,11 @@ def _telling_signal(signals: Sequence[Signal]) -> Signal:
     return (torques or both or list(signals))[0]
 
 
+def _name(target: TargetResult) -> str:
+    side = f", {target.symmetry}" if target.symmetry != "none" else ""
+    return f"mode {target.vehicle_mode}{side}"
+
+
 def _targets(axes: Any, result: MatchResult) -> None:
     places = {"vehicle": 2, "rig": 1, "matched": 0}
     colours = {"vehicle": VEHICLE, "rig": RIG, "matched": MATCHED}
@@ -85,8 +90,11 @@ def _targets(axes: Any, result: MatchResult) -> None:
             mark,
             color="white",
             markeredgecolor="#222222",
-            label=f"mode {target.vehicle_mode}, {target.symmetry}",
+            label=_name(target),
         )
+    for name, place in places.items():
+        if all(getattr(target, name) is None for target in result.targets):
+            axes.annotate("not found", (0.5, place), xycoords=("axes fraction", "data"), ha="center", fontsize=8)
     everything = np.array(
         [value for target in result.targets for value in (target.vehicle, target.rig, target.matched) if value]
     )

@@ -1,0 +1,55 @@
+"""`rigmatch match`: tune loop, residual vehicle and adapters until the rig answers like the vehicle."""
+
+import argparse
+from typing import Any
+
+HELP = """Tune what the case lets move until the rig answers like the vehicle, check the result by other means than
+those it was found by, and write result.json, report.html, figures, and the tuned model files (case.toml, vehicle.toml,
+rig.toml, residual_vehicle*.toml), which rigmatch reads again. Where the targets cannot be met the status is "limited"
+and the limits say what binds."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Case file, place to write to, and how hard to search."""
+    from matching.arguments import count
+
+    parser.add_argument("case", metavar="CASE", help="case file (TOML)")
+    parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
+    parser.add_argument(
+        "--seed", metavar="N", type=count(0), default=0, help="seed of the starting points (default: 0)"
+    )
+    parser.add_argument("--starts", metavar="N", type=count(1), help="starting points to search from")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Match and write files; the result object is the content of ``result.json``."""
+    from matching.frequency.case import load_case
+
+    case = load_case(arguments.case)
+
+    from matching.arguments import progress
+    from matching.frequency.case_file import case_files
+    from matching.frequency.match import match
+    from matching.report.match_figures import figures
+    from matching.report.match_page import page
+    from matching.report.match_text import content
+    from matching.report.style import image
+    from modelling.output import strict_json, write_all
+
+    effort = {} if arguments.starts is None else {"starts": arguments.starts}
+    with progress("match") as advance:
+        found = match(case, seed=arguments.seed, progress=advance, **effort)
+    result = content(found)
+    drawn = {name: image(figure) for name, figure in figures(found).items()}
+    files: dict[str, str | bytes] = {"result.json": strict_json(result), "report.html": page(found, drawn)}
+    files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
+    files |= case_files(found.tuned)
+    write_all(arguments.out, files)
+    return result
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The result in at most twenty lines."""
+    from matching.report.match_text import summary as words
+
+    return words(result)

@@ -1,0 +1,133 @@
+"""Maps of the achievable error: axes, figure, command, and a small map of the reference case."""
+
+import json
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.cli import main
+from matching.frequency.case import load_case
+from matching.frequency.case_values import held_at, quantities, with_values
+from matching.frequency.map import Axis, Map, Point, axis, map_case
+from matching.report.map_figure import map_figure
+from matching.report.style import image
+from modelling.errors import InputError
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+STIFFNESS = "rig.shafts.flange_left.stiffness"
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(CASE)
+
+
+def test_axes_take_bounds_units_and_numbers_of_values(case):
+    given = axis(case, "loop.dead_time=1 ms:8 ms:4")
+    np.testing.assert_allclose(given.values, [1e-3, 2e-3, 4e-3, 8e-3])  # so far apart, spread by ratio
+    assert (given.here, given.unit) == (3e-3, "s")
+    np.testing.assert_allclose(axis(case, "loop.dead_time=0.001:0.002:3").values, [1e-3, 1.5e-3, 2e-3])
+    moved = axis(case, STIFFNESS)  # bounds of [move]
+    assert (moved.values[0], moved.values[-1]) == pytest.approx((1e5, 4e5))
+    other = axis(case, "rig.inertias.rotor_left.J")  # does not move: about what it is
+    assert (other.values[0], other.values[-1]) == pytest.approx((0.895 / 3, 0.895 * 3))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("loop.dead_tim", "did you mean 'loop.dead_time'"),
+        ("loop.dead_time=5 ms:2 ms", "empty range"),
+        ("loop.dead_time=1e-3", "is no range"),
+        ("loop.dead_time=1e-3:2e-3:1", "no number of values"),
+        ("loop.dead_time=1e-3:2e-3:many", "no number of values"),
+        ("loop.dead_time=nan:1", "is not finite"),
+        ("loop.dead_time=1 kg:2 kg", "does not fit"),
+        ("loop.dead_time=-1:0.1", "not possible"),
+        ("rig.inertias.adapter_left.J=0:1", "not possible"),
+        ("rig.shafts.side_left.stiffness", "does not exist"),
+    ],
+)
+def test_a_wrong_axis_is_one_line_and_nothing_is_written(text, says, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["map", str(CASE), "--x", text, "--y", STIFFNESS, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--x" in error
+    assert says in error
+    assert not out.exists()
+
+
+def test_mirror_images_are_set_alike_and_stay(case):
+    moved = held_at(case, STIFFNESS, 3e5)
+    assert moved.rig.parameters["shafts.flange_right.stiffness"].value == 3e5
+    assert STIFFNESS not in [move.name for move in moved.moves]
+    assert len(moved.moves) == len(case.moves) - 1
+    changed = with_values(case, {"residual_vehicle.inertias.body_left.J": 80.0, "loop.dead_time": 0.005})
+    assert [quantities(changed)[f"residual_vehicle.inertias.body_{side}.J"][0] for side in ("left", "right")] == [
+        80,
+        80,
+    ]
+    assert changed.vehicle == case.vehicle  # what the rig has to answer like does not move
+    assert changed.loop["dead_time"] == 0.005
+    with pytest.raises(InputError, match="does not exist"):
+        with_values(case, {"rig.inertias.motor.J": 1.0})
+    only = replace(case, moves=tuple(move for move in case.moves if move.name == STIFFNESS))
+    with pytest.raises(InputError, match="all that may move"):
+        held_at(only, STIFFNESS, 2e5)
+
+
+def test_a_quantity_is_on_one_axis_only(case):
+    with pytest.raises(InputError, match="both axes"):
+        map_case(case, STIFFNESS, "rig.shafts.flange_right.stiffness")
+
+
+def test_figure_shows_errors_and_hatches_what_is_not_met():
+    x, y = Axis("loop.dead_time", "s", (1e-3, 8e-3), 3e-3), Axis(STIFFNESS, "N*m/rad", (1e5, 2e5), 9e5)
+    kinds = [("matched", 0.01, True), ("limited", 0.2, True), ("limited", 2.0, False), ("impossible", None, False)]
+    points = [
+        Point(x.values[i % 2], y.values[i // 2], status, error, error, 0.01, stable, 0.5, ())
+        for i, (status, error, stable) in enumerate(kinds)
+    ]
+    found = Map("two by two", (0.5, 30.0), x, y, (tuple(points[:2]), tuple(points[2:])))
+    axes = map_figure(found).axes[0]
+    assert [patch.get_hatch() for patch in axes.patches] == ["//", "xx", "xx"]
+    assert [text.get_text() for text in axes.texts] == ["0.01", "0.2", "2"]
+    assert axes.get_xlabel() == "loop.dead_time in ms"
+    assert axes.get_ylabel() == f"{STIFFNESS} in N·m/rad"
+    nothing = replace(found, points=((points[3], points[3]), (points[3], points[3])))
+    assert image(map_figure(nothing), "png").startswith(b"\x89PNG")
+
+
+def test_command_draws_a_map_of_the_reference_case(tmp_path, capsys):
+    pytest.importorskip("matching.frequency.match")
+    words = ["map", str(CASE), "--x", "loop.dead_time=0.001:0.003:2", "--y", f"{STIFFNESS}=1.5e5:2.5e5:2"]
+    assert main([*words, "--starts", "1", "--workers", "2", "--json", "--out", str(tmp_path)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "map.json").read_text())
+    assert (tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
+    errors = {(own["x"], own["y"]): own["error"] for own in printed["points"]}
+    assert len(errors) == 4
+    for own in printed["points"]:
+        assert own["status"] == "limited" or (own["stable"] and own["modulus_margin"] >= 0.499)
+        assert math.isfinite(own["error"])
+    for y in printed["y"]["values"]:  # dead time costs
+        assert errors[0.001, y] < errors[0.003, y]
+
+
+def test_any_executor_will_do(case):
+    pytest.importorskip("matching.frequency.match")
+    seen = []
+    small = replace(case, moves=case.moves[:2])
+    with ThreadPoolExecutor(1) as executor:
+        found = map_case(
+            small, "loop.dead_time=0.001:0.003:2", "loop.inverter_lag=0.001:0.002:2", executor, starts=1,
+            progress=lambda done, total: seen.append((done, total)),
+        )  # fmt: skip
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert found.errors().shape == (2, 2)
+    assert [[point.x for point in row] for row in found.points] == [[0.001, 0.003]] * 2

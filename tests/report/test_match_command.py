@@ -1,0 +1,53 @@
+"""The command ``rigmatch match``."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from matching.cli import main
+from matching.frequency.case import load_case
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nowhere.toml"], "nowhere.toml"),
+        ([str(CASE), "--starts", "0"], "less than 1"),
+        ([str(CASE), "--seed", "first"], "no whole number"),
+    ],
+)
+def test_wrong_calls_are_one_line_and_nothing_is_written(words, says, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["match", *words, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert says in error
+    assert not out.exists()
+
+
+def test_a_wrong_case_file_is_named(tmp_path, capsys):
+    bad = tmp_path / "case.toml"
+    same = f'"{CASE.parent / "rig.toml"}"'  # as vehicle and as rig: nothing is left to emulate
+    bad.write_text(CASE.read_text().replace('"vehicle.toml"', same).replace('"rig.toml"', same))
+    assert main(["match", str(bad), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{bad}: rig" in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_command_writes_result_report_figures_and_files_to_read_again(tmp_path, capsys):
+    pytest.importorskip("matching.frequency.match")
+    assert main(["match", str(CASE), "--starts", "1", "--out", str(tmp_path)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) <= 20
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["status"] in ("matched", "limited")
+    assert result["status"] == "matched" or result["limits"]
+    assert (tmp_path / "report.html").read_text().startswith("<!doctype html>")
+    assert (tmp_path / "figures" / "overview.svg").exists()
+    again = load_case(tmp_path / "case.toml")
+    tuned = {own["name"]: own["tuned"] for own in result["parameters"]}
+    assert {move.name: move.start for move in again.moves} == pytest.approx(tuned)
