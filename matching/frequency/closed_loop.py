@@ -16,9 +16,8 @@ import numpy as np
 from matching.frequency.case import Case
 from modelling.compiled import Model, compiled
 from modelling.complex_sx import Complex, Row, exp, solve
-from modelling.files import System
+from modelling.system import Shaft, System, unknown
 from modelling.loop import LEAD_SPREAD, Dynamometer
-from modelling.system import Shaft
 
 
 @dataclass(frozen=True)
@@ -32,16 +31,32 @@ class ClosedLoop:
     values : ndarray (p,)
         Values as the case has them.
     response : Function
-        (s_re, s_im, p) → H re (h,), H im (h,), I + L re (u·u,), im, row by row.
+        (s_re, s_im, p) → H re (h,), H im (h,) of the compared functions.
+    difference : Function
+        (s_re, s_im, p) → return difference I + L, re (u·u,) and im, row by row.
     """
 
     parameters: tuple[str, ...]
     values: np.ndarray
     response: ca.Function
+    difference: ca.Function
 
 
-def closed_loop(case: Case) -> ClosedLoop:
-    """Build the loop of a case; ``knows`` and the twin are left out: this is what feedback alone does."""
+def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoop:
+    """Build the loop of a case; ``knows`` and the twin are left out: this is what feedback alone does.
+
+    Parameters
+    ----------
+    case : Case
+    moving : sequence of tuple of str, optional
+        Groups of names that share one entry of p (a quantity and its mirror image); every name by itself unless given.
+        The rest become constants, which makes derivatives cheaper.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown.
+    """
     rig, parts = compiled(case.rig), [compiled(part) for part in case.residual_vehicle.parts]
     names = [f"rig.{name}" for name in rig.parameters]
     values = list(rig.p0)
@@ -50,7 +65,14 @@ def closed_loop(case: Case) -> ClosedLoop:
         values += list(part.p0)
     names += [f"loop.{name}" for name in case.loop.values]
     values += list(case.loop.values.values())
-    p = ca.SX.sym("p", len(names))
+    groups = [(name,) for name in names] if moving is None else list(moving)
+    symbols = ca.SX.sym("p", len(groups))
+    p = ca.SX(values)
+    for i, group in enumerate(groups):
+        for name in group:
+            if name not in names:
+                raise unknown(name, names, "")
+            p[names.index(name)] = symbols[i]
     s = Complex(ca.SX.sym("s_re"), ca.SX.sym("s_im"))
     by_name = {name: p[i] for i, name in enumerate(names)}
     loop = {name: by_name[f"loop.{name}"] for name in case.loop.values}
@@ -58,11 +80,16 @@ def closed_loop(case: Case) -> ClosedLoop:
     starts = np.cumsum([0, len(rig.parameters), *(len(part.parameters) for part in parts)])
     bodies = [_Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)]
     H, difference = _close(case, bodies[0], bodies[1:], loop, s)
-    outputs = [ca.vertcat(*(h.re for h in H)), ca.vertcat(*(h.im for h in H))]
-    flat = [entry for row in difference for entry in row]
-    outputs += [ca.vertcat(*(d.re for d in flat)), ca.vertcat(*(d.im for d in flat))]
-    function = ca.Function("response", [s.re, s.im, p], ca.cse(outputs), ["s_re", "s_im", "p"], ["H_re", "H_im", "D_re", "D_im"])
-    return ClosedLoop(tuple(names), np.array(values), function)
+    inputs, names_in = [s.re, s.im, symbols], ["s_re", "s_im", "p"]
+
+    def function(name: str, values: list[Complex]) -> ca.Function:
+        parts = [ca.vertcat(*(value.re for value in values)), ca.vertcat(*(value.im for value in values))]
+        return ca.Function(name, inputs, ca.cse(parts), names_in, ["re", "im"])
+
+    response = function("response", H)
+    return_difference = function("difference", [entry for row in difference for entry in row])
+    kept = np.array([values[names.index(group[0])] for group in groups])
+    return ClosedLoop(tuple(group[0] for group in groups), kept, response, return_difference)
 
 
 class _Body:

@@ -1,0 +1,140 @@
+"""What the vehicle's own manoeuvre asks of adapters and dynamometers, as constraints on what may move.
+
+If the rig answers like the vehicle, the cut shafts carry the vehicle's torques and their ends turn as the vehicle's
+do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque less what
+the inertias before it take, the dynamometer what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from matching.frequency.case import Case
+from modelling.simulate import simulate
+from modelling.system import Sensor, Shaft
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What stands behind one cut: shafts from the cut to the rotor with the inertias before each, and the manoeuvre there.
+
+    ``torque`` (t,) N·m, ``acceleration`` (t,) rad/s² and ``speed`` (t,) rad/s of the vehicle's interface.
+    """
+
+    dynamometer: str
+    shafts: tuple[tuple[str, tuple[str, ...]], ...]
+    inertias: tuple[str, ...]
+    torque: np.ndarray
+    acceleration: np.ndarray
+    speed: np.ndarray
+
+
+@dataclass(frozen=True)
+class Demands:
+    """Chains of a case and the limits they have to keep."""
+
+    chains: tuple[Chain, ...]
+    limits: Mapping[str, float]
+
+    def constraints(self, p: Mapping[str, ca.MX]) -> list[tuple[ca.MX, float]]:
+        """(rows, upper bound) pairs, each row a demand over its limit, to stay below 1."""
+        rows: list[ca.MX] = []
+        for chain in self.chains:
+            for shaft, before in chain.shafts:
+                torque = self._peak(chain, [p[f"rig.inertias.{name}.J"] for name in before])
+                if (limit := self.limits.get(f"shafts.{shaft}.torque")) is not None:
+                    rows.append(torque / limit)
+                if (limit := self.limits.get(f"shafts.{shaft}.twist")) is not None:
+                    rows.append(torque / p[f"rig.shafts.{shaft}.stiffness"] / limit)
+            air_gap = [p[f"rig.inertias.{name}.J"] for name in chain.inertias]
+            if (limit := self.limits.get("dynamometer_torque")) is not None:
+                rows.append(self._peak(chain, air_gap) / limit)
+            if (limit := self.limits.get("dynamometer_power")) is not None:
+                rows.append(self._peak(chain, air_gap, chain.speed) / limit)
+        kept = [row for row in rows if isinstance(row, ca.MX) and not row.is_constant()]
+        return [(ca.vertcat(*kept), 1.0)] if kept else []
+
+    def broken(self, values: Mapping[str, float]) -> list[tuple[str, str, float, float]]:
+        """Limits that the manoeuvre breaks: (dynamometer, limit, demand, allowed), worst first."""
+        found = []
+        for chain in self.chains:
+            demands = {}
+            for shaft, before in chain.shafts:
+                torque = float(self._peak(chain, [values[f"rig.inertias.{name}.J"] for name in before]))
+                demands[f"shafts.{shaft}.torque"] = torque
+                demands[f"shafts.{shaft}.twist"] = torque / max(values[f"rig.shafts.{shaft}.stiffness"], 1e-9)
+            air_gap = [values[f"rig.inertias.{name}.J"] for name in chain.inertias]
+            demands["dynamometer_torque"] = float(self._peak(chain, air_gap))
+            demands["dynamometer_power"] = float(self._peak(chain, air_gap, chain.speed))
+            demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
+            found += [(chain.dynamometer, name, demand, self.limits[name]) for name, demand in demands.items()
+                      if name in self.limits and demand > self.limits[name] * 1.001]  # fmt: skip
+        return sorted(found, key=lambda one: one[3] / one[2])
+
+    def _peak(self, chain: Chain, inertias: list, factor: np.ndarray | None = None):
+        """Largest |(torque − Σ J·acceleration)·factor| over the manoeuvre."""
+        total = sum(inertias) if inertias else 0.0
+        samples = chain.torque - total * chain.acceleration if isinstance(total, float) else ca.DM(chain.torque) - total * ca.DM(chain.acceleration)
+        if factor is not None:
+            samples = samples * (factor if isinstance(total, float) else ca.DM(factor))
+        return np.abs(samples).max() if isinstance(total, float) else ca.mmax(ca.fabs(samples))
+
+
+def demands(case: Case, points: int = 400) -> Demands:
+    """Simulate the vehicle's manoeuvre and find what it asks behind every cut.
+
+    Parameters
+    ----------
+    points : int
+        The manoeuvre is thinned to about so many samples, extremes kept.
+
+    Raises
+    ------
+    SimulationError
+        If the vehicle's states do not stay finite.
+    """
+    time = next(iter(case.manoeuvre.values())).time(1000.0)
+    inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
+    inputs |= {name: own.torque(time) for name, own in case.manoeuvre.items() if name in inputs}
+    cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
+    import dataclasses
+
+    watched = tuple(
+        sensor for own in cuts.values() for sensor in (
+            Sensor(f"cut_{own.shaft}_torque", "torque", own.shaft), Sensor(f"cut_{own.shaft}_speed", "speed", own.vehicle_end),
+            Sensor(f"cut_{own.shaft}_acceleration", "acceleration", own.vehicle_end)))  # fmt: skip
+    vehicle = dataclasses.replace(case.vehicle, sensors=case.vehicle.sensors + watched)
+    readings = simulate(vehicle, time, inputs).readings
+    chains = []
+    for dyno in case.loop.dynamometers:
+        cut = cuts[dyno.follows]
+        rotor = next(part.on for part in case.rig.inputs if part.name == dyno.torque_input)
+        shafts, inertias = _path(case, cut.rig_end, rotor, dyno.follows)
+        torque = readings[f"cut_{cut.shaft}_torque"] * cut.factor
+        acceleration, speed = (readings[f"cut_{cut.shaft}_{what}"] for what in ("acceleration", "speed"))
+        keep = np.unique(np.concatenate([np.linspace(0, len(time) - 1, points).astype(int),
+                                         [np.argmax(torque), np.argmin(torque), np.argmax(acceleration), np.argmin(acceleration)]]))  # fmt: skip
+        chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep]))
+    return Demands(tuple(chains), case.limits)
+
+
+def _path(case: Case, start: str, end: str, without: str) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], tuple[str, ...]]:
+    """Shafts from the cut to the rotor, each with the inertias passed before it, and all inertias up to the rotor."""
+    joints: list[Shaft] = [part for part in case.rig.shafts if part.name != without]
+    paths: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [(start, (), (start,))]
+    seen = {start}
+    while paths:
+        here, shafts, passed = paths.pop(0)
+        if here == end:
+            return tuple((name, passed[: i + 1]) for i, name in enumerate(shafts)), passed
+        for joint in joints:
+            if here in joint.between:
+                other = joint.between[1 - joint.between.index(here)]
+                if other not in seen:
+                    seen.add(other)
+                    paths.append((other, (*shafts, joint.name), (*passed, other)))
+    return (), (start, end)
