@@ -22,7 +22,7 @@ from modelling.loop import Loop
 from modelling.residual_vehicle import Interface, ResidualVehicle
 from modelling.system import Sensor, System
 
-EFFORT_PRICE = 1e-10  # (rad/s per N·m)²: at this price the commands are practically free
+EFFORT_PRICE = 1e-12  # (rad/s per N·m)²: at this price the commands are practically free
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def dead_time_bound(rig: System, residual: ResidualVehicle, loop: Loop, refineme
     alone no bound exists, because a causal filter can be made as good as one likes there at the price of what lies outside.
     """
     step = min(loop["sample_time"], max(loop["dead_time"], loop["sample_time"] / 4)) / refinement
-    return twin(rig, residual, loop, step, EFFORT_PRICE * 1e-2)
+    return twin(rig, residual, loop, step, EFFORT_PRICE)
 
 
 def _torque(cut: Interface) -> str:

@@ -1,0 +1,119 @@
+"""Many starts, the best solved again tightly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching.frequency.case import Case, Move
+from matching.frequency.demands import Demands
+from matching.frequency.problem import Goal, Problem, build, scaled
+from matching.frequency.tuned import apply
+from matching.frequency.verification.encirclements import encirclements
+from matching.frequency.verification.parts import parts_of
+
+FEASIBLE = 1e-5  # largest violation of a scaled constraint
+AGREE = 5e-3  # relative: starts that end so close count as one optimum
+ENOUGH = 3  # starts that agree on the best before the search ends
+ROUNDS = 3  # of putting frequencies where the margin is missed between the grid
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Tuned values by name (SI), the objective there, that of every start (None: infeasible or unstable), and whether it is feasible."""
+
+    values: dict[str, float]
+    objective: float
+    starts: tuple[float | None, ...]
+    feasible: bool
+
+
+def solve(
+    case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray, demands: Demands,
+    seed: int = 0, starts: int = 10, progress: Callable[[str], None] | None = None, begin: dict[str, float] | None = None,
+) -> Solution:  # fmt: skip
+    """Solve the programme of a case from many starts.
+
+    Parameters
+    ----------
+    seed : int
+        Of the random starts; the first is the case's own start with a gentle loop.
+    starts : int
+        At most; the search ends when three agree on the best.
+    begin : dict, optional
+        Values to start from instead of the case's own.
+    """
+    fast = build(case, moves, weights, goals, reference, demands, exact=False)
+    random = np.random.default_rng(seed)
+    ends: list[tuple[float, np.ndarray] | None] = []
+    for number in range(starts):
+        v = _start(fast, random if number else None, begin)
+        end = _run(fast, v)
+        ends.append(end if end and _stable(case, fast, end[1]) else None)
+        if progress:
+            progress(f"start {number + 1} of {starts}")
+        good = sorted(value for value, _ in filter(None, ends))
+        if len(good) >= ENOUGH and good[ENOUGH - 1] <= good[0] * (1 + AGREE):
+            break
+    kept = [end for end in ends if end]
+    values = tuple(None if end is None else end[0] for end in ends)
+    if not kept:
+        return Solution(fast.values(_start(fast, None, begin)), float("nan"), values, False)
+    best = min(kept, key=lambda end: end[0])
+    return _tight(case, fast, best, values, lambda extra: build(case, moves, weights, goals, reference, demands, extra))
+
+
+def _tight(case: Case, fast: Problem, best: tuple[float, np.ndarray], starts: tuple[float | None, ...], exact: Callable[[np.ndarray], Problem]) -> Solution:
+    """Solve again with the exact Hessian, and with frequencies added where the margin is missed between the grid."""
+    extra = np.zeros(0)
+    for _ in range(ROUNDS):
+        problem = exact(extra)
+        end = _run(problem, best[1])
+        if end is None or not _stable(case, problem, end[1]):
+            break
+        best = end
+        check = encirclements(parts_of(apply(case, problem.values(best[1]))))
+        if check.modulus_margin >= case.limits["modulus_margin"] * (1 - 1e-4):
+            return Solution(problem.values(best[1]), best[0], starts, True)
+        near = check.margin_frequency * np.array([0.97, 0.985, 1.0, 1.015, 1.03])
+        extra = np.concatenate([extra, near])
+    return Solution(fast.values(best[1]), best[0], starts, True)
+
+
+def _start(problem: Problem, random: np.random.Generator | None, begin: dict[str, float] | None) -> np.ndarray:
+    """A start: mechanics at or around their own values, the loop gentle enough to be stable, eigenpairs on their targets."""
+    v = np.zeros(len(problem.lower))
+    for i, move in enumerate(problem.moves):
+        own = scaled((begin or {}).get(move.name, move.start), move)
+        if begin is not None:
+            v[i] = own + (0.1 * random.normal() if random else 0.0)
+        elif move.name.startswith("loop."):
+            v[i] = (0.4 if "gain" in move.name or "time" in move.name else 0.3) * (random.random() if random else 0.5)
+        else:
+            v[i] = own + (0.2 * random.normal() if random else 0.0)
+    v[: len(problem.moves)] = np.clip(v[: len(problem.moves)], 0.01, 0.99)
+    k = len(problem.case.loop.dynamometers)
+    for number, goal in enumerate(problem.goals):
+        at, size = len(problem.moves) + number * (2 + 2 * k), abs(goal.eigenvalue)
+        v[at : at + 2] = goal.eigenvalue.real / size, goal.eigenvalue.imag / size
+        v[at + 2 : at + 2 + k] = goal.pattern / np.linalg.norm(goal.pattern)
+    return v
+
+
+def _run(problem: Problem, v: np.ndarray) -> tuple[float, np.ndarray] | None:
+    """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None."""
+    found = problem.solver(x0=v, lbx=problem.lower, ubx=problem.upper, lbg=problem.g_lower, ubg=problem.g_upper)
+    x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
+    f, g = (part.full().ravel() for part in problem.objective(x))
+    if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
+        return None
+    missed = max(float((problem.g_lower - g).max(initial=0.0)), float((g - problem.g_upper).max(initial=0.0)))
+    return (float(f[0]), x) if missed <= FEASIBLE else None
+
+
+def _stable(case: Case, problem: Problem, v: np.ndarray) -> bool:
+    """Encirclements on the exact loop, by code the optimiser does not use."""
+    check = encirclements(parts_of(apply(case, problem.values(v))))
+    return check.unstable == 0 and check.clear
