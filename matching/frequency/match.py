@@ -1,0 +1,161 @@
+"""The main job: from a case to a rig that answers like the vehicle, verified, or to what stands in the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from matching.frequency.case import Case
+from matching.frequency.demands import Demands, demands
+from matching.frequency.goals import goals, target_modes
+from matching.frequency.limits import limits
+from matching.frequency.problem import grid
+from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.solve import Solution, solve
+from matching.frequency.tuned import apply
+from matching.frequency.verification.responses import error_figures, responses
+from matching.frequency.verification.verify import Verification, verify
+from matching.frequency.weights import FREEZE_BELOW, counterparts, share
+from modelling.damped_modes import damped_modes
+from modelling.modes import Mode, modes
+from modelling.residual_vehicle import cut
+from modelling.twin import dead_time_bound
+
+SEEN_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
+CURVE_POINTS = 400
+
+Progress = Callable[[str], None]
+
+
+def match(case: Case, seed: int = 0, starts: int = 10, progress: Progress | None = None) -> MatchResult:
+    """Match a rig to its vehicle.
+
+    Parameters
+    ----------
+    case : Case
+        From :func:`matching.frequency.case.load_case`.
+    seed : int
+        Of the random starts.
+    starts : int
+        At most; fewer when three agree on the best.
+    progress : callable, optional
+        Called with a word on what was just done.
+
+    Returns
+    -------
+    MatchResult
+        ``status`` is ``matched`` only if every target is met, in the closed loop and in the simulation, every limit is
+        kept and every check of stability agrees.
+
+    Raises
+    ------
+    InputError
+        If the case cannot be worked on as it stands.
+    """
+    begin = time.perf_counter()
+    tell = progress or (lambda _: None)
+    targets = target_modes(case)
+    on_rig = counterparts(case)
+    vehicle = modes(case.vehicle)
+    shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
+    asked = demands(case)
+    tell("vehicle, rig and manoeuvre")
+    solution = _tune(case, shares, targets, asked, seed, starts, tell)
+    tuned = apply(case, solution.values)
+    checked = verify(tuned)
+    tell("verification")
+    results = tuple(_target(case, checked, number, pair, mode) for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True)))
+    stands = limits(case, tuned, checked, results, asked, solution, on_rig)
+    error = _errors(case, tuned, checked)
+    tell("bound and curves")
+    return MatchResult(
+        status="limited" if stands else "matched",
+        limits=tuple(stands),
+        notes=tuple(checked.notes),
+        case=case,
+        tuned=tuned,
+        vehicle_modes=tuple(damped_modes(case.vehicle)),
+        rig_modes=tuple(damped_modes(case.rig)),
+        matched_modes=tuple(mode.to_dict() for mode in checked.modes),
+        targets=results,
+        parameters=tuple(
+            ParameterResult(move.name, move.start, solution.values.get(move.name, move.start), move.unit, move.lower, move.upper,
+                            _weight(part), float(part), bool(part < FREEZE_BELOW))
+            for move, part in zip(case.moves, shares, strict=True)
+        ),
+        response_error=error,
+        curves=_curves(tuned),
+        verification=checked,
+        objective=solution.objective,
+        starts=solution.starts,
+        seconds=time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def _weight(part: float) -> float:
+    return float(1 / max(part, FREEZE_BELOW))
+
+
+def _tune(
+    case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands, seed: int, starts: int, tell: Progress
+) -> Solution:
+    free = [i for i, part in enumerate(shares) if part >= FREEZE_BELOW]
+    if not free:
+        return Solution({}, 0.0, (), True)
+    moves = tuple(case.moves[i] for i in free)
+    weights = np.array([_weight(shares[i]) for i in free])
+    reference = responses(case, grid(case)).vehicle
+    return solve(case, moves, weights, goals(case, targets), reference, asked, seed, starts, tell)
+
+
+def _target(case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None) -> TargetResult:
+    wanted, target = pair[1], case.targets[number]
+    mode = checked.targets[number][1]
+    seen = checked.seen[number].matched
+    matched = None if mode is None else mode.frequency
+    damping = None if mode is None else mode.damping_ratio
+    met = (
+        matched is not None and damping is not None and seen is not None
+        and abs(matched / wanted.frequency - 1) <= target.frequency_tolerance
+        and abs(damping - wanted.damping_ratio) <= target.damping_tolerance
+        and abs(seen.frequency / wanted.frequency - 1) <= SEEN_TOLERANCE
+        and abs(seen.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
+    )  # fmt: skip
+    return TargetResult(
+        target.mode, wanted.symmetry, wanted.frequency, wanted.damping_ratio, None if on_rig is None else on_rig.frequency, matched, damping,
+        None if seen is None else seen.frequency, None if seen is None else seen.damping_ratio, met,
+    )  # fmt: skip
+
+
+def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
+    own = checked.errors
+    bounds = [_bound(tuned, refinement) for refinement in (1, 8)]
+    return ResponseError(
+        own.band, own.before, own.after, own.after_like_before, own.unannounced, bounds[0], bounds[1], tuple(own.functions)
+    )  # fmt: skip
+
+
+def _bound(case: Case, refinement: int) -> float:
+    """Response error of the best causal controller, see :func:`modelling.twin.dead_time_bound`."""
+    from matching.frequency.verification.parts import parts_of
+
+    reference = cut(case.vehicle, case.rig)
+    ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
+    import dataclasses
+
+    told = dataclasses.replace(case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case)))
+    return float(error_figures(told, parts_of(told), ideal).after)
+
+
+def _all_known(case: Case) -> tuple[str, ...]:
+    driven = {dyno.torque_input for dyno in case.loop.dynamometers}
+    return tuple(part.name for part in case.rig.inputs if part.name not in driven)
+
+
+def _curves(tuned: Case) -> Curves:
+    top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
+    f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
+    found = responses(tuned, f)
+    return Curves(f, found.vehicle, found.rig, found.matched, found.unannounced)
