@@ -29,7 +29,7 @@ CURVE_POINTS = 400
 Progress = Callable[[str], None]
 
 
-def match(case: Case, seed: int = 0, starts: int = 10, progress: Progress | None = None) -> MatchResult:
+def match(case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None) -> MatchResult:
     """Match a rig to its vehicle.
 
     Parameters

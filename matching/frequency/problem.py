@@ -20,11 +20,17 @@ import numpy as np
 from matching.frequency.case import Case, Move
 from matching.frequency.closed_loop import ClosedLoop, closed_loop
 from matching.frequency.demands import Demands
+from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
 PRICE = 2e-3  # of a change over the whole range of a quantity of weight 1
 IN_BAND = 48  # frequencies of the response error
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
+
+
+_QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6, "acceptable_tol": 1e-4}
+_FAST = {"hessian_approximation": "limited-memory", "limited_memory_max_history": 12, "mu_strategy": "adaptive", "max_iter": 160}
+_EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,9 @@ def build(
 
     g, low, high = [], [], []
     margin = case.limits["modulus_margin"]
-    band = np.unique(np.concatenate([np.geomspace(0.02, 400, 60), f[::3], extra if extra is not None else []]))
+    near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
+    wide = np.concatenate([np.geomspace(0.02, 5, 18, endpoint=False), np.geomspace(5, 150, 64, endpoint=False), np.geomspace(150, 500, 12)])
+    band = np.concatenate([wide, *(near * part for part in (0.96, 1.0, 1.04)), () if extra is None else extra])
     ray = np.geomspace(0.3, 150, 30)
     zeta = case.limits["damping_ratio"]
     for frequencies, damping, least in ((band, 0.0, margin), (ray, zeta, margin / 2)):
@@ -168,11 +176,7 @@ def build(
         low += [-np.inf] * rows.shape[0]
         high += [bound] * rows.shape[0]
     constraints = ca.vertcat(*g)
-    options = {
-        "print_time": False, "record_time": True,
-        "error_on_fail": False,
-        "ipopt": {"hessian_approximation": "exact" if exact else "limited-memory", "print_level": 0, "sb": "yes", "tol": 1e-6, "acceptable_tol": 1e-4, "max_iter": 200, "mu_strategy": "adaptive"},
-    }
+    options = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
     solver = ca.nlpsol("match", "ipopt", {"x": v, "f": objective, "g": constraints}, options)
     check = ca.Function("objective", [v], [objective, constraints], ["v"], ["f", "g"])
     return Problem(case, loop, moves, goals, solver, check, np.array(lower), np.array(upper), np.array(low), np.array(high))

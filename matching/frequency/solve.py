@@ -17,7 +17,10 @@ from matching.frequency.verification.parts import parts_of
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
-ROUNDS = 3  # of putting frequencies where the margin is missed between the grid
+ROUNDS = 4  # of putting frequencies where the margin is missed between the grid
+CLOSE = 1e-3  # relative: how nearly a margin has to hold between the grid
+
+End = tuple[float, np.ndarray]  # objective and decision vector
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Solution:
 
 def solve(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray, demands: Demands,
-    seed: int = 0, starts: int = 10, progress: Callable[[str], None] | None = None, begin: dict[str, float] | None = None,
+    seed: int = 0, starts: int = 14, progress: Callable[[str], None] | None = None, begin: dict[str, float] | None = None,
 ) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts.
 
@@ -47,11 +50,11 @@ def solve(
     """
     fast = build(case, moves, weights, goals, reference, demands, exact=False)
     random = np.random.default_rng(seed)
-    ends: list[tuple[float, np.ndarray] | None] = []
+    ends: list[End | None] = []
     for number in range(starts):
         v = _start(fast, random if number else None, begin)
         end = _run(fast, v)
-        ends.append(end if end and _stable(case, fast, end[1]) else None)
+        ends.append(end if end and _check(case, fast, end[1])[2] else None)
         if progress:
             progress(f"start {number + 1} of {starts}")
         good = sorted(value for value, _ in filter(None, ends))
@@ -62,24 +65,36 @@ def solve(
     if not kept:
         return Solution(fast.values(_start(fast, None, begin)), float("nan"), values, False)
     best = min(kept, key=lambda end: end[0])
-    return _tight(case, fast, best, values, lambda extra: build(case, moves, weights, goals, reference, demands, extra))
+    return _tight(case, best, values, lambda extra, exact: build(case, moves, weights, goals, reference, demands, extra, exact))
 
 
-def _tight(case: Case, fast: Problem, best: tuple[float, np.ndarray], starts: tuple[float | None, ...], exact: Callable[[np.ndarray], Problem]) -> Solution:
-    """Solve again with the exact Hessian, and with frequencies added where the margin is missed between the grid."""
+def _tight(case: Case, best: End, starts: tuple[float | None, ...], make: Callable[[np.ndarray, bool], Problem]) -> Solution:
+    """Put frequencies where the margin is missed between the grid until it holds, then solve again with the exact Hessian."""
     extra = np.zeros(0)
+    problem = make(extra, False)
     for _ in range(ROUNDS):
-        problem = exact(extra)
-        end = _run(problem, best[1])
-        if end is None or not _stable(case, problem, end[1]):
+        margin, frequency, _ = _check(case, problem, best[1])
+        if margin >= case.limits["modulus_margin"] * (1 - CLOSE):
+            break
+        extra = np.concatenate([extra, frequency * np.array([0.97, 0.985, 1.0, 1.015, 1.03])])
+        problem = make(extra, False)
+        again = (_run(problem, begin) for begin in (best[1], *_gentler(problem, best[1])))
+        end = next((end for end in again if end and _check(case, problem, end[1])[2]), None)
+        if end is None:
             break
         best = end
-        check = encirclements(parts_of(apply(case, problem.values(best[1]))))
-        if check.modulus_margin >= case.limits["modulus_margin"] * (1 - 1e-4):
-            return Solution(problem.values(best[1]), best[0], starts, True)
-        near = check.margin_frequency * np.array([0.97, 0.985, 1.0, 1.015, 1.03])
-        extra = np.concatenate([extra, near])
-    return Solution(fast.values(best[1]), best[0], starts, True)
+    end = _run(make(extra, True), best[1])
+    if end is not None and end[0] <= best[0] + 1e-9:
+        margin, _, stable = _check(case, problem, end[1])
+        if stable and margin >= case.limits["modulus_margin"] * (1 - CLOSE):
+            best = end
+    return Solution(problem.values(best[1]), best[0], starts, True)
+
+
+def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
+    """The same with the loop's quantities turned back by a tenth and by a quarter of their ranges."""
+    loop = np.array([move.name.startswith("loop.") for move in problem.moves] + [False] * (len(v) - len(problem.moves)))
+    return [np.where(loop, np.clip(v - back, 0.01, 0.99), v) for back in (0.1, 0.25)]
 
 
 def _start(problem: Problem, random: np.random.Generator | None, begin: dict[str, float] | None) -> np.ndarray:
@@ -102,7 +117,7 @@ def _start(problem: Problem, random: np.random.Generator | None, begin: dict[str
     return v
 
 
-def _run(problem: Problem, v: np.ndarray) -> tuple[float, np.ndarray] | None:
+def _run(problem: Problem, v: np.ndarray) -> End | None:
     """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None."""
     found = problem.solver(x0=v, lbx=problem.lower, ubx=problem.upper, lbg=problem.g_lower, ubg=problem.g_upper)
     x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
@@ -113,7 +128,7 @@ def _run(problem: Problem, v: np.ndarray) -> tuple[float, np.ndarray] | None:
     return (float(f[0]), x) if missed <= FEASIBLE else None
 
 
-def _stable(case: Case, problem: Problem, v: np.ndarray) -> bool:
-    """Encirclements on the exact loop, by code the optimiser does not use."""
-    check = encirclements(parts_of(apply(case, problem.values(v))))
-    return check.unstable == 0 and check.clear
+def _check(case: Case, problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
+    """Modulus margin, where (Hz), and stability by encirclements on the exact loop, by code the optimiser does not use."""
+    found = encirclements(parts_of(apply(case, problem.values(v))))
+    return found.modulus_margin, found.margin_frequency, found.unstable == 0 and found.clear
