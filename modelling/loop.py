@@ -29,7 +29,9 @@ class Knob:
 
 
 HARDWARE = {
-    "dead_time": Knob("s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque, computing and bus included"),
+    "dead_time": Knob(
+        "s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque, computing and bus included"
+    ),
     "inverter_lag": Knob("s", 0.002, 1e-5, 0.2, "first-order lag of the air-gap torque"),
     "torque_sensor_lag": Knob("s", 0.0005, 1e-6, 0.2, "first-order lag of the torque flange and its filter"),
     "sample_time": Knob("s", 0.001, 1e-5, 0.05, "sample time of the residual vehicle model and the controller"),
@@ -38,7 +40,9 @@ _CONTROLLER = {
     "proportional_gain": Knob("N*m*s/rad", 40.0, 0.0, 1e5, "torque for a speed error"),
     "integral_gain": Knob("N*m/rad", 100.0, 0.0, 1e7, "torque for an angle error"),
     "torque_feed_forward": Knob("1", 1.0, -1.0, 3.0, "share of the measured torque that is compensated"),
-    "acceleration_feed_forward": Knob("kg*m^2", 0.8, -10.0, 1e3, "inertia whose torque for the reference's acceleration is fed forward"),
+    "acceleration_feed_forward": Knob(
+        "kg*m^2", 0.8, -10.0, 1e3, "inertia whose torque for the reference's acceleration is fed forward"
+    ),
     "lead_time": Knob("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
 }
 KNOBS = {"pi": _CONTROLLER, "model_based": _CONTROLLER}

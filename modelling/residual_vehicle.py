@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from modelling.errors import InputError
-from modelling.system import Effect, Input, Sensor, Shaft, System, listed
+from modelling.system import Effect, Input, Sensor, System, listed
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,35 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
     on_rig = {part.name for part in rig.inertias}
     only = {part.name for part in vehicle.inertias} - on_rig
     if not only:
-        raise InputError("rig", "has every inertia of the vehicle", "components with one name are taken as the same; nothing is left to emulate")
+        raise InputError(
+            "rig",
+            "has every inertia of the vehicle",
+            "components with one name are taken as the same; nothing is left to emulate",
+        )
     if len(only) == len(vehicle.inertias):
-        raise InputError("rig", "shares no inertia with the vehicle", "what stands on the rig keeps the vehicle's names")
+        raise InputError(
+            "rig", "shares no inertia with the vehicle", "what stands on the rig keeps the vehicle's names"
+        )
     interfaces = tuple(_interfaces(vehicle, rig, only))
     if not interfaces:
-        raise InputError("rig", "shares no shaft that leads to what it lacks", "keep the cut shafts, e.g. the side shafts, under one name in both")
+        raise InputError(
+            "rig",
+            "shares no shaft that leads to what it lacks",
+            "keep the cut shafts, e.g. the side shafts, under one name in both",
+        )
     parts = []
     for group in _groups(vehicle, only):
         parts.append(_part(vehicle, group, [own for own in interfaces if own.vehicle_end in group]))
-    lost = [name for part in parts if not any(own.vehicle_end in {i.name for i in part.inertias} for own in interfaces) for name in
-            (i.name for i in part.inertias)]
+    lost = [
+        name
+        for part in parts
+        if not any(own.vehicle_end in {i.name for i in part.inertias} for own in interfaces)
+        for name in (i.name for i in part.inertias)
+    ]
     if lost:
-        raise InputError("vehicle", f"{listed(lost)} would hang on no interface", "the cut must run through shafts that both have")
+        raise InputError(
+            "vehicle", f"{listed(lost)} would hang on no interface", "the cut must run through shafts that both have"
+        )
     return ResidualVehicle(tuple(parts), interfaces, vehicle)
 
 
@@ -95,13 +111,19 @@ def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interf
         if len(beyond) != 1:
             continue
         if shaft.name not in shared:
-            raise InputError(f"vehicle: shafts.{shaft.name}", f"leads to {beyond[0]!r}, which the rig lacks, and is not on the rig itself",
-                             "the rig must have the shaft the cut runs through, under the same name")
+            raise InputError(
+                f"vehicle: shafts.{shaft.name}",
+                f"leads to {beyond[0]!r}, which the rig lacks, and is not on the rig itself",
+                "the rig must have the shaft the cut runs through, under the same name",
+            )
         place = shaft.between.index(beyond[0])
         own = shared[shaft.name]
         if own.between[1 - place] != shaft.between[1 - place]:
-            raise InputError(f"rig: shafts.{shaft.name}.between", f"starts at {own.between[1 - place]!r}, in the vehicle at {shaft.between[1 - place]!r}",
-                             "a shared shaft keeps its inner end")
+            raise InputError(
+                f"rig: shafts.{shaft.name}.between",
+                f"starts at {own.between[1 - place]!r}, in the vehicle at {shaft.between[1 - place]!r}",
+                "a shared shaft keeps its inner end",
+            )
         ratio = 1.0 if shaft.ratio is None else shaft.ratio.value
         yield Interface(shaft.name, beyond[0], own.between[place], 1.0 if place == 1 else -1 / ratio)
 
@@ -138,8 +160,14 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         return set(ends) <= group
 
     shafts = tuple(part for part in vehicle.shafts if inside(*part.between))
-    inputs = tuple(part for part in vehicle.inputs if part.on in group) + tuple(Input(own.torque, own.vehicle_end) for own in interfaces)
-    kept = {f"inertias.{name}" for name in group} | {f"shafts.{part.name}" for part in shafts} | {f"inputs.{part.name}" for part in inputs}
+    inputs = tuple(part for part in vehicle.inputs if part.on in group) + tuple(
+        Input(own.torque, own.vehicle_end) for own in interfaces
+    )
+    kept = (
+        {f"inertias.{name}" for name in group}
+        | {f"shafts.{part.name}" for part in shafts}
+        | {f"inputs.{part.name}" for part in inputs}
+    )
     sensors = tuple(part for part in vehicle.sensors if part.of in group or part.of in {shaft.name for shaft in shafts})
     sensors += tuple(Sensor(own.speed, "speed", own.vehicle_end) for own in interfaces)
     return replace(

@@ -42,7 +42,9 @@ def state_space(system: System) -> StateSpace:
     """
     linear = linearise(system)
     if linear.input_delays.any() or linear.sensor_delays.any():
-        raise InputError("effects", "a dead time inside the model is not expected here", "state it in the loop of the case")
+        raise InputError(
+            "effects", "a dead time inside the model is not expected here", "state it in the loop of the case"
+        )
     A, lift, free = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
     model = linear.model
     blind = np.abs(linear.C[:, : model.n] @ free).max(axis=1, initial=0.0) > 1e-9

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import block_diag, expm, solve_discrete_are
 
 from modelling.errors import InputError
-from modelling.state_space import StateSpace, state_space
 from modelling.loop import Loop
 from modelling.residual_vehicle import Interface, ResidualVehicle
+from modelling.state_space import StateSpace, state_space
 from modelling.system import Sensor, System
 
 EFFORT_PRICE = 1e-12  # (rad/s per N·m)²: at this price the commands are practically free
@@ -77,13 +77,21 @@ class Twin:
             powers.append(self.A @ powers[-1])
         for k, f in enumerate(frequencies):
             z = np.exp(2j * np.pi * f * self.sample_time)
-            missed = sum((power * (z**j - 1) for j, power in enumerate(reversed(powers[: self.delay]))), np.zeros_like(self.W))
+            missed = sum(
+                (power * (z**j - 1) for j, power in enumerate(reversed(powers[: self.delay]))), np.zeros_like(self.W)
+            )
             drive = self.W + self.B @ (self.F @ missed) * z**-self.delay
             out[k] = self.C @ np.linalg.solve(z * np.eye(len(closed)) - closed, drive) + self.D
         return out
 
 
-def twin(rig: System, residual: ResidualVehicle, loop: Loop, sample_time: float | None = None, effort_price: float = EFFORT_PRICE) -> Twin:
+def twin(
+    rig: System,
+    residual: ResidualVehicle,
+    loop: Loop,
+    sample_time: float | None = None,
+    effort_price: float = EFFORT_PRICE,
+) -> Twin:
     """Synthesise the twin of a rig and a residual vehicle for a loop.
 
     Parameters
@@ -121,13 +129,19 @@ def twin(rig: System, residual: ResidualVehicle, loop: Loop, sample_time: float 
     try:
         X = solve_discrete_are(A, B, E.T @ E + 1e-14 * np.eye(len(A)), price)
     except (np.linalg.LinAlgError, ValueError) as fault:
-        raise InputError("loop", f"no stabilising command exists for this rig and vehicle ({fault})", "check that each dynamometer reaches its cut") from None
+        raise InputError(
+            "loop",
+            f"no stabilising command exists for this rig and vehicle ({fault})",
+            "check that each dynamometer reaches its cut",
+        ) from None
     F = np.linalg.solve(B.T @ X @ B + price, B.T @ X @ A)
     C = np.hstack([plant.C, np.zeros((len(plant.C), commands))])
     return Twin(A, B, W, C, plant.D[:, commands:], F, delay, step, announced, outputs)
 
 
-def combined(rig: System, residual: ResidualVehicle, loop: Loop) -> tuple[StateSpace, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+def combined(
+    rig: System, residual: ResidualVehicle, loop: Loop
+) -> tuple[StateSpace, np.ndarray, tuple[str, ...], tuple[str, ...]]:
     """Rig, lags and residual vehicle as one continuous model with inputs [commands, announced torques].
 
     Returns
@@ -138,10 +152,20 @@ def combined(rig: System, residual: ResidualVehicle, loop: Loop) -> tuple[StateS
     parts = [state_space(part) for part in residual.parts]
     k, n = len(loop.dynamometers), len(own.A)
     sizes = [n, k, k, *(len(part.A) for part in parts)]
-    A = block_diag(own.A, -np.eye(k) / loop["inverter_lag"], -np.eye(k) / loop["torque_sensor_lag"], *(part.A for part in parts))
+    A = block_diag(
+        own.A, -np.eye(k) / loop["inverter_lag"], -np.eye(k) / loop["torque_sensor_lag"], *(part.A for part in parts)
+    )
     starts = np.cumsum([0, *sizes])
-    simulated = [(i, name) for i, part in enumerate(parts) for name in part.inputs if name not in {cut.torque for cut in residual.interfaces}]
-    announced = (*(name for name in own.inputs if name not in {d.torque_input for d in loop.dynamometers}), *(name for _, name in simulated))
+    simulated = [
+        (i, name)
+        for i, part in enumerate(parts)
+        for name in part.inputs
+        if name not in {cut.torque for cut in residual.interfaces}
+    ]
+    announced = (
+        *(name for name in own.inputs if name not in {d.torque_input for d in loop.dynamometers}),
+        *(name for _, name in simulated),
+    )
     B = np.zeros((len(A), k + len(announced)))
     error = np.zeros((k, len(A)))
     for j, dyno in enumerate(loop.dynamometers):
@@ -170,7 +194,12 @@ def combined(rig: System, residual: ResidualVehicle, loop: Loop) -> tuple[StateS
     for j, name in enumerate(announced, k):
         if name in own.inputs:
             D[: len(own.C), j] = own.D[:, own.inputs.index(name)]
-    return StateSpace(A, B, C, D, (*(d.torque_input for d in loop.dynamometers), *announced), tuple(names)), error, announced, tuple(names)
+    return (
+        StateSpace(A, B, C, D, (*(d.torque_input for d in loop.dynamometers), *announced), tuple(names)),
+        error,
+        announced,
+        tuple(names),
+    )
 
 
 def dead_time_bound(rig: System, residual: ResidualVehicle, loop: Loop, refinement: int = 8) -> Twin:
@@ -194,8 +223,11 @@ def _speed(cut: Interface) -> str:
 
 def _with_interfaces(rig: System, residual: ResidualVehicle) -> System:
     """The rig with sensors at its interfaces."""
-    own = tuple(sensor for cut in residual.interfaces for sensor in
-                (Sensor(_torque(cut), "torque", cut.shaft), Sensor(_speed(cut), "speed", cut.rig_end)))
+    own = tuple(
+        sensor
+        for cut in residual.interfaces
+        for sensor in (Sensor(_torque(cut), "torque", cut.shaft), Sensor(_speed(cut), "speed", cut.rig_end))
+    )
     return replace(rig, sensors=rig.sensors + own)
 
 

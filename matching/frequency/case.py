@@ -11,9 +11,9 @@ from modelling.errors import InputError
 from modelling.files import load, quantity, read_toml
 from modelling.loop import HARDWARE, KNOBS, Dynamometer, Loop
 from modelling.manoeuvres import Manoeuvre, from_table
+from modelling.mirror import mirror_image
 from modelling.quantity import Quantity
 from modelling.residual_vehicle import ResidualVehicle, cut
-from modelling.mirror import mirror_image
 from modelling.system import System, unknown
 from modelling.units import to_si
 
@@ -139,7 +139,10 @@ def _loop(data: Mapping[str, Any], vehicle: System, rig: System, residual: Resid
     structure = own.get("structure", "model_based")
     if structure not in KNOBS:
         raise unknown(structure, sorted(KNOBS), f"{where}: loop.structure")
-    known = {**{name: spec.unit for name, spec in HARDWARE.items()}, **{name: spec.unit for name, spec in KNOBS[structure].items()}}
+    known = {
+        **{name: spec.unit for name, spec in HARDWARE.items()},
+        **{name: spec.unit for name, spec in KNOBS[structure].items()},
+    }
     for key in own:
         if key not in known and key not in ("structure", "knows"):
             raise unknown(key, ["structure", "knows", *known], f"{where}: loop")
@@ -147,7 +150,11 @@ def _loop(data: Mapping[str, Any], vehicle: System, rig: System, residual: Resid
     for name, spec in (HARDWARE | KNOBS[structure]).items():
         given = quantity(own[name], spec.unit, f"{where}: loop.{name}").value if name in own else spec.start
         if not spec.lower <= given <= spec.upper:
-            raise InputError(f"{where}: loop.{name}", f"{given:g} is not possible", f"{spec.lower:g} … {spec.upper:g} {spec.unit} is needed")
+            raise InputError(
+                f"{where}: loop.{name}",
+                f"{given:g} is not possible",
+                f"{spec.lower:g} … {spec.upper:g} {spec.unit} is needed",
+            )
         values[name] = given
     knows = own.get("knows", [])
     if not isinstance(knows, list) or not all(isinstance(name, str) for name in knows):
@@ -175,12 +182,20 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
                 raise unknown(value, list(known), f"{where}: {place}.{key}")
         for key, value, measures in (("torque_sensor", given[1], "torque"), ("speed_sensor", given[2], "speed")):
             if sensors[value].measures != measures:
-                raise InputError(f"{where}: {place}.{key}", f"{value!r} measures {sensors[value].measures}", f"a {measures} sensor is needed")
+                raise InputError(
+                    f"{where}: {place}.{key}",
+                    f"{value!r} measures {sensors[value].measures}",
+                    f"a {measures} sensor is needed",
+                )
         yield Dynamometer(name, *given)
     followed = [own.get("follows") for own in tables.values()]
     for shaft in cuts:
         if followed.count(shaft) != 1:
-            raise InputError(f"{where}: dynamometers", f"{followed.count(shaft)} of them follow the cut at {shaft!r}", "one dynamometer a cut is needed")
+            raise InputError(
+                f"{where}: dynamometers",
+                f"{followed.count(shaft)} of them follow the cut at {shaft!r}",
+                "one dynamometer a cut is needed",
+            )
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
@@ -194,12 +209,24 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
     return low, high
 
 
-def _compared(data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str) -> tuple[Compared, ...]:
+def _compared(
+    data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str
+) -> tuple[Compared, ...]:
     given = _table(data, "response", where).get("compare")
-    if not isinstance(given, list) or not given or not all(isinstance(pair, dict) and set(pair) == {"input", "sensor"} for pair in given):
-        raise InputError(f"{where}: response.compare", "is no list of transfer functions", 'write compare = [{ input = "…", sensor = "…" }]')
+    if (
+        not isinstance(given, list)
+        or not given
+        or not all(isinstance(pair, dict) and set(pair) == {"input", "sensor"} for pair in given)
+    ):
+        raise InputError(
+            f"{where}: response.compare",
+            "is no list of transfer functions",
+            'write compare = [{ input = "…", sensor = "…" }]',
+        )
     simulated = [part.name for own in residual.parts for part in own.inputs]
-    inputs = [part.name for part in vehicle.inputs if part.name in {own.name for own in rig.inputs} or part.name in simulated]
+    inputs = [
+        part.name for part in vehicle.inputs if part.name in {own.name for own in rig.inputs} or part.name in simulated
+    ]
     sensors = [part.name for part in vehicle.sensors if part.name in {own.name for own in rig.sensors}]
     made = []
     for number, pair in enumerate(given, 1):
@@ -210,12 +237,18 @@ def _compared(data: Mapping[str, Any], vehicle: System, rig: System, residual: R
     return tuple(made)
 
 
-def _manoeuvre(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> dict[str, Manoeuvre]:
+def _manoeuvre(
+    data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
+) -> dict[str, Manoeuvre]:
     tables = _table(data, "manoeuvre", where)
     driven = {dyno.torque_input for dyno in loop.dynamometers} | {cut.torque for cut in residual.interfaces}
     known = [part.name for system in (rig, *residual.parts) for part in system.inputs if part.name not in driven]
     if not tables:
-        raise InputError(f"{where}: manoeuvre", "the case has none", 'write [manoeuvre.motor_torque] with kind = "tip_in" and amplitude')
+        raise InputError(
+            f"{where}: manoeuvre",
+            "the case has none",
+            'write [manoeuvre.motor_torque] with kind = "tip_in" and amplitude',
+        )
     for name in tables:
         if name not in known:
             raise unknown(name, known, f"{where}: manoeuvre")
@@ -225,7 +258,9 @@ def _manoeuvre(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, 
 def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
     given = data.get("targets", [])
     if not isinstance(given, list) or not given or not all(isinstance(own, dict) for own in given):
-        raise InputError(f"{where}: targets", "the case has none", "write [[targets]] with mode = NUMBER of the vehicle mode")
+        raise InputError(
+            f"{where}: targets", "the case has none", "write [[targets]] with mode = NUMBER of the vehicle mode"
+        )
     made = []
     for number, own in enumerate(given, 1):
         place = f"{where}: targets[{number}]"
@@ -234,7 +269,9 @@ def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
                 raise unknown(key, ["mode", "frequency_tolerance", "damping_tolerance"], place)
         mode = own.get("mode")
         if not isinstance(mode, int) or isinstance(mode, bool) or mode < 1:
-            raise InputError(f"{place}.mode", "is no mode number", "write the number that 'rigmatch modes' gives the vehicle mode")
+            raise InputError(
+                f"{place}.mode", "is no mode number", "write the number that 'rigmatch modes' gives the vehicle mode"
+            )
         tolerances = {key: to_si(own[key], "1", f"{place}.{key}") for key in own if key != "mode"}
         for key, value in tolerances.items():
             if not value > 0:
@@ -245,8 +282,16 @@ def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
 
 def _limits(data: Mapping[str, Any], rig: System, where: str) -> dict[str, float]:
     own = _table(data, "limits", where)
-    units = {"modulus_margin": "1", "damping_ratio": "1", "dynamometer_torque": "N*m", "dynamometer_speed": "rad/s", "dynamometer_power": "W"}
-    units |= {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts} | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
+    units = {
+        "modulus_margin": "1",
+        "damping_ratio": "1",
+        "dynamometer_torque": "N*m",
+        "dynamometer_speed": "rad/s",
+        "dynamometer_power": "W",
+    }
+    units |= {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts} | {
+        f"shafts.{part.name}.twist": "rad" for part in rig.shafts
+    }
     limits = dict(DEFAULT_LIMITS)
     for key, value in own.items():
         if key not in units:
@@ -255,7 +300,11 @@ def _limits(data: Mapping[str, Any], rig: System, where: str) -> dict[str, float
         if not limits[key] > 0:
             raise InputError(f"{where}: limits.{key}", f"{limits[key]:g} is not possible", "greater than 0 is needed")
     if limits["modulus_margin"] >= 1:
-        raise InputError(f"{where}: limits.modulus_margin", f"{limits['modulus_margin']:g} cannot be reached", "less than 1 is needed; 0.5 is usual")
+        raise InputError(
+            f"{where}: limits.modulus_margin",
+            f"{limits['modulus_margin']:g} cannot be reached",
+            "less than 1 is needed; 0.5 is usual",
+        )
     return limits
 
 
@@ -269,11 +318,17 @@ def _moves(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop
             raise unknown(name, list(places), place)
         start, unit, together = places[name]
         if not isinstance(given, dict) or not {"lower", "upper"} <= set(given) <= {"start", "lower", "upper"}:
-            raise InputError(place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere")
+            raise InputError(
+                place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
+            )
         low, high = (to_si(given[key], unit, f"{place}.{key}") for key in ("lower", "upper"))
         begin = to_si(given["start"], unit, f"{place}.start") if "start" in given else min(max(start, low), high)
         if not low < high or not low <= begin <= high:
-            raise InputError(place, f"bounds {low:g} … {high:g} with start {begin:g} cross", "lower ≤ start ≤ upper and lower < upper is needed")
+            raise InputError(
+                place,
+                f"bounds {low:g} … {high:g} with start {begin:g} cross",
+                "lower ≤ start ≤ upper and lower < upper is needed",
+            )
         if low < _floor(name, loop) or (low == 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
             raise InputError(f"{place}.lower", f"{low:g} is not possible", "a physical bound is needed")
         taken = {other for move in made for other in move.together}

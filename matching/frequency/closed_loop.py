@@ -16,8 +16,8 @@ import numpy as np
 from matching.frequency.case import Case
 from modelling.compiled import Model, compiled
 from modelling.complex_sx import Complex, Row, exp, solve
-from modelling.system import Shaft, System, unknown
 from modelling.loop import LEAD_SPREAD, Dynamometer
+from modelling.system import Shaft, System, unknown
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,9 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     loop = {name: by_name[f"loop.{name}"] for name in case.loop.values}
 
     starts = np.cumsum([0, len(rig.parameters), *(len(part.parameters) for part in parts)])
-    bodies = [_Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)]
+    bodies = [
+        _Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)
+    ]
     H, difference = _close(case, bodies[0], bodies[1:], loop, s)
     inputs, names_in = [s.re, s.im, symbols], ["s_re", "s_im", "p"]
 
@@ -157,7 +159,9 @@ def _given(value: ca.SX) -> bool:
     return value.nnz() > 0 and not value.is_zero()
 
 
-def _close(case: Case, rig: _Body, parts: list[_Body], loop: dict[str, ca.SX], s: Complex) -> tuple[list[Complex], list[list[Complex]]]:
+def _close(
+    case: Case, rig: _Body, parts: list[_Body], loop: dict[str, ca.SX], s: Complex
+) -> tuple[list[Complex], list[list[Complex]]]:
     dynos = case.loop.dynamometers
     lag = 1 / (1 + s * loop["torque_sensor_lag"])
     lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_SPREAD))

@@ -78,7 +78,11 @@ class Demands:
     def _peak(self, chain: Chain, inertias: list, factor: np.ndarray | None = None):
         """Largest |(torque − Σ J·acceleration)·factor| over the manoeuvre."""
         total = sum(inertias) if inertias else 0.0
-        samples = chain.torque - total * chain.acceleration if isinstance(total, float) else ca.DM(chain.torque) - total * ca.DM(chain.acceleration)
+        samples = (
+            chain.torque - total * chain.acceleration
+            if isinstance(total, float)
+            else ca.DM(chain.torque) - total * ca.DM(chain.acceleration)
+        )
         if factor is not None:
             samples = samples * (factor if isinstance(total, float) else ca.DM(factor))
         return np.abs(samples).max() if isinstance(total, float) else ca.mmax(ca.fabs(samples))
@@ -122,7 +126,9 @@ def demands(case: Case, points: int = 400) -> Demands:
     return Demands(tuple(chains), case.limits)
 
 
-def _path(case: Case, start: str, end: str, without: str) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], tuple[str, ...]]:
+def _path(
+    case: Case, start: str, end: str, without: str
+) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], tuple[str, ...]]:
     """Shafts from the cut to the rotor, each with the inertias passed before it, and all inertias up to the rotor."""
     joints: list[Shaft] = [part for part in case.rig.shafts if part.name != without]
     paths: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [(start, (), (start,))]

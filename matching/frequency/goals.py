@@ -28,10 +28,18 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
         wanted = plain[target.mode - 1]
         if wanted.frequency == 0:
             raise InputError(where, f"mode {target.mode} is a rigid motion", "name an elastic mode")
-        alike = [mode for mode in damped if mode.frequency > 0 and mode.damping_ratio < 1 and mode.symmetry == wanted.symmetry]
+        alike = [
+            mode
+            for mode in damped
+            if mode.frequency > 0 and mode.damping_ratio < 1 and mode.symmetry == wanted.symmetry
+        ]
         best = min(alike, key=lambda mode: abs(np.log(mode.frequency / wanted.frequency)), default=None)
         if best is None or abs(np.log(best.frequency / wanted.frequency)) > np.log(1.5):
-            raise InputError(where, f"mode {target.mode} ({wanted.frequency:.3g} Hz) is overdamped in the vehicle", "name a mode that swings")
+            raise InputError(
+                where,
+                f"mode {target.mode} ({wanted.frequency:.3g} Hz) is overdamped in the vehicle",
+                "name a mode that swings",
+            )
         found.append((wanted, best))
     return found
 
@@ -41,7 +49,12 @@ def goals(case: Case, found: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
     cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
     made = []
     for plain, damped in found:
-        pattern = np.array([np.real(plain.shape.get(f"inertias.{cuts[dyno.follows].vehicle_end}", 0.0)) for dyno in case.loop.dynamometers])
+        pattern = np.array(
+            [
+                np.real(plain.shape.get(f"inertias.{cuts[dyno.follows].vehicle_end}", 0.0))
+                for dyno in case.loop.dynamometers
+            ]
+        )
         if np.abs(pattern).max() < 1e-6:
             continue
         omega = 2 * np.pi * damped.frequency

@@ -31,7 +31,9 @@ def limits(
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
     elif not solution.feasible:
-        found.append("no setting within the bounds keeps the margins and limits together; the values shown are where the search began")
+        found.append(
+            "no setting within the bounds keeps the margins and limits together; the values shown are where the search began"
+        )
     missed = [target for target in targets if not target.met]
     for target in missed:
         found.append(_missed(case, target))
@@ -42,7 +44,9 @@ def limits(
     told = {own.limit for own in checked.violations}
     for dyno, name, demand, allowed in asked.broken({f"rig.{key}": q.value for key, q in tuned.rig.parameters.items()}):
         if name not in told:
-            found.append(f"the vehicle's own manoeuvre asks for more than {name} allows at the {dyno} dynamometer: {demand:.4g} against {allowed:.4g}")
+            found.append(
+                f"the vehicle's own manoeuvre asks for more than {name} allows at the {dyno} dynamometer: {demand:.4g} against {allowed:.4g}"
+            )
     return found
 
 
@@ -80,19 +84,26 @@ def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode
             continue
         parts = []
         peak = max((float(np.abs(chain.torque).max()) for chain in asked.chains), default=0.0)
-        limit = max((value for key, value in case.limits.items() if key.startswith("shafts.") and key.endswith(".torque")), default=peak)
+        limit = max(
+            (value for key, value in case.limits.items() if key.startswith("shafts.") and key.endswith(".torque")),
+            default=peak,
+        )
         chains = [chain for chain in asked.chains if chain.shafts]
         shafts = sorted({name for chain in chains for name, _ in chain.shafts[-1:]})
         if stiffness := _needed(case, [f"shafts.{name}.stiffness" for name in shafts], mode, target.vehicle, 1e-6, 1.0):
             value = stiffness * case.rig.parameters[f"shafts.{shafts[0]}.stiffness"].value
             twist = limit / value
-            parts.append(f"{value:.3g} N·m/rad in {' and '.join(shafts)}, which twists {np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m")
+            parts.append(
+                f"{value:.3g} N·m/rad in {' and '.join(shafts)}, which twists {np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m"
+            )
         rotors = sorted({chain.inertias[-1] for chain in chains})
         if inertia := _needed(case, [f"inertias.{name}.J" for name in rotors], mode, target.vehicle, 1.0, 1e5):
             value = inertia * case.rig.parameters[f"inertias.{rotors[0]}.J"].value
             parts.append(f"{value:.3g} kg·m² at {' and '.join(rotors)} each, {inertia:.0f} times what stands there")
         if parts:
-            found.append(f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; a residual vehicle model has to supply the inertia")
+            found.append(
+                f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; a residual vehicle model has to supply the inertia"
+            )
     return found
 
 

@@ -13,7 +13,7 @@ from matching.frequency.goals import goals, target_modes
 from matching.frequency.limits import limits
 from matching.frequency.problem import grid
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.solve import Solution, solve
+from matching.frequency.solve import Solution, Task, solve
 from matching.frequency.tuned import apply
 from matching.frequency.verification.responses import error_figures, responses
 from matching.frequency.verification.verify import Verification, verify
@@ -29,7 +29,9 @@ CURVE_POINTS = 400
 Progress = Callable[[str], None]
 
 
-def match(case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None) -> MatchResult:
+def match(
+    case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1
+) -> MatchResult:
     """Match a rig to its vehicle.
 
     Parameters
@@ -42,6 +44,8 @@ def match(case: Case, seed: int = 0, starts: int = 14, progress: Progress | None
         At most; fewer when three agree on the best.
     progress : callable, optional
         Called with a word on what was just done.
+    workers : int
+        Processes for the starts; the result does not depend on how many.
 
     Returns
     -------
@@ -62,11 +66,14 @@ def match(case: Case, seed: int = 0, starts: int = 14, progress: Progress | None
     shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
-    solution = _tune(case, shares, targets, asked, seed, starts, tell)
+    solution = _tune(case, shares, targets, asked, seed, starts, workers, tell)
     tuned = apply(case, solution.values)
     checked = verify(tuned)
     tell("verification")
-    results = tuple(_target(case, checked, number, pair, mode) for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True)))
+    results = tuple(
+        _target(case, checked, number, pair, mode)
+        for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
+    )
     stands = limits(case, tuned, checked, results, asked, solution, on_rig)
     error = _errors(case, tuned, checked)
     tell("bound and curves")
@@ -99,7 +106,14 @@ def _weight(part: float) -> float:
 
 
 def _tune(
-    case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands, seed: int, starts: int, tell: Progress
+    case: Case,
+    shares: np.ndarray,
+    targets: list[tuple[Mode, Mode]],
+    asked: Demands,
+    seed: int,
+    starts: int,
+    workers: int,
+    tell: Progress,
 ) -> Solution:
     free = [i for i, part in enumerate(shares) if part >= FREEZE_BELOW]
     if not free:
@@ -107,10 +121,12 @@ def _tune(
     moves = tuple(case.moves[i] for i in free)
     weights = np.array([_weight(shares[i]) for i in free])
     reference = responses(case, grid(case)).vehicle
-    return solve(case, moves, weights, goals(case, targets), reference, asked, seed, starts, tell)
+    return solve(Task(case, moves, weights, goals(case, targets), reference, asked), seed, starts, workers, tell)
 
 
-def _target(case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None) -> TargetResult:
+def _target(
+    case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None
+) -> TargetResult:
     wanted, target = pair[1], case.targets[number]
     mode = checked.targets[number][1]
     seen = checked.seen[number].matched
@@ -145,7 +161,9 @@ def _bound(case: Case, refinement: int) -> float:
     ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
     import dataclasses
 
-    told = dataclasses.replace(case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case)))
+    told = dataclasses.replace(
+        case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case))
+    )
     return float(error_figures(told, parts_of(told), ideal).after)
 
 

@@ -24,12 +24,18 @@ from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
 PRICE = 2e-3  # of a change over the whole range of a quantity of weight 1
+RESERVE = 1.002  # on the modulus margin, for what lies between grid points
 IN_BAND = 48  # frequencies of the response error
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
 
 _QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6, "acceptable_tol": 1e-4}
-_FAST = {"hessian_approximation": "limited-memory", "limited_memory_max_history": 12, "mu_strategy": "adaptive", "max_iter": 160}
+_FAST = {
+    "hessian_approximation": "limited-memory",
+    "limited_memory_max_history": 12,
+    "mu_strategy": "adaptive",
+    "max_iter": 130,
+}
 _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
 
 
@@ -137,9 +143,15 @@ def build(
     objective += PRICE * ca.sum1(ca.DM(weights) * (v[:size] - start) ** 2) if size else 0
 
     g, low, high = [], [], []
-    margin = case.limits["modulus_margin"]
+    margin = case.limits["modulus_margin"] * RESERVE
     near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
-    wide = np.concatenate([np.geomspace(0.02, 5, 18, endpoint=False), np.geomspace(5, 150, 64, endpoint=False), np.geomspace(150, 500, 12)])
+    wide = np.concatenate(
+        [
+            np.geomspace(0.02, 5, 18, endpoint=False),
+            np.geomspace(5, 150, 64, endpoint=False),
+            np.geomspace(150, 500, 12),
+        ]
+    )
     band = np.concatenate([wide, *(near * part for part in (0.96, 1.0, 1.04)), () if extra is None else extra])
     ray = np.geomspace(0.3, 150, 30)
     zeta = case.limits["damping_ratio"]
@@ -161,7 +173,12 @@ def build(
         D_re, D_im = ca.reshape(re, k, k).T, ca.reshape(im, k, k).T
         scale = 1 / (1 + ca.sqrt(ca.sumsqr(re) + ca.sumsqr(im)))
         pattern = ca.DM(goal.pattern / np.linalg.norm(goal.pattern))
-        rows = ca.vertcat((D_re @ x_re - D_im @ x_im) * scale, (D_re @ x_im + D_im @ x_re) * scale, pattern.T @ x_re - 1, pattern.T @ x_im)
+        rows = ca.vertcat(
+            (D_re @ x_re - D_im @ x_im) * scale,
+            (D_re @ x_im + D_im @ x_re) * scale,
+            pattern.T @ x_re - 1,
+            pattern.T @ x_im,
+        )
         g.append(rows)
         low += [0.0] * (2 * k + 2)
         high += [0.0] * (2 * k + 2)
@@ -171,7 +188,9 @@ def build(
         lower += [-8.0, 0.05] + [-5.0] * (2 * k)
         upper += [0.5, 12.0] + [5.0] * (2 * k)
     fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
-    for rows, bound in demands.constraints(fixed | {name: p[i] for i, move in enumerate(moves) for name in move.together}):
+    for rows, bound in demands.constraints(
+        fixed | {name: p[i] for i, move in enumerate(moves) for name in move.together}
+    ):
         g.append(rows)
         low += [-np.inf] * rows.shape[0]
         high += [bound] * rows.shape[0]
@@ -179,7 +198,9 @@ def build(
     options = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
     solver = ca.nlpsol("match", "ipopt", {"x": v, "f": objective, "g": constraints}, options)
     check = ca.Function("objective", [v], [objective, constraints], ["v"], ["f", "g"])
-    return Problem(case, loop, moves, goals, solver, check, np.array(lower), np.array(upper), np.array(low), np.array(high))
+    return Problem(
+        case, loop, moves, goals, solver, check, np.array(lower), np.array(upper), np.array(low), np.array(high)
+    )
 
 
 def _evaluate(function: ca.Function, sigma: np.ndarray, omega: np.ndarray, p: ca.MX) -> tuple[ca.MX, ...]:
@@ -203,6 +224,7 @@ def _response_error(re: ca.MX, im: ca.MX, reference: np.ndarray, functions: int)
 
 def _definite(re: ca.MX, im: ca.MX, k: int, least: float) -> list[ca.MX]:
     """Leading minors of DᴴD − least²·I, each (1, f), scaled by its diagonal: all positive where σ_min > least."""
+
     def entry(i: int, j: int) -> tuple[ca.MX, ca.MX]:
         a, b = (sum_ for sum_ in (0, 0))
         for row in range(k):

@@ -86,7 +86,9 @@ class ResponseError:
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         keys = ("before", "after", "after_like_before", "unannounced", "bound", "bound_unsampled")
-        return {"band": list(self.band)} | {key: getattr(self, key) for key in keys} | {"functions": list(self.functions)}
+        return (
+            {"band": list(self.band)} | {key: getattr(self, key) for key in keys} | {"functions": list(self.functions)}
+        )
 
 
 @dataclass(frozen=True)

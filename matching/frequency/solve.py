@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -18,7 +20,6 @@ FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
 ROUNDS = 4  # of putting frequencies where the margin is missed between the grid
-CLOSE = 1e-3  # relative: how nearly a margin has to hold between the grid
 
 End = tuple[float, np.ndarray]  # objective and decision vector
 
@@ -33,60 +34,108 @@ class Solution:
     feasible: bool
 
 
+@dataclass(frozen=True)
+class Task:
+    """The programme to solve, as :func:`matching.frequency.problem.build` takes it."""
+
+    case: Case
+    moves: tuple[Move, ...]
+    weights: np.ndarray
+    goals: tuple[Goal, ...]
+    reference: np.ndarray
+    demands: Demands
+
+    def build(self, extra: np.ndarray | None = None, exact: bool = False) -> Problem:
+        """The programme."""
+        return build(self.case, self.moves, self.weights, self.goals, self.reference, self.demands, extra, exact)
+
+
 def solve(
-    case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray, demands: Demands,
-    seed: int = 0, starts: int = 14, progress: Callable[[str], None] | None = None, begin: dict[str, float] | None = None,
-) -> Solution:  # fmt: skip
+    task: Task, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None
+) -> Solution:
     """Solve the programme of a case from many starts.
 
     Parameters
     ----------
+    task : Task
     seed : int
         Of the random starts; the first is the case's own start with a gentle loop.
     starts : int
         At most; the search ends when three agree on the best.
-    begin : dict, optional
-        Values to start from instead of the case's own.
+    workers : int
+        Processes; the outcome does not depend on how many.
     """
-    fast = build(case, moves, weights, goals, reference, demands, exact=False)
-    random = np.random.default_rng(seed)
     ends: list[End | None] = []
-    for number in range(starts):
-        v = _start(fast, random if number else None, begin)
-        end = _run(fast, v)
-        ends.append(end if end and _check(case, fast, end[1])[2] else None)
+    for number, end in enumerate(_ends(task, seed, starts, workers)):
+        ends.append(end)
         if progress:
-            progress(f"start {number + 1} of {starts}")
+            progress(f"start {number + 1} of {starts} at most")
         good = sorted(value for value, _ in filter(None, ends))
         if len(good) >= ENOUGH and good[ENOUGH - 1] <= good[0] * (1 + AGREE):
             break
     kept = [end for end in ends if end]
     values = tuple(None if end is None else end[0] for end in ends)
     if not kept:
-        return Solution(fast.values(_start(fast, None, begin)), float("nan"), values, False)
-    best = min(kept, key=lambda end: end[0])
-    return _tight(case, best, values, lambda extra, exact: build(case, moves, weights, goals, reference, demands, extra, exact))
+        problem = task.build()
+        return Solution(problem.values(_start(problem, None)), float("nan"), values, False)
+    return _tight(task, min(kept, key=lambda end: end[0]), values)
 
 
-def _tight(case: Case, best: End, starts: tuple[float | None, ...], make: Callable[[np.ndarray, bool], Problem]) -> Solution:
+def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
+    """The ends of the starts, in order."""
+    if workers < 2 or starts < 2:
+        problem = task.build()
+        for number in range(starts):
+            yield _one(problem, seed, number)
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), _prepare, (task,)) as pool:
+        waiting = [pool.submit(_one_prepared, seed, number) for number in range(starts)]
+        try:
+            for future in waiting:
+                yield future.result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+_prepared: list[Problem] = []
+
+
+def _prepare(task: Task) -> None:
+    """Build the programme once a process."""
+    _prepared[:] = [task.build()]
+
+
+def _one_prepared(seed: int, number: int) -> End | None:
+    return _one(_prepared[0], seed, number)
+
+
+def _one(problem: Problem, seed: int, number: int) -> End | None:
+    """One start, or None if it ends infeasible or unstable."""
+    random = np.random.default_rng([seed, number]) if number else None
+    end = _run(problem, _start(problem, random))
+    return end if end and _check(problem, end[1])[2] else None
+
+
+def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
     """Put frequencies where the margin is missed between the grid until it holds, then solve again with the exact Hessian."""
     extra = np.zeros(0)
-    problem = make(extra, False)
+    problem = task.build(extra)
     for _ in range(ROUNDS):
-        margin, frequency, _ = _check(case, problem, best[1])
-        if margin >= case.limits["modulus_margin"] * (1 - CLOSE):
+        margin, frequency, _ = _check(problem, best[1])
+        if margin >= task.case.limits["modulus_margin"]:
             break
         extra = np.concatenate([extra, frequency * np.array([0.97, 0.985, 1.0, 1.015, 1.03])])
-        problem = make(extra, False)
+        problem = task.build(extra)
         again = (_run(problem, begin) for begin in (best[1], *_gentler(problem, best[1])))
-        end = next((end for end in again if end and _check(case, problem, end[1])[2]), None)
+        end = next((end for end in again if end and _check(problem, end[1])[2]), None)
         if end is None:
             break
         best = end
-    end = _run(make(extra, True), best[1])
+    end = _run(task.build(extra, exact=True), best[1])
     if end is not None and end[0] <= best[0] + 1e-9:
-        margin, _, stable = _check(case, problem, end[1])
-        if stable and margin >= case.limits["modulus_margin"] * (1 - CLOSE):
+        margin, _, stable = _check(problem, end[1])
+        if stable and margin >= task.case.limits["modulus_margin"]:
             best = end
     return Solution(problem.values(best[1]), best[0], starts, True)
 
@@ -97,14 +146,12 @@ def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
     return [np.where(loop, np.clip(v - back, 0.01, 0.99), v) for back in (0.1, 0.25)]
 
 
-def _start(problem: Problem, random: np.random.Generator | None, begin: dict[str, float] | None) -> np.ndarray:
+def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
     """A start: mechanics at or around their own values, the loop gentle enough to be stable, eigenpairs on their targets."""
     v = np.zeros(len(problem.lower))
     for i, move in enumerate(problem.moves):
-        own = scaled((begin or {}).get(move.name, move.start), move)
-        if begin is not None:
-            v[i] = own + (0.1 * random.normal() if random else 0.0)
-        elif move.name.startswith("loop."):
+        own = scaled(move.start, move)
+        if move.name.startswith("loop."):
             v[i] = (0.4 if "gain" in move.name or "time" in move.name else 0.3) * (random.random() if random else 0.5)
         else:
             v[i] = own + (0.2 * random.normal() if random else 0.0)
@@ -128,7 +175,7 @@ def _run(problem: Problem, v: np.ndarray) -> End | None:
     return (float(f[0]), x) if missed <= FEASIBLE else None
 
 
-def _check(case: Case, problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
+def _check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
     """Modulus margin, where (Hz), and stability by encirclements on the exact loop, by code the optimiser does not use."""
-    found = encirclements(parts_of(apply(case, problem.values(v))))
+    found = encirclements(parts_of(apply(problem.case, problem.values(v))))
     return found.modulus_margin, found.margin_frequency, found.unstable == 0 and found.clear

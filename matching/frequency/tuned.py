@@ -18,10 +18,15 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
         If a name is unknown or a value impossible.
     """
     rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    emulated = {name.removeprefix("residual_vehicle."): value for name, value in values.items() if name.startswith("residual_vehicle.")}
+    emulated = {
+        name.removeprefix("residual_vehicle."): value
+        for name, value in values.items()
+        if name.startswith("residual_vehicle.")
+    }
     loop = {name.removeprefix("loop."): value for name, value in values.items() if name.startswith("loop.")}
     parts = tuple(
-        part.with_values({name: value for name, value in emulated.items() if name in part.parameters}) for part in case.residual_vehicle.parts
+        part.with_values({name: value for name, value in emulated.items() if name in part.parameters})
+        for part in case.residual_vehicle.parts
     )
     return dataclasses.replace(
         case,

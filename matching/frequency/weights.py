@@ -28,11 +28,18 @@ def counterparts(case: Case) -> list[Mode | None]:
         if not elastic:
             found.append(None)
             continue
-        if np.abs(shape).max(initial=0.0) < 1e-6:  # a mode that leaves the shared part at rest: the lowest of its symmetry
+        if (
+            np.abs(shape).max(initial=0.0) < 1e-6
+        ):  # a mode that leaves the shared part at rest: the lowest of its symmetry
             found.append(elastic[0])
             continue
-        likeness = [float(mac(shape, np.array([[mode.shape.get(f"inertias.{name}", 0.0)] for name in shared]))[0, 0]) for mode in elastic]
-        found.append(elastic[int(np.argmax(np.array(likeness) > 0.8)) if max(likeness) > 0.8 else int(np.argmax(likeness))])
+        likeness = [
+            float(mac(shape, np.array([[mode.shape.get(f"inertias.{name}", 0.0)] for name in shared]))[0, 0])
+            for mode in elastic
+        ]
+        found.append(
+            elastic[int(np.argmax(np.array(likeness) > 0.8)) if max(likeness) > 0.8 else int(np.argmax(likeness))]
+        )
     return found
 
 
@@ -41,7 +48,9 @@ def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) 
     if move.name.startswith("loop.") or move.name.endswith(".ratio"):
         return 1.0
     on_vehicle = move.name.startswith("residual_vehicle.")
-    judged = [vehicle[target.mode - 1] for target in case.targets] if on_vehicle else [mode for mode in rig_modes if mode]
+    judged = (
+        [vehicle[target.mode - 1] for target in case.targets] if on_vehicle else [mode for mode in rig_modes if mode]
+    )
     best = 0.0
     for mode in judged:
         total = 0.0
