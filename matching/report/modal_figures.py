@@ -51,6 +51,8 @@ def energy_figure(columns: Sequence[Column]) -> Figure:
 
 
 def _frequencies(axes: Any, column: Column, top: float) -> None:
+    from matplotlib.ticker import NullLocator
+
     chosen = {mode.number: tint for mode, tint in zip(column.chosen, _TINTS)}
     floor = 0.3
     for mode in column.modes:
@@ -68,6 +70,7 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
             rotation=0 if len(column.modes) <= 10 else 60,
         )
     axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylim(floor, 3 * max(top, 1.0))
     axes.set_xticks([mode.number for mode in column.modes])
     axes.grid(False, axis="x")
