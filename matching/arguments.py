@@ -1,9 +1,11 @@
 """What commands share: whole numbers as arguments, and a progress bar where a terminal watches."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 def count(least: int) -> Callable[[str], int]:
@@ -24,12 +26,33 @@ def count(least: int) -> Callable[[str], int]:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error while a terminal watches; yields a function of (done, of how many)."""
-    from tqdm import tqdm
-
-    with tqdm(desc=what, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False) as bar:
+    with _bar(what) as bar:
 
         def advance(done: int, total: int) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
         yield advance
+
+
+@contextmanager
+def steps(what: str) -> Iterator[Callable[[str], None]]:
+    """The same for work whose end nobody knows; yields a function of a word on what was just done."""
+    with _bar(what) as bar:
+
+        def tell(done: str) -> None:
+            bar.set_description_str(f"{what}: {done}", refresh=False)
+            bar.update()
+
+        yield tell
+
+
+def _bar(what: str) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(desc=what, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False)
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Draw the map; the result object is the content of ``map.json``."""
-    from matching.arguments import progress
+    from matching.arguments import cores, progress
     from matching.frequency.case import load_case
     from matching.frequency.map import axis, map_case
     from matching.report.map_figure import map_figure
@@ -37,7 +37,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     x, y = (axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y"))
     with progress("map") as advance:
         found = map_case(
-            case, x, y, seed=arguments.seed, starts=arguments.starts, workers=arguments.workers, progress=advance
+            case,
+            x,
+            y,
+            seed=arguments.seed,
+            starts=arguments.starts,
+            workers=arguments.workers or cores(),
+            progress=advance,
         )
     result = found.to_dict()
     write_all(arguments.out, {"map.json": strict_json(result), "map.svg": image(map_figure(found))})

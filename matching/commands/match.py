@@ -18,16 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", metavar="N", type=count(0), default=0, help="seed of the starting points (default: 0)"
     )
-    parser.add_argument("--starts", metavar="N", type=count(1), help="starting points to search from")
+    parser.add_argument("--starts", metavar="N", type=count(1), help="starting points to search from at most")
+    parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
+    from matching.arguments import cores, steps
     from matching.frequency.case import load_case
-
-    case = load_case(arguments.case)
-
-    from matching.arguments import progress
     from matching.frequency.case_file import case_files
     from matching.frequency.match import match
     from matching.report.match_figures import figures
@@ -36,9 +34,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.style import image
     from modelling.output import strict_json, write_all
 
+    case = load_case(arguments.case)
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
-    with progress("match") as advance:
-        found = match(case, seed=arguments.seed, progress=advance, **effort)
+    with steps("match") as tell:
+        found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), **effort)
     result = content(found)
     drawn = {name: image(figure) for name, figure in figures(found).items()}
     files: dict[str, str | bytes] = {"result.json": strict_json(result), "report.html": page(found, drawn)}

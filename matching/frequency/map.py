@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
-from matching.frequency.case import Case
-from matching.frequency.case_values import held_at, quantities
+from matching.frequency.case import Case, movable
+from matching.frequency.tuned import apply
 from modelling.errors import InputError
 from modelling.loop import HARDWARE, KNOBS
 from modelling.system import unknown
@@ -76,6 +76,11 @@ class Map:
         axes = {key: {**vars(axis), "values": list(axis.values)} for key, axis in (("x", self.x), ("y", self.y))}
         points = [vars(own) for row in self.points for own in row]
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
+
+
+def quantities(case: Case) -> dict[str, tuple[float, str, tuple[str, ...]]]:
+    """Every quantity of a case that can be set: value, SI unit, and it with its mirror image."""
+    return movable(case.rig, case.residual_vehicle, case.loop)
 
 
 def axis(case: Case, text: str, where: str = "") -> Axis:
@@ -165,6 +170,24 @@ def map_case(
         own.shutdown()
     rows = tuple(tuple(found[row, column] for column in range(len(x.values))) for row in range(len(y.values)))
     return Map(case.title, case.band, x, y, rows)
+
+
+def held_at(case: Case, name: str, value: float) -> Case:
+    """The case with a quantity at a value where it stays, whether it might move before or not.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, the value impossible, or nothing would be left to move.
+    """
+    known = quantities(case)
+    if name not in known:
+        raise unknown(name, list(known), "")
+    moved = apply(case, dict.fromkeys(known[name][2], value))
+    left = tuple(move for move in case.moves if name not in move.together)
+    if not left:
+        raise InputError(name, "is all that may move", "let the case move something else as well")
+    return replace(moved, moves=left)
 
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:

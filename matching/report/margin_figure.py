@@ -19,14 +19,10 @@ LOWEST, HIGHEST, POINTS = 1e-2, 500.0, 4000  # Hz: below, the integrator alone a
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
     """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz, dead time exact."""
-    from matching.frequency.closed_loop import closed_loop
+    from matching.frequency.verification.exact_loop import ExactLoop
+    from matching.frequency.verification.parts import parts_of
 
-    loop = closed_loop(case)
-    omega = 2 * np.pi * frequencies
-    p = np.repeat(loop.values[:, None], len(omega), axis=1)
-    out = loop.response.map(len(omega))(np.zeros((1, len(omega))), omega[None], p)
-    size = len(case.loop.dynamometers)
-    return (out[2].full() + 1j * out[3].full()).T.reshape(-1, size, size)
+    return ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies)
 
 
 def frequencies_around(modes: list[float]) -> np.ndarray:

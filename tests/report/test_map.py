@@ -11,8 +11,7 @@ import pytest
 
 from matching.cli import main
 from matching.frequency.case import load_case
-from matching.frequency.case_values import held_at, quantities, with_values
-from matching.frequency.map import Axis, Map, Point, axis, map_case
+from matching.frequency.map import Axis, Map, Point, axis, held_at, map_case, quantities
 from matching.report.map_figure import map_figure
 from matching.report.style import image
 from modelling.errors import InputError
@@ -67,7 +66,7 @@ def test_mirror_images_are_set_alike_and_stay(case):
     assert moved.rig.parameters["shafts.flange_right.stiffness"].value == 3e5
     assert STIFFNESS not in [move.name for move in moved.moves]
     assert len(moved.moves) == len(case.moves) - 1
-    changed = with_values(case, {"residual_vehicle.inertias.body_left.J": 80.0, "loop.dead_time": 0.005})
+    changed = held_at(held_at(case, "residual_vehicle.inertias.body_left.J", 80.0), "loop.dead_time", 0.005)
     assert [quantities(changed)[f"residual_vehicle.inertias.body_{side}.J"][0] for side in ("left", "right")] == [
         80,
         80,
@@ -75,7 +74,7 @@ def test_mirror_images_are_set_alike_and_stay(case):
     assert changed.vehicle == case.vehicle  # what the rig has to answer like does not move
     assert changed.loop["dead_time"] == 0.005
     with pytest.raises(InputError, match="does not exist"):
-        with_values(case, {"rig.inertias.motor.J": 1.0})
+        held_at(case, "rig.inertias.motor.J", 1.0)
     only = replace(case, moves=tuple(move for move in case.moves if move.name == STIFFNESS))
     with pytest.raises(InputError, match="all that may move"):
         held_at(only, STIFFNESS, 2e5)
@@ -104,7 +103,6 @@ def test_figure_shows_errors_and_hatches_what_is_not_met():
 
 
 def test_command_draws_a_map_of_the_reference_case(tmp_path, capsys):
-    pytest.importorskip("matching.frequency.match")
     words = ["map", str(CASE), "--x", "loop.dead_time=0.001:0.003:2", "--y", f"{STIFFNESS}=1.5e5:2.5e5:2"]
     assert main([*words, "--starts", "1", "--workers", "2", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -120,7 +118,6 @@ def test_command_draws_a_map_of_the_reference_case(tmp_path, capsys):
 
 
 def test_any_executor_will_do(case):
-    pytest.importorskip("matching.frequency.match")
     seen = []
     small = replace(case, moves=case.moves[:2])
     with ThreadPoolExecutor(1) as executor:

@@ -40,7 +40,6 @@ def test_a_wrong_case_file_is_named(tmp_path, capsys):
 
 
 def test_command_writes_result_report_figures_and_files_to_read_again(tmp_path, capsys):
-    pytest.importorskip("matching.frequency.match")
     assert main(["match", str(CASE), "--starts", "1", "--out", str(tmp_path)]) == 0
     assert len(capsys.readouterr().out.splitlines()) <= 20
     result = json.loads((tmp_path / "result.json").read_text())
