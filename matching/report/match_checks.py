@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from matching.report.robustness_figure import Wrong
 from matching.report.trace_figure import Signal
-from matching.report.words import handy, number, unit
+from matching.report.words import handy, hertz, number, unit
 
 if TYPE_CHECKING:
     from matching.frequency.result import MatchResult
@@ -101,7 +101,7 @@ def checks(result: MatchResult) -> list[Check]:
     for target in result.targets:
         off = None if target.seen is None else 100 * (target.seen / target.vehicle - 1)
         said = (
-            "not seen in the simulation" if off is None else f"{number(target.seen)} Hz, {off:+.2f} % from the vehicle"
+            "not seen in the simulation" if off is None else f"{hertz(target.seen)} Hz, {off:+.2f} % from the vehicle"
         )
         near = off is not None and abs(off) <= 2
         found.append(

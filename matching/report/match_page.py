@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from matching.report.match_checks import checks, needs
 from matching.report.match_figures import CAPTIONS
 from matching.report.match_text import answer, content
-from matching.report.words import change, handy, number, plain, sentence, unit
+from matching.report.words import change, handy, hertz, number, plain, sentence, unit
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -40,8 +40,8 @@ def summary_html(result: MatchResult) -> str:
     template = (
         "<p><b>{{ status }}</b>: {{ answer }}</p>"
         "<table><tr><th>mode</th><th>vehicle</th><th>rig</th><th>matched</th></tr>"
-        "{% for row in targets %}<tr><td>{{ row.vehicle_mode }}</td><td>{{ row.vehicle|number }} Hz</td>"
-        "<td>{{ row.rig|number }} Hz</td><td>{{ row.matched|number }} Hz</td></tr>{% endfor %}</table>"
+        "{% for row in targets %}<tr><td>{{ row.vehicle_mode }}</td><td>{{ row.vehicle|hertz }} Hz</td>"
+        "<td>{{ row.rig|hertz }} Hz</td><td>{{ row.matched|hertz }} Hz</td></tr>{% endfor %}</table>"
     )
     values = {"status": result.status, "answer": answer(content(result)), "targets": result.targets}
     return _environment().from_string(template).render(values)
@@ -91,7 +91,7 @@ def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     made = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
-    made.filters |= {"number": number, "unit": unit, "handy": handy, "plain": plain}
+    made.filters |= {"number": number, "unit": unit, "handy": handy, "hertz": hertz, "plain": plain}
     return made
 
 

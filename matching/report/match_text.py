@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from matching.report.words import change, handy, number, plain, sentence, unit
+from matching.report.words import change, handy, hertz, number, plain, sentence, unit
 
 if TYPE_CHECKING:
     from matching.frequency.result import MatchResult
@@ -26,7 +26,7 @@ def answer(result: Mapping[str, Any]) -> str:
     before, after = error["before"], number(error["after"], 2)
     fall = f"is {after}" if before is None else f"falls from {number(before, 2)} to {after}"
     if result["status"] == "matched":
-        aims = sentence([f"{number(target['vehicle'])} Hz" for target in result["targets"]])
+        aims = sentence([f"{hertz(target['vehicle'])} Hz" for target in result["targets"]])
         mode = "mode" if len(result["targets"]) == 1 else "modes"
         return (
             f"The rig answers like the vehicle: it shows the target {mode} at {aims} within tolerance, "
@@ -84,9 +84,9 @@ def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
 def _target(target: Mapping[str, Any]) -> str:
     side = target["symmetry"].replace("none", "")
     return (
-        f"mode {target['vehicle_mode']:<3}{side:13} vehicle {number(target['vehicle'])} Hz, "
-        f"rig {number(target['rig'])}, matched {number(target['matched'])}, "
-        f"seen in simulation {number(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
+        f"mode {target['vehicle_mode']:<3}{side:13} vehicle {hertz(target['vehicle'])} Hz, "
+        f"rig {hertz(target['rig'])}, matched {hertz(target['matched'])}, "
+        f"seen in simulation {hertz(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
     )
 
 

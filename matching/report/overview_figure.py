@@ -11,6 +11,7 @@ from matching.report.lines import LINES, legend_above
 from matching.report.response_figure import curves_of, magnitude, magnitude_label
 from matching.report.style import MATCHED, RIG, VEHICLE, figure, styled
 from matching.report.trace_figure import Signal, trace
+from matching.report.words import hertz
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +78,7 @@ def _targets(axes: Any, result: MatchResult) -> None:
                 found[name], places[name], mark, color=colours[name], markersize=9, markeredgecolor="#222222", zorder=3
             )
             axes.annotate(
-                f"{found[name]:.4g} Hz",
+                f"{hertz(found[name])} Hz",
                 (found[name], places[name]),
                 (0, -18 if count % 2 else 9),
                 textcoords="offset points",

@@ -24,6 +24,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
+def hertz(value: float | None) -> str:
+    """A frequency with four digits, zeros kept so that columns compare."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:#.4g}".rstrip(".")
+
+
 def unit(si: str) -> str:
     """A unit of the files as it is printed."""
     return _SIGNS.get(si, si.replace("*", "·").replace("^2", "²").replace("^3", "³"))

@@ -67,7 +67,7 @@ def test_page_is_whole_and_needs_nothing_from_outside(html, drawn, hand_made):
 
 def test_page_says_what_to_order_enter_and_know(html, hand_made):
     for target in hand_made.targets:
-        assert f"{target.matched:.4g} Hz" in html
+        assert f"{target.matched:#.4g} Hz" in html
     for name, value in hand_made.tuned.loop.values.items():
         assert f"<code>loop.{name}</code>" in html, value
     for own in hand_made.parameters:
