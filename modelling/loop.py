@@ -50,7 +50,7 @@ KNOBS = {"pi": _CONTROLLER, "model_based": _CONTROLLER}
 
 @dataclass(frozen=True)
 class Dynamometer:
-    """One dynamometer: the rig input it drives, the torque and speed sensors it uses, the cut shaft whose outer end it stands for."""
+    """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is."""
 
     name: str
     torque_input: str
@@ -61,7 +61,7 @@ class Dynamometer:
 
 @dataclass(frozen=True)
 class Loop:
-    """Structure, dynamometers, inputs the controller is told of, and the values of :data:`HARDWARE` and :data:`KNOBS`, SI."""
+    """Structure, dynamometers, inputs the controller is told of, values of :data:`HARDWARE` and :data:`KNOBS` in SI."""
 
     structure: str
     dynamometers: tuple[Dynamometer, ...]

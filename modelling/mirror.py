@@ -18,10 +18,7 @@ def mirror_image(name: str, system: System) -> str:
     swap = {a: b for pair in system.mirror for a, b in (pair, pair[::-1])}
     table, _, rest = name.partition(".")
     part, _, quantity = rest.partition(".")
-    if table == "inertias":
-        image = swap.get(part, part)
-    else:
-        image = _joint_image(table, part, system, swap)
+    image = swap.get(part, part) if table == "inertias" else _joint_image(table, part, system, swap)
     return f"{table}.{image}" + (f".{quantity}" if quantity else "")
 
 

@@ -1,4 +1,4 @@
-"""The residual vehicle model (RVM): what the vehicle has and the rig lacks, cut out of the vehicle, never typed in again.
+"""The residual vehicle model (RVM): what the vehicle has and the rig lacks, cut out of the vehicle, never retyped.
 
 Components are the same where they carry the same name in both files. The cut runs through the shafts that both
 have and that end on an inertia only the vehicle has: the shaft stays on the rig, its torque drives the residual
@@ -46,7 +46,7 @@ class Interface:
 
 @dataclass(frozen=True)
 class ResidualVehicle:
-    """The residual vehicle: one system for each connected part, the interfaces to the rig, and the vehicle it was cut from."""
+    """The residual vehicle: a system for each connected part, interfaces to the rig, the vehicle it was cut from."""
 
     parts: tuple[System, ...]
     interfaces: tuple[Interface, ...]
@@ -102,10 +102,11 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
 
 def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interface]:
     shared = {shaft.name: shaft for shaft in rig.shafts}
-    for joint in (*vehicle.gears, *vehicle.differentials):
-        ends = set(joint.between) if hasattr(joint, "between") else {joint.cage, joint.left, joint.right}
+    rigid = [(part.name, set(part.between)) for part in vehicle.gears]
+    rigid += [(part.name, {part.cage, part.left, part.right}) for part in vehicle.differentials]
+    for name, ends in rigid:
         if ends & only and ends - only:
-            raise InputError(f"vehicle: {joint.name}", "is a rigid joint across the cut", "put the cut through a shaft")
+            raise InputError(f"vehicle: {name}", "is a rigid joint across the cut", "put the cut through a shaft")
     for shaft in vehicle.shafts:
         beyond = [end for end in shaft.between if end in only]
         if len(beyond) != 1:
@@ -149,10 +150,9 @@ def _groups(vehicle: System, only: set[str]) -> list[set[str]]:
 
 
 def _joints(system: System) -> Iterable[tuple[str, ...]]:
-    for part in (*system.shafts, *system.gears):
-        yield part.between
-    for part in system.differentials:
-        yield part.cage, part.left, part.right
+    yield from (part.between for part in system.shafts)
+    yield from (part.between for part in system.gears)
+    yield from ((part.cage, part.left, part.right) for part in system.differentials)
 
 
 def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> System:

@@ -63,7 +63,7 @@ class Twin:
         return np.log(z[np.abs(z) > 1e-6]) / self.sample_time
 
     def predict(self, state: np.ndarray, commands: Sequence[np.ndarray], announced: np.ndarray) -> np.ndarray:
-        """The state ``delay`` samples ahead, announced torques held; ``commands`` are those still on their way, oldest first."""
+        """The state ``delay`` samples ahead, announced torques held; ``commands`` still on their way, oldest first."""
         for command in commands:
             state = self.A @ state + self.B @ command + self.W @ announced
         return state
@@ -203,11 +203,11 @@ def combined(
 
 
 def dead_time_bound(rig: System, residual: ResidualVehicle, loop: Loop, refinement: int = 8) -> Twin:
-    """The best that dead time leaves: the same H2 problem with free commands, sampled so finely that sampling does not count.
+    """The best that dead time leaves: the same H2 problem with free commands, sampled finely.
 
     Every torque is announced and every state known, so whatever a controller does with less, it answers later or
     worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
-    alone no bound exists, because a causal filter can be made as good as one likes there at the price of what lies outside.
+    alone no bound exists: a causal filter can be as good as one likes there, at the price of what lies outside.
     """
     step = min(loop["sample_time"], max(loop["dead_time"], loop["sample_time"] / 4)) / refinement
     return twin(rig, residual, loop, step, EFFORT_PRICE)

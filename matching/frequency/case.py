@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -166,7 +166,7 @@ def _loop(data: Mapping[str, Any], vehicle: System, rig: System, residual: Resid
     return Loop(structure, tuple(_dynamometers(data, rig, residual, where)), tuple(knows), values)
 
 
-def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str):
+def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Iterator[Dynamometer]:
     tables = _table(data, "dynamometers", where)
     if not tables:
         raise InputError(f"{where}: dynamometers", "the case has none", "write [dynamometers.NAME] for each")
@@ -177,9 +177,10 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
         place = f"dynamometers.{name}"
         own = _table(tables, name, f"{where}: dynamometers", set(keys))
         given = [_text(own, key, f"{where}: {place}") for key in keys]
-        for key, value, known in zip(keys, given, (inputs, sensors, sensors, cuts), strict=True):
+        choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
+        for key, value, known in zip(keys, given, choices, strict=True):
             if value not in known:
-                raise unknown(value, list(known), f"{where}: {place}.{key}")
+                raise unknown(value, known, f"{where}: {place}.{key}")
         for key, value, measures in (("torque_sensor", given[1], "torque"), ("speed_sensor", given[2], "speed")):
             if sensors[value].measures != measures:
                 raise InputError(

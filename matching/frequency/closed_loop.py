@@ -17,7 +17,8 @@ from matching.frequency.case import Case
 from modelling.compiled import Model, compiled
 from modelling.complex_sx import Complex, Row, exp, solve
 from modelling.loop import LEAD_SPREAD, Dynamometer
-from modelling.system import Shaft, System, unknown
+from modelling.residual_vehicle import Interface
+from modelling.system import Gear, Shaft, System, unknown
 
 
 @dataclass(frozen=True)
@@ -179,12 +180,13 @@ def _close(
 
     toward = [sensor_sign(case.rig, dyno) for dyno in dynos]
     size = len(dynos)
-    from_command = [
-        [([rig.response(d.torque_sensor, c.torque_input) * toward[k] for k, d in enumerate(dynos)], rig.response(dyno.speed_sensor, c.torque_input))
-         for c in dynos]
-        for dyno in dynos
-    ]  # fmt: skip
-    gain = [[command(j, *from_command[j][c], Complex(0.0)) for c in range(size)] for j in range(size)]
+
+    def sensed(dyno: Dynamometer, source: str) -> tuple[list[Complex], Complex]:
+        """All measured torques and the speed of one dynamometer for a torque of 1 N·m at an input of the rig."""
+        torques = [rig.response(d.torque_sensor, source) * toward[k] for k, d in enumerate(dynos)]
+        return torques, rig.response(dyno.speed_sensor, source)
+
+    gain = [[command(j, *sensed(dyno, c.torque_input), Complex(0.0)) for c in dynos] for j, dyno in enumerate(dynos)]
     difference = [[(1 if j == c else 0) - gain[j][c] for c in range(size)] for j in range(size)]
 
     sources = list(dict.fromkeys(pair.input for pair in case.compared))
@@ -193,8 +195,7 @@ def _close(
         row = []
         for source in sources:
             if source in rig.inputs:
-                torques = [rig.response(d.torque_sensor, source) * toward[k] for k, d in enumerate(dynos)]
-                row.append(command(j, torques, rig.response(dyno.speed_sensor, source), Complex(0.0)))
+                row.append(command(j, *sensed(dyno, source), Complex(0.0)))
             else:
                 row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(case, parts, dyno, source)))
         right.append(row)
@@ -226,17 +227,18 @@ def _road(case: Case, parts: list[_Body], of: Dynamometer, source: str) -> Compl
     return Complex(0.0)
 
 
-def _cut(case: Case, dyno: Dynamometer):
+def _cut(case: Case, dyno: Dynamometer) -> Interface:
     return next(own for own in case.residual_vehicle.interfaces if own.shaft == dyno.follows)
 
 
 def sensor_sign(rig: System, dyno: Dynamometer) -> float:
-    """Torque that drives the rotor for a reading of 1 N·m: +1 where the rotor hangs on the flange's second end, else −1/ratio."""
+    """Torque that drives the rotor for a reading of 1 N·m: +1 for a rotor at the flange's second end, else −1/ratio."""
     sensor = next(own for own in rig.sensors if own.name == dyno.torque_sensor)
     flange: Shaft = next(own for own in rig.shafts if own.name == sensor.of)
     rotor = next(own.on for own in rig.inputs if own.name == dyno.torque_input)
     reached, todo = {rotor}, [rotor]
-    joints = [part.between for part in (*rig.shafts, *rig.gears) if part.name != flange.name]
+    links: list[Shaft | Gear] = [*rig.shafts, *rig.gears]
+    joints = [part.between for part in links if part.name != flange.name]
     while todo:
         here = todo.pop()
         for ends in joints:

@@ -8,7 +8,7 @@ the inertias before it take, the dynamometer what is left.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -20,8 +20,9 @@ from modelling.system import Sensor, Shaft
 
 @dataclass(frozen=True)
 class Chain:
-    """What stands behind one cut: shafts from the cut to the rotor with the inertias before each, and the manoeuvre there.
+    """What stands behind one cut, from there to the rotor, and the manoeuvre there.
 
+    ``shafts`` holds each shaft with the inertias before it, ``inertias`` all of them;
     ``torque`` (t,) N·m, ``acceleration`` (t,) rad/s² and ``speed`` (t,) rad/s of the vehicle's interface.
     """
 
@@ -31,6 +32,14 @@ class Chain:
     torque: np.ndarray
     acceleration: np.ndarray
     speed: np.ndarray
+
+    def peak(self, inertia: float, factor: np.ndarray | float = 1.0) -> float:
+        """Largest |(torque − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
+        return float(np.abs((self.torque - inertia * self.acceleration) * factor).max())
+
+    def peak_expression(self, inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
+        """The same as an expression of the inertia."""
+        return ca.mmax(ca.fabs(ca.DM(self.torque * factor) - inertia * ca.DM(self.acceleration * factor)))
 
 
 @dataclass(frozen=True)
@@ -45,17 +54,17 @@ class Demands:
         rows: list[ca.MX] = []
         for chain in self.chains:
             for shaft, before in chain.shafts:
-                torque = self._peak(chain, [p[f"rig.inertias.{name}.J"] for name in before])
+                torque = chain.peak_expression(_inertia(p, before))
                 if (limit := self.limits.get(f"shafts.{shaft}.torque")) is not None:
                     rows.append(torque / limit)
                 if (limit := self.limits.get(f"shafts.{shaft}.twist")) is not None:
                     rows.append(torque / p[f"rig.shafts.{shaft}.stiffness"] / limit)
-            air_gap = [p[f"rig.inertias.{name}.J"] for name in chain.inertias]
+            total = _inertia(p, chain.inertias)
             if (limit := self.limits.get("dynamometer_torque")) is not None:
-                rows.append(self._peak(chain, air_gap) / limit)
+                rows.append(chain.peak_expression(total) / limit)
             if (limit := self.limits.get("dynamometer_power")) is not None:
-                rows.append(self._peak(chain, air_gap, chain.speed) / limit)
-        kept = [row for row in rows if isinstance(row, ca.MX) and not row.is_constant()]
+                rows.append(chain.peak_expression(total, chain.speed) / limit)
+        kept = [row for row in rows if not row.is_constant()]
         return [(ca.vertcat(*kept), 1.0)] if kept else []
 
     def broken(self, values: Mapping[str, float]) -> list[tuple[str, str, float, float]]:
@@ -64,28 +73,24 @@ class Demands:
         for chain in self.chains:
             demands = {}
             for shaft, before in chain.shafts:
-                torque = float(self._peak(chain, [values[f"rig.inertias.{name}.J"] for name in before]))
+                torque = chain.peak(sum(values[f"rig.inertias.{name}.J"] for name in before))
                 demands[f"shafts.{shaft}.torque"] = torque
                 demands[f"shafts.{shaft}.twist"] = torque / max(values[f"rig.shafts.{shaft}.stiffness"], 1e-9)
-            air_gap = [values[f"rig.inertias.{name}.J"] for name in chain.inertias]
-            demands["dynamometer_torque"] = float(self._peak(chain, air_gap))
-            demands["dynamometer_power"] = float(self._peak(chain, air_gap, chain.speed))
+            total = sum(values[f"rig.inertias.{name}.J"] for name in chain.inertias)
+            demands["dynamometer_torque"] = chain.peak(total)
+            demands["dynamometer_power"] = chain.peak(total, chain.speed)
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
-            found += [(chain.dynamometer, name, demand, self.limits[name]) for name, demand in demands.items()
-                      if name in self.limits and demand > self.limits[name] * 1.001]  # fmt: skip
+            for name, demand in demands.items():
+                if name in self.limits and demand > self.limits[name] * 1.001:
+                    found.append((chain.dynamometer, name, demand, self.limits[name]))
         return sorted(found, key=lambda one: one[3] / one[2])
 
-    def _peak(self, chain: Chain, inertias: list, factor: np.ndarray | None = None):
-        """Largest |(torque − Σ J·acceleration)·factor| over the manoeuvre."""
-        total = sum(inertias) if inertias else 0.0
-        samples = (
-            chain.torque - total * chain.acceleration
-            if isinstance(total, float)
-            else ca.DM(chain.torque) - total * ca.DM(chain.acceleration)
-        )
-        if factor is not None:
-            samples = samples * (factor if isinstance(total, float) else ca.DM(factor))
-        return np.abs(samples).max() if isinstance(total, float) else ca.mmax(ca.fabs(samples))
+
+def _inertia(p: Mapping[str, ca.MX], names: tuple[str, ...]) -> ca.MX:
+    total = ca.MX(0.0)
+    for name in names:
+        total = total + p[f"rig.inertias.{name}.J"]
+    return total
 
 
 def demands(case: Case, points: int = 400) -> Demands:
@@ -103,15 +108,13 @@ def demands(case: Case, points: int = 400) -> Demands:
     """
     time = next(iter(case.manoeuvre.values())).time(1000.0)
     inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
-    inputs |= {name: own.torque(time) for name, own in case.manoeuvre.items() if name in inputs}
+    inputs |= {name: driven.torque(time) for name, driven in case.manoeuvre.items() if name in inputs}
     cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
-    import dataclasses
-
-    watched = tuple(
-        sensor for own in cuts.values() for sensor in (
-            Sensor(f"cut_{own.shaft}_torque", "torque", own.shaft), Sensor(f"cut_{own.shaft}_speed", "speed", own.vehicle_end),
-            Sensor(f"cut_{own.shaft}_acceleration", "acceleration", own.vehicle_end)))  # fmt: skip
-    vehicle = dataclasses.replace(case.vehicle, sensors=case.vehicle.sensors + watched)
+    watched: list[Sensor] = []
+    for name, own in cuts.items():
+        watched.append(Sensor(f"cut_{name}_torque", "torque", name))
+        watched += [Sensor(f"cut_{name}_{what}", what, own.vehicle_end) for what in ("speed", "acceleration")]
+    vehicle = replace(case.vehicle, sensors=(*case.vehicle.sensors, *watched))
     readings = simulate(vehicle, time, inputs).readings
     chains = []
     for dyno in case.loop.dynamometers:
@@ -120,8 +123,8 @@ def demands(case: Case, points: int = 400) -> Demands:
         shafts, inertias = _path(case, cut.rig_end, rotor, dyno.follows)
         torque = readings[f"cut_{cut.shaft}_torque"] * cut.factor
         acceleration, speed = (readings[f"cut_{cut.shaft}_{what}"] for what in ("acceleration", "speed"))
-        keep = np.unique(np.concatenate([np.linspace(0, len(time) - 1, points).astype(int),
-                                         [np.argmax(torque), np.argmin(torque), np.argmax(acceleration), np.argmin(acceleration)]]))  # fmt: skip
+        extremes = [place(of) for of in (torque, acceleration) for place in (np.argmax, np.argmin)]
+        keep = np.union1d(np.linspace(0, len(time) - 1, points).astype(int), extremes)
         chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep]))
     return Demands(tuple(chains), case.limits)
 

@@ -32,7 +32,8 @@ def limits(
         found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
     elif not solution.feasible:
         found.append(
-            "no setting within the bounds keeps the margins and limits together; the values shown are where the search began"
+            "no setting within the bounds keeps the margins and limits together; "
+            "the values shown are where the search began"
         )
     missed = [target for target in targets if not target.met]
     for target in missed:
@@ -45,15 +46,18 @@ def limits(
     for dyno, name, demand, allowed in asked.broken({f"rig.{key}": q.value for key, q in tuned.rig.parameters.items()}):
         if name not in told:
             found.append(
-                f"the vehicle's own manoeuvre asks for more than {name} allows at the {dyno} dynamometer: {demand:.4g} against {allowed:.4g}"
+                f"the vehicle's own manoeuvre asks for more than {name} allows at the {dyno} dynamometer: "
+                f"{demand:.4g} against {allowed:.4g}"
             )
     return found
 
 
 def _missed(case: Case, target: TargetResult) -> str:
-    wanted = f"mode {target.vehicle_mode} ({target.vehicle:.3f} Hz, damping ratio {target.vehicle_damping:.3f}, {target.symmetry})"
+    mode, damping = target.vehicle_mode, target.vehicle_damping
+    wanted = f"mode {mode} ({target.vehicle:.3f} Hz, damping ratio {damping:.3f}, {target.symmetry})"
     if target.matched is None or target.matched_damping is None:
-        return f"{wanted}: the closed loop has no such mode; with nothing done the rig shows it at {target.rig or float('nan'):.2f} Hz"
+        undone = target.rig or float("nan")
+        return f"{wanted}: the closed loop has no such mode; with nothing done the rig shows it at {undone:.2f} Hz"
     words = f"{wanted} is reached at {target.matched:.3f} Hz with damping ratio {target.matched_damping:.3f}"
     if target.seen is None:
         return words + ", and the simulated manoeuvre does not show it"
@@ -65,11 +69,14 @@ def _violation(case: Case, limit: str, where: str, value: float, allowed: float)
         return f"the modulus margin is {value:.2f}, {allowed:.2f} is wanted"
     if limit == "damping_ratio":
         return f"the least damped {where} has a damping ratio of {value:.4f}, {allowed:g} is wanted"
+    enough = f"{value / allowed:.2f} times as much would do"
     if limit in _WORDS:
         word, unit = _WORDS[limit]
-        return f"{where}: the manoeuvre takes a {word} of {value:.4g} {unit}, the limit is {allowed:.4g} {unit}; {value / allowed:.2f} times as much would do"
-    unit = "N·m" if limit.endswith("torque") else "rad"
-    return f"{where} reaches {value:.4g} {unit} over the manoeuvre, the limit is {allowed:.4g} {unit}; {value / allowed:.2f} times as much would do"
+        asked = f"{where}: the manoeuvre takes a {word} of {value:.4g} {unit}"
+    else:
+        unit = "N·m" if limit.endswith("torque") else "rad"
+        asked = f"{where} reaches {value:.4g} {unit} over the manoeuvre"
+    return f"{asked}, the limit is {allowed:.4g} {unit}; {enough}"
 
 
 def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode | None], asked: Demands) -> list[str]:
@@ -93,16 +100,16 @@ def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode
         if stiffness := _needed(case, [f"shafts.{name}.stiffness" for name in shafts], mode, target.vehicle, 1e-6, 1.0):
             value = stiffness * case.rig.parameters[f"shafts.{shafts[0]}.stiffness"].value
             twist = limit / value
-            parts.append(
-                f"{value:.3g} N·m/rad in {' and '.join(shafts)}, which twists {np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m"
-            )
+            turned = f"{np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m"
+            parts.append(f"{value:.3g} N·m/rad in {' and '.join(shafts)}, which twists {turned}")
         rotors = sorted({chain.inertias[-1] for chain in chains})
         if inertia := _needed(case, [f"inertias.{name}.J" for name in rotors], mode, target.vehicle, 1.0, 1e5):
             value = inertia * case.rig.parameters[f"inertias.{rotors[0]}.J"].value
             parts.append(f"{value:.3g} kg·m² at {' and '.join(rotors)} each, {inertia:.0f} times what stands there")
         if parts:
             found.append(
-                f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; a residual vehicle model has to supply the inertia"
+                f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; "
+                "a residual vehicle model has to supply the inertia"
             )
     return found
 
@@ -131,11 +138,13 @@ def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], checked:
         loop, omega = tuned.loop, 2 * np.pi * target.vehicle
         late = np.degrees(omega * loop["dead_time"])
         lags = np.degrees(np.arctan(omega * loop["inverter_lag"]) + np.arctan(omega * loop["torque_sensor_lag"]))
-        words = f"dead time {1e3 * loop['dead_time']:.3g} ms leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°"
+        delay = f"dead time {1e3 * loop['dead_time']:.3g} ms"
+        words = f"{delay} leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°"
         if loop.structure == "pi":
             words += (
-                f"; where feedback alone has to show a mode of damping ratio {target.vehicle_damping:.3f}, the sensitivity rises there as "
-                f"the damping falls, and a modulus margin of {case.limits['modulus_margin']:g} does not allow it: "
+                f"; where feedback alone has to show a mode of damping ratio {target.vehicle_damping:.3f}, "
+                "the sensitivity rises there as the damping falls, and a modulus margin of "
+                f"{case.limits['modulus_margin']:g} does not allow it: "
                 'structure = "model_based" takes the announced torques out of the feedback'
             )
         found.append(words)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from matching.frequency.case import Case
+from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands, demands
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.limits import limits
@@ -88,9 +88,7 @@ def match(
         matched_modes=tuple(mode.to_dict() for mode in checked.modes),
         targets=results,
         parameters=tuple(
-            ParameterResult(move.name, move.start, solution.values.get(move.name, move.start), move.unit, move.lower, move.upper,
-                            _weight(part), float(part), bool(part < FREEZE_BELOW))
-            for move, part in zip(case.moves, shares, strict=True)
+            _parameter(move, float(part), solution) for move, part in zip(case.moves, shares, strict=True)
         ),
         response_error=error,
         curves=_curves(tuned),
@@ -98,7 +96,14 @@ def match(
         objective=solution.objective,
         starts=solution.starts,
         seconds=time.perf_counter() - begin,
-    )  # fmt: skip
+    )
+
+
+def _parameter(move: Move, part: float, solution: Solution) -> ParameterResult:
+    tuned = solution.values.get(move.name, move.start)
+    return ParameterResult(
+        move.name, move.start, tuned, move.unit, move.lower, move.upper, _weight(part), part, part < FREEZE_BELOW
+    )
 
 
 def _weight(part: float) -> float:
@@ -140,17 +145,31 @@ def _target(
         and abs(seen.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
     )  # fmt: skip
     return TargetResult(
-        target.mode, wanted.symmetry, wanted.frequency, wanted.damping_ratio, None if on_rig is None else on_rig.frequency, matched, damping,
-        None if seen is None else seen.frequency, None if seen is None else seen.damping_ratio, met,
-    )  # fmt: skip
+        vehicle_mode=target.mode,
+        symmetry=wanted.symmetry,
+        vehicle=wanted.frequency,
+        vehicle_damping=wanted.damping_ratio,
+        rig=None if on_rig is None else on_rig.frequency,
+        matched=matched,
+        matched_damping=damping,
+        seen=None if seen is None else seen.frequency,
+        seen_damping=None if seen is None else seen.damping_ratio,
+        met=met,
+    )
 
 
 def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
     own = checked.errors
-    bounds = [_bound(tuned, refinement) for refinement in (1, 8)]
     return ResponseError(
-        own.band, own.before, own.after, own.after_like_before, own.unannounced, bounds[0], bounds[1], tuple(own.functions)
-    )  # fmt: skip
+        band=own.band,
+        before=own.before,
+        after=own.after,
+        after_like_before=own.after_like_before,
+        unannounced=own.unannounced,
+        bound=_bound(tuned, 1),
+        bound_unsampled=_bound(tuned, 8),
+        functions=tuple(own.functions),
+    )
 
 
 def _bound(case: Case, refinement: int) -> float:

@@ -13,6 +13,7 @@ out is verified by :mod:`matching.frequency.verification`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,7 +42,7 @@ _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_i
 
 @dataclass(frozen=True)
 class Goal:
-    """A target for the optimiser: eigenvalue (rad/s) wanted, and the pattern of interface speeds over the dynamometers (u,)."""
+    """A target for the optimiser: eigenvalue wanted, rad/s, and pattern of speeds over the dynamometers (u,)."""
 
     eigenvalue: complex
     pattern: np.ndarray
@@ -87,8 +88,8 @@ class Problem:
         return p
 
 
-def unscaled(part, move: Move):
-    """Value of a move in SI from its scaled part 0 … 1 (float or CasADi)."""
+def unscaled(part: Any, move: Move) -> Any:
+    """Value of a move in SI from its scaled part 0 … 1 (float or CasADi expression, and so the value)."""
     if move.lower > 0 and move.upper / move.lower > LOGARITHMIC:
         return move.lower * (move.upper / move.lower) ** part
     return move.lower + (move.upper - move.lower) * part
@@ -140,7 +141,8 @@ def build(
     H = _evaluate(loop.response, np.zeros(len(f)), 2 * np.pi * f, p)
     objective = _response_error(H[0], H[1], reference, h)
     start = np.array([scaled(move.start, move) for move in moves])
-    objective += PRICE * ca.sum1(ca.DM(weights) * (v[:size] - start) ** 2) if size else 0
+    if size:
+        objective = objective + PRICE * ca.sum1(ca.DM(weights) * (v[:size] - start) ** 2)
 
     g, low, high = [], [], []
     margin = case.limits["modulus_margin"] * RESERVE
@@ -167,9 +169,8 @@ def build(
     for number, goal in enumerate(goals):
         at = size + number * (2 + 2 * k)
         size_of = abs(goal.eigenvalue)
-        sigma, omega = v[at] * size_of, v[at + 1] * size_of
         x_re, x_im = v[at + 2 : at + 2 + k], v[at + 2 + k : at + 2 + 2 * k]
-        re, im = loop.difference(sigma, omega, p)
+        re, im = loop.difference(v[at] * size_of, v[at + 1] * size_of, p)
         D_re, D_im = ca.reshape(re, k, k).T, ca.reshape(im, k, k).T
         scale = 1 / (1 + ca.sqrt(ca.sumsqr(re) + ca.sumsqr(im)))
         pattern = ca.DM(goal.pattern / np.linalg.norm(goal.pattern))
@@ -184,7 +185,7 @@ def build(
         high += [0.0] * (2 * k + 2)
         natural = ca.sqrt(v[at] ** 2 + v[at + 1] ** 2)
         ratio = -goal.eigenvalue.real / size_of
-        objective += EIGEN * ((natural - 1) ** 2 + (-v[at] / natural - ratio) ** 2)
+        objective = objective + EIGEN * ((natural - 1) ** 2 + (-v[at] / natural - ratio) ** 2)
         lower += [-8.0, 0.05] + [-5.0] * (2 * k)
         upper += [0.5, 12.0] + [5.0] * (2 * k)
     fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
@@ -195,8 +196,9 @@ def build(
         low += [-np.inf] * rows.shape[0]
         high += [bound] * rows.shape[0]
     constraints = ca.vertcat(*g)
-    options = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
-    solver = ca.nlpsol("match", "ipopt", {"x": v, "f": objective, "g": constraints}, options)
+    options: Any = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
+    programme: Any = {"x": v, "f": objective, "g": constraints}  # CasADi's stubs know no dict of MX
+    solver = ca.nlpsol("match", "ipopt", programme, options)
     check = ca.Function("objective", [v], [objective, constraints], ["v"], ["f", "g"])
     return Problem(
         case, loop, moves, goals, solver, check, np.array(lower), np.array(upper), np.array(low), np.array(high)
@@ -205,7 +207,7 @@ def build(
 
 def _evaluate(function: ca.Function, sigma: np.ndarray, omega: np.ndarray, p: ca.MX) -> tuple[ca.MX, ...]:
     """A function of the loop at many s: each output with one column a frequency."""
-    mapped = function.map(len(omega))
+    mapped: Any = function.map(len(omega))  # in CasADi's stubs a call gives one output
     return mapped(ca.DM(sigma).T, ca.DM(omega).T, ca.repmat(p, 1, len(omega)))
 
 
@@ -226,7 +228,7 @@ def _definite(re: ca.MX, im: ca.MX, k: int, least: float) -> list[ca.MX]:
     """Leading minors of DᴴD − least²·I, each (1, f), scaled by its diagonal: all positive where σ_min > least."""
 
     def entry(i: int, j: int) -> tuple[ca.MX, ca.MX]:
-        a, b = (sum_ for sum_ in (0, 0))
+        a, b = ca.MX(0.0), ca.MX(0.0)
         for row in range(k):
             di, dj = row * k + i, row * k + j
             a = a + re[di, :] * re[dj, :] + im[di, :] * im[dj, :]

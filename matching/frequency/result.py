@@ -15,7 +15,7 @@ from modelling.modes import Mode
 class TargetResult:
     """A target mode in vehicle, rig and matched loop; frequencies in Hz, None where the mode was not found.
 
-    ``seen`` and ``seen_damping`` are read off the simulated manoeuvre, by a method that shares nothing with the optimiser.
+    ``seen`` and ``seen_damping`` are read off the simulated manoeuvre, by a method of its own.
     """
 
     vehicle_mode: int
@@ -41,7 +41,10 @@ class TargetResult:
 
 @dataclass(frozen=True)
 class ParameterResult:
-    """A quantity that was allowed to move, SI; ``share`` of a target mode's energy, ``weight`` its price of change, frozen or not."""
+    """A quantity that was allowed to move, SI.
+
+    ``share`` of a target mode's energy, ``weight`` the price of its change, ``frozen`` where the share is too small.
+    """
 
     name: str
     start: float
@@ -70,8 +73,8 @@ class ResponseError:
 
     ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
     ones, ``after_like_before`` over those of ``before``; ``unannounced`` what the feedback alone does, to torques
-    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.twin.dead_time_bound`), at the sample time of
-    the loop, and ``bound_unsampled`` without sampling. ``functions`` holds the same for every compared function.
+    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.twin.dead_time_bound`), at the loop's
+    sample time, and ``bound_unsampled`` without sampling. ``functions`` holds the same for every compared function.
     """
 
     band: tuple[float, float]
@@ -93,7 +96,7 @@ class ResponseError:
 
 @dataclass(frozen=True)
 class Curves:
-    """Frequency responses for drawing: frequencies (f,) in Hz, responses (f, h) of the compared functions; NaN where there is no path."""
+    """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
 
     frequencies: np.ndarray
     vehicle: np.ndarray
@@ -166,7 +169,7 @@ class MatchResult:
             "seconds": self.seconds,
         }
 
-    def plot(self):
+    def plot(self) -> Any:
         """The overview figure of the report (Matplotlib figure)."""
         from matching.report.match_figures import overview
 

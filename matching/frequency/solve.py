@@ -26,7 +26,7 @@ End = tuple[float, np.ndarray]  # objective and decision vector
 
 @dataclass(frozen=True)
 class Solution:
-    """Tuned values by name (SI), the objective there, that of every start (None: infeasible or unstable), and whether it is feasible."""
+    """Tuned values by name (SI), the objective there and that of every start (None: infeasible or unstable)."""
 
     values: dict[str, float]
     objective: float
@@ -118,7 +118,7 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
 
 
 def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
-    """Put frequencies where the margin is missed between the grid until it holds, then solve again with the exact Hessian."""
+    """Add frequencies where the margin is missed between the grid until it holds; solve with the exact Hessian."""
     extra = np.zeros(0)
     problem = task.build(extra)
     for _ in range(ROUNDS):
@@ -147,7 +147,7 @@ def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
 
 
 def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
-    """A start: mechanics at or around their own values, the loop gentle enough to be stable, eigenpairs on their targets."""
+    """A start: mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets."""
     v = np.zeros(len(problem.lower))
     for i, move in enumerate(problem.moves):
         own = scaled(move.start, move)
@@ -176,6 +176,6 @@ def _run(problem: Problem, v: np.ndarray) -> End | None:
 
 
 def _check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
-    """Modulus margin, where (Hz), and stability by encirclements on the exact loop, by code the optimiser does not use."""
+    """Modulus margin, where (Hz), and stability by encirclements on the exact loop, by code of its own."""
     found = encirclements(parts_of(apply(problem.case, problem.values(v))))
     return found.modulus_margin, found.margin_frequency, found.unstable == 0 and found.clear

@@ -1,4 +1,4 @@
-"""What a change may cost: a quantity that holds much of a target mode's energy moves cheaply, one that holds little stays.
+"""What a change may cost: what holds much of a target mode's energy moves cheaply, what holds little stays.
 
 Shares are the modal sensitivity coefficients of the paper's Eqs. 6 and 7, summed over mirror images. Quantities of
 the residual vehicle are judged by the vehicle's target modes, adapters and rotors by the rig mode of the same symmetry
@@ -17,7 +17,7 @@ FREEZE_BELOW = 0.01  # share of a target mode's energy below which a quantity st
 
 
 def counterparts(case: Case) -> list[Mode | None]:
-    """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias; None if there is none."""
+    """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
     vehicle, rig = modes(case.vehicle), modes(case.rig)
     shared = [part.name for part in case.rig.inertias if part.name in {own.name for own in case.vehicle.inertias}]
     found: list[Mode | None] = []
@@ -28,9 +28,7 @@ def counterparts(case: Case) -> list[Mode | None]:
         if not elastic:
             found.append(None)
             continue
-        if (
-            np.abs(shape).max(initial=0.0) < 1e-6
-        ):  # a mode that leaves the shared part at rest: the lowest of its symmetry
+        if np.abs(shape).max(initial=0.0) < 1e-6:  # it leaves the shared part at rest: the lowest of its symmetry
             found.append(elastic[0])
             continue
         likeness = [
@@ -44,7 +42,7 @@ def counterparts(case: Case) -> list[Mode | None]:
 
 
 def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) -> float:
-    """Largest share of a target mode's energy that a quantity and its mirror image hold, 0 … 1; 1 for the loop's own."""
+    """Largest share of a target mode's energy that a quantity and its mirror image hold, 0 … 1; the loop's own: 1."""
     if move.name.startswith("loop.") or move.name.endswith(".ratio"):
         return 1.0
     on_vehicle = move.name.startswith("residual_vehicle.")

@@ -1,4 +1,4 @@
-"""Readers of recordings, one a format. A reader turns a file into a :class:`Table`; everything else happens once, behind it.
+"""Readers of recordings, one a format. A reader turns a file into a :class:`Table`; all else happens once, behind it.
 
 A further format is one module here and one line in ``READERS``.
 """
@@ -25,7 +25,7 @@ READERS = {
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as a file holds them: ``header`` of texts ``name [unit]``, ``values`` (t, columns) with NaN where missing.
+    """Columns as a file holds them: ``header`` of texts ``name [unit]``, ``values`` (t, columns), NaN where missing.
 
     ``place`` says where a row of values stands in the file, for error lines.
     """
