@@ -37,11 +37,11 @@ HARDWARE = {
     "sample_time": Knob("s", 0.001, 1e-5, 0.05, "sample time of the residual vehicle model and the controller"),
 }
 _CONTROLLER = {
-    "proportional_gain": Knob("N*m*s/rad", 40.0, 0.0, 1e5, "torque for a speed error"),
-    "integral_gain": Knob("N*m/rad", 100.0, 0.0, 1e7, "torque for an angle error"),
-    "torque_feed_forward": Knob("1", 1.0, -1.0, 3.0, "share of the measured torque that is compensated"),
+    "proportional_gain": Knob("N*m*s/rad", 100.0, 0.0, 1e5, "torque for a speed error"),
+    "integral_gain": Knob("N*m/rad", 50.0, 0.0, 1e7, "torque for an angle error"),
+    "torque_feed_forward": Knob("1", 0.0, -1.0, 3.0, "share of the measured torque that is compensated"),
     "acceleration_feed_forward": Knob(
-        "kg*m^2", 0.8, -10.0, 1e3, "inertia whose torque for the reference's acceleration is fed forward"
+        "kg*m^2", 0.0, -10.0, 1e3, "inertia whose torque for the reference's acceleration is fed forward"
     ),
     "lead_time": Knob("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
 }
