@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from matching.report import fidelity_figures, style
-from matching.validity.fidelity.assess import SignalPair, fidelity_of_signals
 from matching.validity.fidelity.files import read_case
 from matching.validity.fidelity.result import as_json
+from modelling.fidelity.assess import SignalPair, fidelity_of_signals
 
 HERE = Path(__file__).parent
 NAMES = ("system_dynamics", "residual_vehicle_model", "measurement_uncertainty", "R_XiL")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from matching.report import style
-from matching.validity.fidelity.measures import delay_fidelity
+from modelling.fidelity.measures import delay_fidelity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from matching.validity.fidelity.assess import SignalPair, fidelity_of_signals
 from matching.validity.fidelity.attribution import attribute
-from matching.validity.fidelity.measures import delay_fidelity
-from matching.validity.fidelity.objective import SmoothFidelity
 from matching.validity.fidelity.spectrum import bands
-from matching.validity.fidelity.spread import probability_better, spread
+from modelling.fidelity.assess import SignalPair, fidelity_of_signals
+from modelling.fidelity.measures import delay_fidelity
+from modelling.fidelity.objective import SmoothFidelity
+from modelling.fidelity.spread import probability_better, spread
 
 COUNT, STEP = 400, 5e-3
 TIME = STEP * np.arange(COUNT)

@@ -7,7 +7,8 @@ import pytest
 
 from matching.validity.fidelity.attribution import attribute, by_origin
 from matching.validity.fidelity.files import read_case
-from matching.validity.fidelity.measures import (
+from modelling.errors import InputError
+from modelling.fidelity.measures import (
     chi,
     delay_fidelity,
     dynamics_fidelity,
@@ -16,7 +17,6 @@ from matching.validity.fidelity.measures import (
     representativeness,
     total_fidelity,
 )
-from modelling.errors import InputError
 
 TAB2 = Path(__file__).parents[2] / "examples" / "fidelity" / "tab2.toml"
 

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from matching.validity.fidelity.assess import MEASUREMENT, Fidelity, SignalFidelity
-from matching.validity.fidelity.measures import nrmse_fidelity_of
-from matching.validity.fidelity.spread import noise_of
+from modelling.fidelity.assess import MEASUREMENT, Fidelity, SignalFidelity
+from modelling.fidelity.measures import nrmse_fidelity_of
+from modelling.fidelity.spread import noise_of
 
 ORIGIN = {"system_dynamics": "dynamics", "residual_vehicle_model": "model", MEASUREMENT: "measurement"}
 

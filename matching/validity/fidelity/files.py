@@ -6,7 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from matching.validity.fidelity.assess import (
+from matching.validity.fidelity.recordings import Recordings, read_recordings
+from matching.validity.tables import check_keys, number, one_of, read_toml, text
+from matching.validity.units import Unit, signal_quantity
+from modelling.errors import InputError
+from modelling.fidelity.assess import (
     DYNAMIC,
     MEASUREMENT,
     Fidelity,
@@ -16,12 +20,8 @@ from matching.validity.fidelity.assess import (
     assemble,
     assess_signal,
 )
-from matching.validity.fidelity.delay import Delay
-from matching.validity.fidelity.measures import ARITHMETICS, NRMSE, delay_fidelity
-from matching.validity.fidelity.recordings import Recordings, read_recordings
-from matching.validity.tables import check_keys, number, one_of, read_toml, text
-from matching.validity.units import Unit, signal_quantity
-from modelling.errors import InputError
+from modelling.fidelity.delay import Delay
+from modelling.fidelity.measures import ARITHMETICS, NRMSE, delay_fidelity
 from modelling.units import to_si
 
 TOP = ("title", "f_max", "arithmetic", "nrmse", "longest_delay", "recordings", "weights", *DYNAMIC, MEASUREMENT)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.fidelity.assess import check_time
 from matching.validity.tables import check_keys, text
 from matching.validity.units import Unit, signal_unit
 from modelling.errors import InputError
+from modelling.fidelity.assess import check_time
 
 _HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\]]*)\])?\s*")
 

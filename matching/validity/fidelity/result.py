@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from matching.validity.fidelity import attribution, spectrum
-from matching.validity.fidelity.assess import Fidelity, SignalFidelity
-from matching.validity.fidelity.measures import PUBLISHED_DIVISOR
-from matching.validity.fidelity.spread import spread
+from modelling.fidelity.assess import Fidelity, SignalFidelity
+from modelling.fidelity.measures import PUBLISHED_DIVISOR
+from modelling.fidelity.spread import spread
 
 
 def as_json(title: str, fidelity: Fidelity, draws: int = 20_000, seed: int = 1) -> dict[str, Any]:

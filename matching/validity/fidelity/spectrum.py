@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.fidelity.assess import SignalPair
-from matching.validity.fidelity.measures import delay_fidelity, nrmse_fidelity_of, signal_range
+from modelling.fidelity.assess import SignalPair
+from modelling.fidelity.measures import delay_fidelity, nrmse_fidelity_of, signal_range
 
 EDGES = (0.0, 0.5, 1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0, 25.0, 30.0)
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from matching.validity.fidelity.delay import Delay, delay
-from matching.validity.fidelity.measures import (
+from modelling.errors import InputError
+from modelling.fidelity.delay import Delay, delay
+from modelling.fidelity.measures import (
     ARITHMETICS,
     NRMSE,
     WEIGHTS,
@@ -21,7 +22,6 @@ from matching.validity.fidelity.measures import (
     signal_range,
     total_fidelity,
 )
-from modelling.errors import InputError
 
 DYNAMIC = ("system_dynamics", "residual_vehicle_model")
 MEASUREMENT = "measurement_uncertainty"

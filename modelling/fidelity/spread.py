@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.fidelity.assess import MEASUREMENT, Fidelity, Sensor, SignalFidelity, SignalPair
-from matching.validity.fidelity.measures import delay_fidelity
+from modelling.fidelity.assess import MEASUREMENT, Fidelity, Sensor, SignalFidelity, SignalPair
+from modelling.fidelity.measures import delay_fidelity
 
 
 @dataclass(frozen=True)

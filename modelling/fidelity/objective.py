@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.fidelity.assess import check_time
-from matching.validity.fidelity.measures import chi, signal_range
 from modelling.errors import InputError
+from modelling.fidelity.assess import check_time
+from modelling.fidelity.measures import chi, signal_range
 
 SMALL = 1e-9  # of the range: rounds off the root at a perfect match, where its slope would be infinite
 

@@ -1,0 +1,1 @@
+"""The XiL fidelity of signals: partial measures, delay, total, spread, and a smooth form for optimisers."""
