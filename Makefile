@@ -38,7 +38,7 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/python -m pytest -q -n $(WORKERS)
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m tests.benchmarks
 
 campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many made faults, scored)
 	$(BIN)/python -m benchmarks.campaign

@@ -69,18 +69,22 @@ class _Plant(ctypes.Structure):
     ]
 
 
+def compiler() -> str | None:
+    """Path of a C compiler, or None."""
+    return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+
+
 @functools.cache
 def library() -> ctypes.CDLL:
     """Compile engine.c for this machine, once per content. Raises RuntimeError where no C compiler is found."""
     digest = hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
     target = Path(tempfile.gettempdir()) / f"truth-plant-{os.getuid()}-{digest}.so"
     if not target.exists():
-        compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-        if compiler is None:
+        if (found := compiler()) is None:
             raise RuntimeError("the truth plant needs a C compiler (cc, gcc or clang) and found none")
         with tempfile.TemporaryDirectory() as folder:
             fresh = Path(folder) / "engine.so"
-            subprocess.run([compiler, "-O3", "-fPIC", "-shared", "-o", fresh, SOURCE, "-lm"], check=True)
+            subprocess.run([found, "-O3", "-fPIC", "-shared", "-o", fresh, SOURCE, "-lm"], check=True)
             partial = target.with_suffix(f".{os.getpid()}")
             shutil.copy(fresh, partial)
             partial.replace(target)  # atomic: two processes may compile at once
