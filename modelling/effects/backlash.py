@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -19,3 +20,13 @@ class Backlash(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.gap = p["gap"]
+
+    def guesses(self, seen, at):
+        import numpy as np
+
+        name = at.split(".")[1]
+        stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[name]
+        for share in (0.02, 0.1, 0.3, 1.0):
+            # the play takes half a gap of twist from the spring; where torque changes sign it does so over some width
+            width = share * float(np.abs(twist).max())
+            yield Guess(({at: -stiffness * np.clip(twist / width, -1, 1)},), positive("gap", 2.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -27,3 +28,29 @@ class Compliance(Kind):
         assembly.potential[label] = p["stiffness"] * further.angle**2 / 2
         assembly.springs[label] = Spring(p["stiffness"], further, further.angle)
         law.second = middle
+
+    def guesses(self, seen, at):
+        import numpy as np
+
+        name, second = at.split(".")[1], seen.ends[at.split(".")[1]][1]
+        k, c = seen.value[f"{at}.stiffness"], seen.value[f"{at}.damping"]
+        J_end = min(seen.value[f"inertias.{end}.J"] for end in seen.ends[name])
+        for stiffer in (1.0, 4.0, 16.0):
+            for share in (0.02, 0.1, 0.4, 1.0):
+                k2, J = stiffer * k, share * J_end
+                d = _middle(seen, name, second, k, c, k2, J)
+                d_rate = seen.each(lambda t, s: np.gradient(s, t), d)
+                d_rate2 = seen.each(lambda t, s: np.gradient(s, t), d_rate)
+                push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (seen.acceleration[second] + d_rate2)}
+                yield Guess((push,), lambda a, k2=k2, J=J: {"stiffness": k2 / float(a[0]), "J": J * float(a[0])} if a[0] > 0.05 else None)
+
+    def fit_bounds(self, key, guess, step):
+        return (guess / 20, guess * 20)
+
+
+def _middle(seen, name, second, k, c, k2, J):
+    """Angle (t,) of the middle inertia ahead of the second end: J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈."""
+    from scipy.signal import bilinear
+
+    b, a = bilinear([1.0], [J, c, k + k2], 1 / seen.step)
+    return seen.filtered(list(b), list(a), k * seen.twist[name] + c * seen.rate[name] - J * seen.acceleration[second])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -19,3 +20,8 @@ class ConstantTorque(Kind):
 
     def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
         assembly.act(name, -p["torque"], motion)
+
+    def guesses(self, seen, at):
+        import numpy as np
+
+        yield Guess(({at: -np.ones_like(seen.time)},), lambda a: {"torque": float(a[0])})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -22,3 +23,16 @@ class CoulombFriction(Kind):
         forward, reverse = p["torque"], p.get("torque_reverse", p["torque"])
         friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
         assembly.act(name, -friction, motion)
+
+    def guesses(self, seen, at):
+        import numpy as np
+
+        speed = seen.speed[at.split(".")[1]]
+        sign = np.tanh(speed / (1e-3 * float(np.abs(speed).max()) + 1e-9))
+        yield Guess(({at: -sign},), positive("torque"))
+        if speed.min() < 0 < speed.max():
+            forward, reverse = (1 + sign) / 2, (1 - sign) / 2
+            yield Guess(
+                ({at: -forward}, {at: reverse}),
+                lambda a: {"torque": float(a[0]), "torque_reverse": float(a[1])} if min(a) > 0 else None,
+            )

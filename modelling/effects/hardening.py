@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -19,3 +20,6 @@ class Hardening(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)
+
+    def guesses(self, seen, at):
+        yield Guess(({at: seen.twist[at.split(".")[1]] ** 3},), lambda a: {"cubic": float(a[0])})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -27,3 +28,24 @@ class Hysteresis(Kind):
         z = assembly.state(f"{law.place}.hysteresis", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
         law.parallel.append(p["torque"] * z)
         law.parallel_stiffness.append(p["torque"] / p["angle"])
+
+    def guesses(self, seen, at):
+        name = at.split(".")[1]
+        for share in (0.1, 0.3, 1.0, 3.0):
+            angle = share * float(seen.twist[name].std())
+            yield Guess(({at: seen.each(lambda t, rate, angle=angle: _dahl(t, rate, angle), seen.rate[name])},), positive("torque", angle=angle))
+
+    def fit_bounds(self, key, guess, step):
+        return (0.1 * guess, 10 * guess) if key == "angle" else super().fit_bounds(key, guess, step)
+
+
+def _dahl(time, rate, angle):
+    """z/torque over a twist rate (t,), exact for a rate that is constant between samples."""
+    from itertools import accumulate
+
+    import numpy as np
+
+    mean = (rate[1:] + rate[:-1]) / 2
+    kept = np.exp(-np.abs(mean) * np.diff(time) / angle)
+    added = np.sign(mean) * (1 - kept)
+    return np.array(list(accumulate(zip(kept.tolist(), added.tolist()), lambda z, s: s[0] * z + s[1], initial=0.0)))

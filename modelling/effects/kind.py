@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,6 +11,7 @@ from modelling.errors import InputError
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+    from modelling.effects.seen import Guess, Seen
     from modelling.system import Effect, System
 
 
@@ -48,6 +50,17 @@ class Kind:
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         """Change what a sensor reads."""
         raise NotImplementedError
+
+    def guesses(self, seen: Seen, at: str) -> Iterable[Guess]:
+        """First guesses of this effect at a place, from a motion without it; for screening and as starts of a fit."""
+        raise NotImplementedError
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        """Bounds of a parameter in a fit that begins at a guess, for data sampled every ``step`` s; here the physical ones."""
+        own = self.parameters[key]
+        if own.lower > 0:  # a scale: it may be far from the guess, but not at 0
+            return max(own.lower, guess / 20), min(own.upper, guess * 20)
+        return own.lower, own.upper
 
     def unit(self, key: str, at: str, system: System) -> str:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -21,3 +22,7 @@ class QuadraticDrag(Kind):
         from sympy import Abs
 
         assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
+
+    def guesses(self, seen, at):
+        speed = seen.speed[at.split(".")[1]]
+        yield Guess(({at: -speed * abs(speed)},), positive("coefficient"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, SensorPath, Symbols
@@ -19,3 +20,8 @@ class SensorDelay(Kind):
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.delay += p["delay"]
+
+    def guesses(self, seen, at):
+        signal = seen.reading[at.split(".")[1]]
+        for delay in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
+            yield Guess(({at: seen.later(signal, delay) - signal},), positive("delay", delay))

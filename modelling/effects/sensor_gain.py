@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, SensorPath, Symbols
@@ -19,3 +20,6 @@ class SensorGain(Kind):
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.value *= p["factor"]
+
+    def guesses(self, seen, at):
+        yield Guess(({at: seen.reading[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, SensorPath, Symbols
@@ -19,3 +20,6 @@ class SensorOffset(Kind):
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.value += p["offset"]
+
+    def guesses(self, seen, at):
+        yield Guess(({at: seen.time * 0 + 1.0},), lambda a: {"offset": float(a[0])})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -19,3 +20,9 @@ class Slip(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.series = p["coefficient"]
+
+    def guesses(self, seen, at):
+        stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[at.split(".")[1]]
+        for relaxation in (0.02, 0.1, 0.5, 2.5, 12.5):  # s, coefficient/stiffness
+            lost = seen.lagged(twist - twist[0], relaxation)
+            yield Guess(({at: -stiffness * lost},), lambda a, T=relaxation: {"coefficient": stiffness * T / float(a[0])} if a[0] > 0.02 else None)

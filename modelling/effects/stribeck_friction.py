@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -26,3 +27,15 @@ class StribeckFriction(Kind):
 
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
         assembly.act(name, -assembly.sign(motion.speed) * sliding, motion)
+
+    def guesses(self, seen, at):
+        import numpy as np
+
+        own = seen.speed[at.split(".")[1]]
+        sign = np.tanh(own / (1e-3 * float(np.abs(own).max()) + 1e-9))
+        for share in (0.05, 0.15, 0.4):
+            speed = share * float(own.std()) + 1e-9
+            yield Guess(
+                ({at: -sign}, {at: -sign * np.exp(-((own / speed) ** 2))}),
+                lambda a, speed=speed: {"torque": max(float(a[0]), 0.0), "breakaway": float(a[0] + a[1]), "speed": speed} if a[0] + a[1] > 0 and a[0] > -0.5 * a[1] else None,
+            )

@@ -1,0 +1,310 @@
+"""Fits by output error: free simulation against measurement, weighted by the sensors' uncertainty, within bounds.
+
+Gauss–Newton with a trust region on the scaled variables; the bounded linear problem of each step is SciPy's.
+The Jacobian comes from finite differences run as one batch, and is kept while it serves (a chord method).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from matching.diagnosis import runs
+from matching.diagnosis.data import Data
+from modelling.assembly import STICK_SPEED
+from modelling.compiled import Model, compiled
+from modelling.system import System
+
+
+@dataclass
+class Problem:
+    """One system, the data, and which of its parameters are free within which bounds.
+
+    Attributes
+    ----------
+    system : System
+    data : Data
+    bounds : dict of str to (float, float)
+        Free parameters, in order; states at the start of every segment are free beside them.
+    steps : float
+        Integration steps per second.
+    """
+
+    system: System
+    data: Data
+    bounds: dict[str, tuple[float, float]]
+    steps: float
+    stick: float = 1e-3
+    model: Model = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.model = compiled(self.system)
+        self.free = list(self.bounds)
+        self._where = np.array([self.model.parameters.index(name) for name in self.free], dtype=int)
+        self.held = held_angles(self.system, self.model)
+        nx, k = len(self.model.states), len(self.free)
+        self._open = [i for i in range(nx) if i not in self.held]
+        self.size = k + len(self._open) * len(self.data.segments)
+        low = [bound[0] for bound in self.bounds.values()]
+        high = [bound[1] for bound in self.bounds.values()]
+        rest = [np.inf] * (self.size - k)
+        self.lower, self.upper = np.array(low + [-v for v in rest]), np.array(high + rest)
+
+    def pack(self, values: Mapping[str, float], starts: list[np.ndarray]) -> np.ndarray:
+        """Parameter values by name and start states (x,) of the segments → variables (v,)."""
+        return np.concatenate([[values[name] for name in self.free], *(start[self._open] for start in starts)])
+
+    def unpack(self, v: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Variables (v,) → parameter vector (p,) and start states of the segments."""
+        p = self.model.p0.copy()
+        p[self._where] = v[: len(self.free)]
+        if STICK_SPEED in self.model.parameters:
+            p[self.model.parameters.index(STICK_SPEED)] = self.stick
+        starts = []
+        for part in np.split(v[len(self.free) :], len(self.data.segments)):
+            start = np.zeros(len(self.model.states))
+            start[self._open] = part
+            starts.append(start)
+        return p, starts
+
+    def residuals(self, batch: np.ndarray) -> np.ndarray:
+        """Variables (b, v) → (measured − simulated)/noise (b, r); 0 where nothing was measured."""
+        pairs = [self.unpack(v) for v in batch]
+        p = np.array([pair[0] for pair in pairs])
+        out = []
+        for i, segment in enumerate(self.data.segments):
+            y = runs.readings(self.model, segment, p, np.array([pair[1][i] for pair in pairs]), self.steps)
+            r = (segment.readings - y) / self.data.noise
+            r[:, ~segment.counts] = 0.0
+            out.append(r.reshape(len(batch), -1))
+        return np.concatenate(out, axis=1)
+
+    def simulated(self, v: np.ndarray) -> list[np.ndarray]:
+        """Readings (t, y) of every segment."""
+        p, starts = self.unpack(v)
+        return [
+            runs.readings(self.model, segment, p[None], start[None], self.steps)[0]
+            for segment, start in zip(self.data.segments, starts, strict=True)
+        ]
+
+    def states(self, v: np.ndarray) -> list[np.ndarray]:
+        """States (t, x) of every segment."""
+        p, starts = self.unpack(v)
+        return [runs.states(self.model, s, p, x, self.steps) for s, x in zip(self.data.segments, starts, strict=True)]
+
+    @property
+    def differences(self) -> np.ndarray:
+        """(v,) steps of the finite differences."""
+        k, n = len(self.free), self.model.n
+        own = []
+        for name in self.free:
+            low, high = self.bounds[name]
+            value = abs(self._value(name))
+            own.append(1e-3 * (min(high - low, value) if value else min(high - low, 1.0)) or 1e-6)
+        start = np.array([1e-6 if i < n else 1e-4 for i in range(len(self.model.states))])[self._open]
+        return np.concatenate([own, *[start] * len(self.data.segments)])[: k + len(start) * len(self.data.segments)]
+
+    def _value(self, name: str) -> float:
+        return float(self.model.p0[self.model.parameters.index(name)])
+
+    def jacobian(self, v: np.ndarray, r: np.ndarray, columns: np.ndarray | None = None, chunk: int = 8) -> np.ndarray:
+        """Derivatives (r, c) of the residuals by the variables in ``columns`` (default all)."""
+        columns = np.arange(self.size) if columns is None else columns
+        h = self.differences.copy()
+        k = len(self.free)
+        h[:k] = np.where(v[:k] != 0, 1e-3 * np.minimum(np.abs(v[:k]), self.upper[:k] - self.lower[:k]), h[:k])
+        h = np.where(v + h > self.upper, -h, h)
+        out = np.empty((len(r), len(columns)))
+        for first in range(0, len(columns), chunk):
+            own = columns[first : first + chunk]
+            batch = np.repeat(v[None], len(own), axis=0)
+            batch[np.arange(len(own)), own] += h[own]
+            moved = self.residuals(batch)
+            for c, j in enumerate(own):
+                out[:, first + c] = (moved[c] - r) / h[j]
+        out[~np.isfinite(out)] = 0.0
+        return out
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted problem.
+
+    Attributes
+    ----------
+    problem : Problem
+    v : ndarray (v,)
+    residual : ndarray (r,)
+        (measured − simulated)/noise of all segments, time by time, sensor by sensor.
+    jacobian : ndarray (r, v)
+    cost : float
+        Sum of squares of the residual (χ²).
+    """
+
+    problem: Problem
+    v: np.ndarray
+    residual: np.ndarray = field(repr=False)
+    jacobian: np.ndarray = field(repr=False)
+    cost: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by name, SI."""
+        return dict(zip(self.problem.free, (float(x) for x in self.v), strict=False))
+
+    @property
+    def starts(self) -> list[np.ndarray]:
+        """Start states (x,) of the segments."""
+        return self.problem.unpack(self.v)[1]
+
+    def by_sensor(self) -> list[np.ndarray]:
+        """Residual (t, y) of every segment."""
+        out, at, ny = [], 0, len(self.problem.data.noise)
+        for segment in self.problem.data.segments:
+            size = len(segment.time) * ny
+            out.append(self.residual[at : at + size].reshape(-1, ny))
+            at += size
+        return out
+
+
+def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, iterations: int = 20, exact: bool = True) -> Fit:
+    """Least squares from the variables v (v,).
+
+    Parameters
+    ----------
+    jacobian : ndarray (r, v), optional
+        A Jacobian to begin with, e.g. of a similar problem.
+    exact : bool
+        Whether to end only on a Jacobian of the point itself.
+
+    Raises
+    ------
+    FloatingPointError
+        If the start does not simulate.
+    """
+    v = np.clip(v, problem.lower, problem.upper)
+    r = problem.residuals(v[None])[0]
+    if not np.isfinite(r).all():
+        raise FloatingPointError("the simulation diverges at the start of the fit")
+    cost, fresh, radius = float(r @ r), jacobian is None, np.inf
+    J = problem.jacobian(v, r) if jacobian is None else jacobian
+    quadratic = _Quadratic(J)
+    for _ in range(iterations):
+        step, predicted = quadratic.step(J.T @ r, problem.lower - v, problem.upper - v, radius)
+        enough = predicted < max(0.02, 2e-6 * cost)
+        if enough and (fresh or not exact):
+            break
+        if not enough:
+            tried = problem.residuals((v + step)[None])[0]
+            new = float(tried @ tried) if np.isfinite(tried).all() else np.inf
+            gain = (cost - new) / predicted
+        else:
+            gain, new = -1.0, np.inf
+        length = quadratic.length(step)
+        if gain > 1e-4:
+            v, r, cost, moved = np.clip(v + step, problem.lower, problem.upper), tried, new, True
+            radius = max(radius, 2 * length) if gain > 0.7 and np.isfinite(radius) else radius
+            if gain < 0.25:
+                radius = length / 2
+        else:
+            moved = False
+            if fresh:
+                radius = length / 4
+                if predicted < max(0.5, 1e-5 * cost) or length < 1e-10:
+                    break
+        if (gain < 0.7 and not fresh) or (moved and fresh and gain < 0.5):
+            J, fresh = problem.jacobian(v, r), True
+            quadratic = _Quadratic(J)
+        elif moved:
+            fresh = False
+    return Fit(problem, v, r, J, cost)
+
+
+class _Quadratic:
+    """The normal equations of a Jacobian, columns scaled to length 1."""
+
+    def __init__(self, J: np.ndarray):
+        self.scale = np.linalg.norm(J, axis=0)
+        self.scale[self.scale < 1e-12 * max(self.scale.max(initial=0.0), 1e-300)] = np.inf  # no influence: not moved
+        H = (J.T @ J) / np.outer(self.scale, self.scale)
+        self.H = H + 1e-10 * np.eye(len(H))
+        self.chol = np.linalg.cholesky(self.H + 1e-9 * np.eye(len(H)))
+
+    def length(self, step: np.ndarray) -> float:
+        moved = np.where(np.isfinite(self.scale), step * np.where(np.isfinite(self.scale), self.scale, 0.0), 0.0)
+        return float(np.linalg.norm(self.chol.T @ moved))
+
+    def step(self, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
+        """Step (v,) within bounds and radius, and the decrease of the cost that it promises."""
+        from scipy.linalg import solve_triangular
+        from scipy.optimize import lsq_linear
+
+        used = np.isfinite(self.scale)
+        scale = np.where(used, self.scale, 1.0)
+        g = np.where(used, gradient / scale, 0.0)
+        target = solve_triangular(self.chol, -g, lower=True)
+        z = solve_triangular(self.chol.T, target)
+        a, b = low * scale, high * scale
+        if np.any(z < a) or np.any(z > b):
+            a, b = np.minimum(a, -1e-12), np.maximum(b, 1e-12)
+            z = lsq_linear(self.chol.T, target, (a, b), method="bvls").x
+        z = np.where(used, z, 0.0)
+        length = float(np.linalg.norm(self.chol.T @ z))
+        if length > radius:
+            z *= radius / length
+        predicted = float(-2 * g @ z - z @ self.H @ z)
+        return z / scale, predicted
+
+
+def held_angles(system: System, model: Model) -> set[int]:
+    """Angles that no reading tells: one coordinate of every part of the drivetrain without an angle sensor."""
+    group = {part.name: {part.name} for part in system.inertias}
+
+    def join(names: tuple[str, ...]) -> None:
+        merged = set().union(*(group[name] for name in names))
+        for name in merged:
+            group[name] = merged
+
+    for part in (*system.shafts, *system.gears):
+        join(part.between)
+    for part in system.differentials:
+        join((part.cage, part.left, part.right))
+    seen = {name for sensor in system.sensors if sensor.measures == "angle" for name in group[sensor.of]}
+    held, done = set(), set(seen)
+    for i, coordinate in enumerate(model.coordinates):
+        if coordinate in group and coordinate not in done:
+            held.add(i)
+            done |= group[coordinate]
+    return held
+
+
+def base_problem(system: System, data: Data, fine: float = 3.0) -> tuple[Problem, np.ndarray]:
+    """The problem of a system as given, its uncertain quantities free, and where to begin (v,)."""
+    model = compiled(system)
+    bounds = {name: (q.lower, q.upper) for name, q in system.uncertain.items() if q.upper > q.lower}
+    start = [first_state(system, model, data, i) for i in range(len(data.segments))]
+    sampling = 1 / float(np.median(np.diff(data.segments[0].time)))
+    steps, stick = runs.steps_and_stick(model, model.p0, np.array(start), sampling, fine)
+    problem = Problem(system, data, bounds, steps, stick)
+    return problem, problem.pack({name: q.value for name, q in system.uncertain.items()}, start)
+
+
+def first_state(system: System, model: Model, data: Data, index: int) -> np.ndarray:
+    """A state (x,) to begin with: measured speeds and angles where there are some, the others in step with them."""
+    segment = data.segments[index]
+    x, n = np.zeros(len(model.states)), model.n
+    speeds: dict[int, float] = {}
+    for j, sensor in enumerate(system.sensors):
+        own = segment.readings[:20, j]
+        own = own[np.isfinite(own)]
+        if sensor.of in model.coordinates and len(own):
+            i = model.coordinates.index(sensor.of)
+            if sensor.measures == "speed":
+                speeds[i] = float(own.mean())
+            elif sensor.measures == "angle":
+                x[i] = float(own[0])
+    for i in range(n):
+        x[n + i] = speeds.get(i, float(np.mean(list(speeds.values()))) if speeds and not system.gears else 0.0)
+    return x

@@ -1,0 +1,70 @@
+"""Many runs of one model over recorded inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from matching.diagnosis.data import Segment
+from modelling.assembly import STICK_SPEED
+from modelling.compiled import Model, compiled
+from modelling.simulation.build import library
+from modelling.simulation.functions import functions
+from modelling.simulation.native import run
+from modelling.simulation.task import make_task
+from modelling.system import System
+
+
+def prepare(systems: Iterable[System]) -> None:
+    """Compile the models of several systems side by side; what the cache holds is not compiled again."""
+    made = [functions(compiled(system)) for system in systems]
+    with ThreadPoolExecutor(2) as pool:  # the compiler is a process of its own
+        list(pool.map(library, made))
+
+
+def readings(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
+    """Readings (b, t, y) for parameters (b, p) and starts (b, x); rows that diverge are NaN."""
+    out = run(make_task(model, segment.time, segment.inputs, p, start, steps), states=False)
+    return out[1]
+
+
+def states(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
+    """States (t, x) of one run."""
+    return run(make_task(model, segment.time, segment.inputs, p[None], start[None], steps), readings=False)[0][0]
+
+
+def fastest_rate(model: Model, p: np.ndarray, points: np.ndarray, inputs: np.ndarray) -> float:
+    """Largest magnitude (1/s) of the eigenvalues of the linearised model at several states (b, x)."""
+    found = 0.0
+    for x in points:
+        a = np.array(model.jacobians(x, inputs, p, 0.0)[0])
+        if np.isfinite(a).all():
+            found = max(found, float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)))
+    return found
+
+
+def steps_and_stick(model: Model, p: np.ndarray, points: np.ndarray, sampling: float, fine: float) -> tuple[float, float]:
+    """Steps per second, and the stick speed (rad/s) that they resolve.
+
+    Without dry friction the fastest mode gets ``fine`` steps a radian; the stick speed is then raised until
+    the slope of friction at rest is no faster than the steps can follow.
+    """
+    inputs = np.zeros(len(model.inputs))
+    where = model.parameters.index(STICK_SPEED) if STICK_SPEED in model.parameters else None
+    p = p.copy()
+    if where is not None:
+        p[where] = 1e9
+    steps = max(2.0 * sampling, fine * fastest_rate(model, p, points, inputs))
+    steps = float(np.ceil(steps / sampling)) * sampling
+    if where is None:
+        return steps, np.nan
+    rest = np.zeros((1, points.shape[1]))
+    stick = 1e-3
+    while stick < 1e3:
+        p[where] = stick
+        if fastest_rate(model, p, rest, inputs) < 1.5 * steps:
+            break
+        stick *= 1.5
+    return steps, stick

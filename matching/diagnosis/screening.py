@@ -1,0 +1,186 @@
+"""Screening: what of the residual each candidate could take, to first order, after the base parameters had their say.
+
+The response of the readings to a torque is that of the linear base model. Inputs are linear between samples, so the
+response to any sampled torque is exactly the convolution with the response to one hat; it is done by FFT.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+from scipy.linalg import qr
+
+from matching.diagnosis import runs
+from matching.diagnosis.balance import leftover
+from matching.diagnosis.data import Segment
+from matching.diagnosis.fit import Fit
+from matching.diagnosis.motion import seen
+from modelling.compiled import compiled
+from modelling.effects import EFFECTS
+from modelling.effects.seen import Guess, Seen
+from modelling.system import Input, System
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate with its best guess: how much of χ² it would take to first order."""
+
+    kind: str
+    at: str
+    parameters: dict[str, float]
+    reduction: float
+
+
+class Screen:
+    """The view from one fit: residual, what base parameters can take of it, and the responses to further torques."""
+
+    def __init__(self, fit: Fit):
+        self.fit = fit
+        self.data = fit.problem.data
+        self.system = fit.problem.system
+        self.noise = self.data.noise
+        self.mask = np.concatenate([segment.counts for segment in self.data.segments])
+        columns = fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
+        self.basis = qr(columns, mode="economic", check_finite=False)[0]
+        self.residual = self._free(fit.residual)
+        self.hats = _hat_responses(fit)
+        self.seen = seen(fit)
+        scale = max([float(np.std(own)) for own in (*self.seen.torque.values(), *self.seen.input.values())], default=1.0)
+        self.leftover = leftover(fit, without_effects(self.system), dict(self.seen.value), scale)
+        self.seen = seen(fit, self.leftover.states)
+        self.seen = replace(self.seen, pull=self._pull())
+        self._sensors = [sensor.name for sensor in self.system.sensors]
+        self._shafts = {shaft.name: shaft for shaft in self.system.shafts}
+        self._on = {part.name: part.on for part in self.system.inputs}
+
+    def _free(self, signature: np.ndarray) -> np.ndarray:
+        return signature - self.basis @ (self.basis.T @ signature)
+
+    def response(self, torques: dict[str, np.ndarray]) -> np.ndarray:
+        """Readings (t, y) that torques (t,) on inertias add."""
+        out = np.zeros((len(self.seen.time), len(self.noise)))
+        for name, torque in torques.items():
+            for part in self.seen.parts:
+                size = part.stop - part.start
+                length = fft.next_fast_len(2 * size, real=True)
+                hat = fft.rfft(self.hats[name][:size], length, axis=0)
+                out[part] += fft.irfft(hat * fft.rfft(torque[part], length)[:, None], length, axis=0)[:size]
+        return out
+
+    def _pull(self) -> dict[str, np.ndarray]:
+        """The residual's gradient by a torque at each inertia and moment (correlation, the adjoint of ``response``)."""
+        weighted = self.residual.reshape(-1, len(self.noise)) / self.noise
+        out = {}
+        for name, hats in self.hats.items():
+            own = np.zeros(len(weighted))
+            for part in self.seen.parts:
+                size = part.stop - part.start
+                length = fft.next_fast_len(2 * size, real=True)
+                hat = np.conj(fft.rfft(hats[:size], length, axis=0))
+                own[part] = fft.irfft((hat * fft.rfft(weighted[part], length, axis=0)).sum(axis=1), length)[:size]
+            out[name] = own
+        return out
+
+    def signature(self, push: dict[str, np.ndarray | float]) -> np.ndarray:
+        """What a push adds to the readings, in times the noise, (r,)."""
+        torques: dict[str, np.ndarray] = {}
+        direct = np.zeros((len(self.seen.time), len(self.noise)))
+        column = np.zeros(direct.size)
+
+        def add(name: str, torque: np.ndarray) -> None:
+            torques[name] = torques.get(name, 0.0) + torque
+
+        for place, what in push.items():
+            table, name = place.split(".")[:2]
+            if place.count(".") == 2:
+                column += self._by_value(place) * what
+            elif table == "inertias":
+                add(name, np.asarray(what))
+            elif table == "inputs":
+                add(self._on[name], np.asarray(what))
+            elif table == "sensors":
+                direct[:, self._sensors.index(name)] += what
+            else:
+                shaft = self._shafts[name]
+                ratio = self.seen.value.get(f"shafts.{name}.ratio", 1.0)
+                add(shaft.between[0], -np.asarray(what) / ratio)
+                add(shaft.between[1], np.asarray(what))
+                for j, sensor in enumerate(self.system.sensors):
+                    if sensor.measures == "torque" and sensor.of == name:
+                        direct[:, j] += what
+        total = (self.response(torques) + direct) / self.noise
+        total[~self.mask] = 0.0
+        return total.ravel() + column
+
+    def _by_value(self, name: str) -> np.ndarray:
+        """Derivative (r,) of the simulated readings, in times the noise, by a known quantity."""
+        problem = self.fit.problem
+        index = problem.model.parameters.index(name)
+        p, starts = problem.unpack(self.fit.v)
+        h = 1e-3 * (abs(p[index]) or 1.0)
+        moved = p.copy()
+        moved[index] += h
+        out = []
+        for segment, start in zip(self.data.segments, starts, strict=True):
+            y = runs.readings(problem.model, segment, np.array([moved, p]), np.array([start, start]), problem.steps)
+            difference = (y[0] - y[1]) / h / self.noise
+            difference[~segment.counts] = 0.0
+            out.append(difference.ravel())
+        return np.concatenate(out)
+
+    def reduction(self, guess: Guess) -> tuple[float, dict[str, float] | None]:
+        """How much a guess lowers χ² at its best amplitudes, and the parameters it then has (None: no such effect)."""
+        raw = [self.signature(dict(push)) for push in guess.pushes]
+        if not all(np.isfinite(one).all() for one in raw):
+            return 0.0, None
+        columns = np.stack([self._free(one) for one in raw], axis=1)
+        length = np.linalg.norm(columns, axis=0)
+        if np.any(length < 1e-6 * np.linalg.norm(np.stack(raw, axis=1), axis=0)) or not np.all(length > 0):
+            return 0.0, None
+        unit = columns / length
+        amplitudes, *_ = np.linalg.lstsq(unit.T @ unit, unit.T @ self.residual, rcond=1e-9)
+        taken = float(amplitudes @ (unit.T @ self.residual))
+        return taken, guess.parameters(amplitudes / length)
+
+    def candidates(self, system: System | None = None) -> Iterator[Screened]:
+        """Every kind at every place that can lower χ², each guess by itself, unsorted."""
+        system = system or self.system
+        taken_places = {(effect.kind, effect.at) for effect in system.effects}
+        for kind, own in EFFECTS.items():
+            for at in own.places(system):
+                if (kind, at) in taken_places or (kind == "wrong_parameter" and system.parameters[at].uncertain):
+                    continue
+                for guess in own.guesses(self.seen, at):
+                    reduction, parameters = self.reduction(guess)
+                    if parameters is not None and reduction > 0:
+                        yield Screened(kind, at, parameters, reduction)
+
+
+def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:
+    """Readings (t, y) of the linear model after a torque on each inertia that is 1 at the first sample and linear to 0 at its neighbours."""
+    plain = without_effects(fit.problem.system)
+    values = {name: value for name, value in fit.values.items() if name in plain.parameters}
+    plain = plain.with_values(values)
+    probe = replace(
+        plain, inputs=tuple(Input(f"probe{i}", part.name) for i, part in enumerate(plain.inertias))
+    )
+    model = compiled(probe)
+    longest = max(fit.problem.data.segments, key=lambda segment: len(segment.time))
+    step = float(np.median(np.diff(longest.time)))
+    time = step * np.arange(len(longest.time) + 1)
+    start = np.zeros((1, len(model.states)))
+    out = {}
+    for i, part in enumerate(plain.inertias):
+        inputs = np.zeros((len(time), len(plain.inertias)))
+        inputs[1, i] = 1.0
+        segment = Segment(time, inputs, np.full((len(time), len(plain.sensors)), np.nan))
+        out[part.name] = runs.readings(model, segment, model.p0[None], start, fit.problem.steps)[0][1:]
+    return out
+
+
+def without_effects(system: System) -> System:
+    """The linear chain of a system; a wrong parameter stays as it is said to be."""
+    return replace(system, effects=tuple(effect for effect in system.effects if effect.kind == "wrong_parameter"))

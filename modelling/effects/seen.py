@@ -1,0 +1,110 @@
+"""What an effect is shown to guess its first values from: a motion without it, and what the measurement leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The motion of a fitted model over the recorded inputs; segments of recordings one after another.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+        s, from the start of each recording.
+    parts : tuple of slice
+        The uninterrupted segments.
+    angle, speed, acceleration : dict of str to ndarray (t,)
+        By inertia.
+    twist, rate, torque : dict of str to ndarray (t,)
+        By shaft; twist and rate as the shaft's law takes them, torque on the second end's side.
+    input : dict of str to ndarray (t,)
+        As recorded, by input.
+    reading : dict of str to ndarray (t,)
+        As simulated, by sensor.
+    noise : dict of str to float
+        Standard uncertainty by sensor.
+    value : dict of str to float
+        Every quantity by its full name.
+    ends : dict of str to (str, str)
+        The inertias that a shaft joins.
+    pull : dict of str to ndarray (t,)
+        By inertia: how much a torque at that moment would lower the misfit (the gradient of χ², negative).
+    """
+
+    time: np.ndarray
+    parts: tuple[slice, ...]
+    angle: Mapping[str, np.ndarray]
+    speed: Mapping[str, np.ndarray]
+    acceleration: Mapping[str, np.ndarray]
+    twist: Mapping[str, np.ndarray]
+    rate: Mapping[str, np.ndarray]
+    torque: Mapping[str, np.ndarray]
+    input: Mapping[str, np.ndarray]
+    reading: Mapping[str, np.ndarray]
+    noise: Mapping[str, float]
+    value: Mapping[str, float]
+    ends: Mapping[str, tuple[str, str]]
+    pull: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        import numpy as np
+
+        return float(np.median(np.diff(self.time[self.parts[0]])))
+
+    def each(self, work: Callable[[np.ndarray, np.ndarray], np.ndarray], signal: np.ndarray) -> np.ndarray:
+        """``work(time, signal)`` on every segment by itself."""
+        import numpy as np
+
+        return np.concatenate([work(self.time[part], signal[part]) for part in self.parts])
+
+    def later(self, signal: np.ndarray, delay: float) -> np.ndarray:
+        """A signal (t,) that comes ``delay`` s later."""
+        import numpy as np
+
+        return self.each(lambda t, s: np.interp(t - delay, t, s), signal)
+
+    def lagged(self, signal: np.ndarray, time_constant: float) -> np.ndarray:
+        """A signal (t,) through a first-order lag."""
+        import numpy as np
+
+        a = float(np.exp(-self.step / time_constant))
+        last = time_constant / self.step * (1 - a) - a
+        return self.filtered([1 - a - last, last], [1, -a], signal)
+
+    def filtered(self, b: list[float], a: list[float], signal: np.ndarray) -> np.ndarray:
+        """A signal (t,) through a discrete filter that has settled at the first sample."""
+        from scipy.signal import lfilter
+
+        return self.each(lambda _, s: lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A first guess of an effect: what it adds to the model's equations, as far as a motion without it tells.
+
+    Attributes
+    ----------
+    pushes : tuple of dict
+        Each by place: ``inertias.…`` torque on it (t,), ``shafts.…`` further torque of it (t,), ``inputs.…`` further
+        input (t,), ``sensors.…`` further reading (t,), or a quantity's full name with the change of its value.
+        Their amplitudes are found by least squares.
+    parameters : callable
+        Amplitudes (one a push) → parameters of the effect, or None if no such effect exists.
+    """
+
+    pushes: tuple[Mapping[str, np.ndarray | float], ...]
+    parameters: Callable[[np.ndarray], dict[str, float] | None]
+
+
+def positive(name: str, factor: float = 1.0, **others: float) -> Callable[[np.ndarray], dict[str, float] | None]:
+    """Parameters where ``name`` is ``factor`` times the amplitude, which must be positive."""
+    return lambda a: {name: factor * float(a[0]), **others} if a[0] > 0 else None
