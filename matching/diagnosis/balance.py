@@ -17,16 +17,26 @@ from modelling.compiled import Model, compiled
 from modelling.system import Input, System
 
 CORRELATION = 0.01  # s over which an unknown torque may change
-SHARE = 2.0  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)
+SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """Deviation of states (t, x) and unknown torques: on inertias (t, i), in shafts (t, s); N·m."""
+    """Deviation of the states ``names`` (t, x) and unknown torques: on inertias (t, i), in shafts (t, s); N·m."""
 
+    names: list[str]
     states: np.ndarray
     inertias: np.ndarray
     shafts: np.ndarray
+
+
+    def added_to(self, names: list[str], states: np.ndarray) -> np.ndarray:
+        """States (t, x) with these names, where the measurement has them."""
+        out = states.copy()
+        for i, name in enumerate(names):
+            if name in self.names:
+                out[:, i] += self.states[:, self.names.index(name)]
+        return out
 
 
 def linear(system: System, value: dict[str, float]) -> tuple[Model, list[np.ndarray]]:
@@ -80,7 +90,7 @@ def leftover(fit: Fit, system: System, value: dict[str, float], scale: float) ->
         torques.append(x[:, nx:])
     unknown = np.concatenate(torques)
     split = len(system.inertias)
-    return Leftover(np.concatenate(states), unknown[:, :split], unknown[:, split:])
+    return Leftover(model.states, np.concatenate(states), unknown[:, :split], unknown[:, split:])
 
 
 def _gains(F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, nx: int, scale: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,12 @@ from matching.diagnosis import runs
 from matching.diagnosis.fit import Fit, Problem, solve
 from modelling.compiled import compiled
 from modelling.effects import EFFECTS
+from modelling.errors import InputError
 from modelling.quantity import Quantity
 from modelling.system import Effect, System
 
 WRONG = "wrong_parameter"
+ABRUPT = 8  # integration steps a sample where a torque jumps: with fewer the misfit is too rough to descend
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,13 @@ class Cause:
 
 @dataclass(frozen=True)
 class Trial:
-    """A system as given, the causes added to it, and values to begin with by name."""
+    """A system as given, the causes added to it, and what to begin with: values by name and, if known, start states."""
 
     system: System
     causes: tuple[Cause, ...]
     bounds: dict[str, tuple[float, float]]
     values: dict[str, float]
+    starts: tuple[np.ndarray, ...] = ()
 
     def extended(self) -> System:
         """The system that is simulated: every cause but wrong parameters is an effect of it."""
@@ -70,7 +73,9 @@ def without_cause(trial: Trial, index: int, fit: Fit) -> Trial:
     return Trial(trial.system, kept, bounds, values)
 
 
-def fitted(trial: Trial, parent: Fit, iterations: int = 20, exact: bool = False, fine: float = 3.0) -> Fit:
+def fitted(
+    trial: Trial, parent: Fit, iterations: int = 20, exact: bool = False, fine: float = 3.0, rival: float = 0.0
+) -> Fit:
     """Fit a trial, beginning at values, starts and Jacobian of the fit it came from.
 
     Raises
@@ -78,27 +83,93 @@ def fitted(trial: Trial, parent: Fit, iterations: int = 20, exact: bool = False,
     FloatingPointError
         If it does not simulate from there.
     """
+    problem, p = _problem(trial, parent, fine)
+    v = problem.pack(trial.values, list(trial.starts) or _starts(problem, parent, p))
+    v = np.clip(v, problem.lower, problem.upper)
+    return solve(problem, v, _known_jacobian(problem, parent, v), iterations, exact, rival)
+
+
+def nearer(trial: Trial, parent: Fit, motion: np.ndarray, seconds: float = 1.0) -> Trial:
+    """A trial with better values to begin with, from short simulations, each with a start of its own, then longer ones.
+
+    Over a short horizon the misfit is nearly convex in the parameters, where over a long one phases slip past each other
+    and rattling forgets where it came from (multiple shooting, Bock and Plitt 1984, without its matching conditions).
+
+    Parameters
+    ----------
+    motion : ndarray (t, x)
+        States of the parent's model as the measurement has them, segments one after another.
+
+    Raises
+    ------
+    FloatingPointError
+        If it does not simulate from there.
+    """
+    longest = max(float(np.ptp(segment.time)) for segment in parent.problem.data.segments)
+    iterations = 60
+    while True:
+        trial, motion, good = _shooting(trial, parent, motion, seconds, iterations)
+        seconds, iterations = 2.5 * seconds, 25
+        if seconds > 0.7 * longest or not good:
+            return trial
+
+
+def _shooting(
+    trial: Trial, parent: Fit, motion: np.ndarray, seconds: float, iterations: int
+) -> tuple[Trial, np.ndarray, bool]:
+    """One round of ``nearer``: the trial, its motion, and whether it comes near the measurement over this horizon."""
+    cuts, starts, firsts, at = [], [], [], 0
+    for segment in parent.problem.data.segments:
+        length = max(8, round(seconds * len(segment.time) / float(np.ptp(segment.time))))
+        firsts.append(len(cuts))
+        edges = [*range(0, max(len(segment.time) - length // 2, 1), length), len(segment.time)]
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            cuts.append(segment.part(first, last))
+            starts.append(motion[at + first])
+        at += len(segment.time)
+    data = replace(parent.problem.data, segments=tuple(cuts))
+    if motion.shape[1] == len(parent.problem.model.states) and not trial.starts:
+        short = replace(parent.problem, data=data, anchors=starts)
+        pieces = replace(parent, problem=short, v=short.pack(parent.values, starts))
+        problem, p = _problem(trial, pieces, 3.0)
+        problem.anchors = _starts(problem, pieces, p)
+    else:
+        problem, _ = _problem(trial, parent, 3.0)
+        problem = replace(problem, data=data, anchors=starts)
+    assert problem.anchors is not None
+    v = np.clip(problem.pack(trial.values, problem.anchors), problem.lower, problem.upper)
+    near = solve(problem, v, None, iterations)
+    found = replace(trial, values=trial.values | near.values, starts=tuple(near.starts[i] for i in firsts))
+    return found, np.concatenate(problem.states(near.v)), near.cost < 9 * data.samples.sum()
+
+
+def _problem(trial: Trial, parent: Fit, fine: float) -> tuple[Problem, np.ndarray]:
     system = trial.extended()
     model, data = compiled(system), parent.problem.data
-    states = np.concatenate(parent.problem.states(parent.v))[:: max(1, len(parent.residual) // 40)][:40]
-    padded = np.zeros((len(states), len(model.states)))
-    own = [model.states.index(name) if name in model.states else -1 for name in parent.problem.model.states]
-    for i, j in enumerate(own):
-        if j >= 0:
-            padded[:, j] = states[:, i]
+    some = parent.problem.unpack(parent.v)[1]
+    points = np.zeros((min(len(some), 4) + 1, len(model.states)))
+    own = _own(model.states, parent)
+    for row, start in zip(points, some, strict=False):
+        row[[j for j in own if j >= 0]] = start[[i for i, j in enumerate(own) if j >= 0]]
     sampling = 1 / float(np.median(np.diff(data.segments[0].time)))
     p = model.vector({name: value for name, value in trial.values.items() if name in model.parameters})
-    steps, stick = runs.steps_and_stick(model, p, padded[::8], sampling, fine)
-    problem = Problem(system, data, trial.bounds, min(steps, 20 * sampling), stick)
-    starts = _starts(problem, parent, p, own)
-    v = np.clip(problem.pack(trial.values, starts), problem.lower, problem.upper)
-    return solve(problem, v, _known_jacobian(problem, parent, v), iterations, exact)
+    steps, stick = runs.steps_and_stick(model, p, points, sampling, fine)
+    steps = min(steps, ABRUPT * sampling)
+    if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
+        steps = max(steps, ABRUPT * sampling)
+    return Problem(system, data, trial.bounds, steps, stick), p
 
 
-def _starts(problem: Problem, parent: Fit, p: np.ndarray, own: list[int]) -> list[np.ndarray]:
+def _own(states: list[str], parent: Fit) -> list[int]:
+    """Where the parent's states are among others; -1 where they are not."""
+    return [states.index(name) if name in states else -1 for name in parent.problem.model.states]
+
+
+def _starts(problem: Problem, parent: Fit, p: np.ndarray) -> list[np.ndarray]:
     """Start states: the parent's; what is new begins so that accelerations and readings begin as they did."""
     model, before = problem.model, parent.problem.model
     p_before, starts_before = parent.problem.unpack(parent.v)
+    own = _own(model.states, parent)
     new = [i for i in range(len(model.states)) if i not in own]
     kept = [model.coordinates.index(name) for name in before.coordinates if name in model.coordinates]
     out = []
@@ -148,6 +219,14 @@ def _variables(problem: Problem) -> list[str]:
     return problem.free + [f"{segment}:{name}" for segment in range(len(problem.data.segments)) for name in states]
 
 
-def compile_all(trials: Sequence[Trial]) -> None:
-    """Compile what several trials need, side by side."""
-    runs.prepare(trial.extended() for trial in trials)
+def compile_all(trials: Sequence[Trial]) -> list[Trial]:
+    """Compile what several trials need, side by side; trials whose effects exclude each other are left out."""
+    possible = []
+    for trial in trials:
+        try:
+            compiled(trial.extended())
+        except (RuntimeError, InputError):  # e.g. a lag behind a drift of the same sensor
+            continue
+        possible.append(trial)
+    runs.prepare(trial.extended() for trial in possible)
+    return possible

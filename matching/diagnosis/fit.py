@@ -30,6 +30,10 @@ class Problem:
         Free parameters, in order; states at the start of every segment are free beside them.
     steps : float
         Integration steps per second.
+    stick : float
+        Stick speed of dry friction, rad/s.
+    anchors : list of ndarray (x,), optional
+        States at the start of the segments, of which the angles that no reading tells are taken; 0 if not given.
     """
 
     system: System
@@ -37,6 +41,7 @@ class Problem:
     bounds: dict[str, tuple[float, float]]
     steps: float
     stick: float = 1e-3
+    anchors: list[np.ndarray] | None = None
     model: Model = field(init=False)
 
     def __post_init__(self) -> None:
@@ -63,8 +68,8 @@ class Problem:
         if STICK_SPEED in self.model.parameters:
             p[self.model.parameters.index(STICK_SPEED)] = self.stick
         starts = []
-        for part in np.split(v[len(self.free) :], len(self.data.segments)):
-            start = np.zeros(len(self.model.states))
+        for i, part in enumerate(np.split(v[len(self.free) :], len(self.data.segments))):
+            start = np.zeros(len(self.model.states)) if self.anchors is None else self.anchors[i].copy()
             start[self._open] = part
             starts.append(start)
         return p, starts
@@ -103,7 +108,7 @@ class Problem:
             low, high = self.bounds[name]
             value = abs(self._value(name))
             own.append(1e-3 * (min(high - low, value) if value else min(high - low, 1.0)) or 1e-6)
-        start = np.array([1e-6 if i < n else 1e-4 for i in range(len(self.model.states))])[self._open]
+        start = np.array([1e-6 if i < n else 1e-4 for i in self._open])
         return np.concatenate([own, *[start] * len(self.data.segments)])[: k + len(start) * len(self.data.segments)]
 
     def _value(self, name: str) -> float:
@@ -116,14 +121,24 @@ class Problem:
         k = len(self.free)
         h[:k] = np.where(v[:k] != 0, 1e-3 * np.minimum(np.abs(v[:k]), self.upper[:k] - self.lower[:k]), h[:k])
         h = np.where(v + h > self.upper, -h, h)
-        out = np.empty((len(r), len(columns)))
-        for first in range(0, len(columns), chunk):
-            own = columns[first : first + chunk]
+        out = np.zeros((len(r), len(columns)))
+        # a start state moves its own segment only: the same state of all segments is moved in one run
+        groups: dict[int, list[int]] = {}
+        for c, j in enumerate(columns):
+            groups.setdefault(int(j) if j < k else k + (int(j) - k) % max(len(self._open), 1), []).append(c)
+        ends = np.cumsum([0, *(segment.readings.size for segment in self.data.segments)])
+        together = list(groups.values())
+        for first in range(0, len(together), chunk):
+            own = together[first : first + chunk]
             batch = np.repeat(v[None], len(own), axis=0)
-            batch[np.arange(len(own)), own] += h[own]
-            moved = self.residuals(batch)
-            for c, j in enumerate(own):
-                out[:, first + c] = (moved[c] - r) / h[j]
+            for row, members in zip(batch, own, strict=True):
+                row[columns[members]] += h[columns[members]]
+            for moved, members in zip(self.residuals(batch), own, strict=True):
+                for c in members:
+                    j = columns[c]
+                    segment = (j - k) // len(self._open) if j >= k else None
+                    part = slice(None) if segment is None else slice(ends[segment], ends[segment + 1])
+                    out[part, c] = (moved[part] - r[part]) / h[j]
         out[~np.isfinite(out)] = 0.0
         return out
 
@@ -169,7 +184,9 @@ class Fit:
         return out
 
 
-def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, iterations: int = 20, exact: bool = True) -> Fit:
+def solve(
+    problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, iterations: int = 20, exact: bool = True, rival: float = 0.0
+) -> Fit:
     """Least squares from the variables v (v,).
 
     Parameters
@@ -178,6 +195,8 @@ def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, i
         A Jacobian to begin with, e.g. of a similar problem.
     exact : bool
         Whether to end only on a Jacobian of the point itself.
+    rival : float
+        χ² that another fit reached: one that stays far above it and no longer gains much is given up.
 
     Raises
     ------
@@ -191,7 +210,7 @@ def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, i
     cost, fresh, radius = float(r @ r), jacobian is None, np.inf
     J = problem.jacobian(v, r) if jacobian is None else jacobian
     quadratic = _Quadratic(J)
-    for _ in range(iterations):
+    for iteration in range(iterations):
         step, predicted = quadratic.step(J.T @ r, problem.lower - v, problem.upper - v, radius)
         enough = predicted < max(0.02, 2e-6 * cost)
         if enough and (fresh or not exact):
@@ -203,6 +222,8 @@ def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, i
         else:
             gain, new = -1.0, np.inf
         length = quadratic.length(step)
+        if iteration > 2 and rival and cost > 3 * rival and cost - min(new, cost) < 0.2 * cost:
+            break
         if gain > 1e-4:
             v, r, cost, moved = np.clip(v + step, problem.lower, problem.upper), tried, new, True
             radius = max(radius, 2 * length) if gain > 0.7 and np.isfinite(radius) else radius
@@ -214,12 +235,38 @@ def solve(problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, i
                 radius = length / 4
                 if predicted < max(0.5, 1e-5 * cost) or length < 1e-10:
                     break
-        if (gain < 0.7 and not fresh) or (moved and fresh and gain < 0.5):
+        if (not fresh and not 0.7 < gain < 1.5) or (moved and fresh and gain < 0.5):
             J, fresh = problem.jacobian(v, r), True
             quadratic = _Quadratic(J)
         elif moved:
             fresh = False
     return Fit(problem, v, r, J, cost)
+
+
+def hop(fit: Fit, rounds: int = 8, draws: int = 8, seed: int = 0) -> Fit:
+    """Go on from a fit whose misfit is rough, as with rattling: draw points around it in the measure of its Jacobian, descend again.
+
+    Stops when the mean square of the residual is 1 within its scatter.
+    """
+    rng = np.random.default_rng(seed)
+    count = float(fit.problem.data.samples.sum())
+    for _ in range(rounds):
+        excess = fit.cost - count
+        if excess < 5 * np.sqrt(2 * count):
+            break
+        quadratic = _Quadratic(fit.jacobian)
+        best: tuple[float, np.ndarray] = (np.inf, fit.v)
+        for reach in (1.0, 0.3, 0.1, 0.03):
+            moves = rng.standard_normal((draws, len(fit.v)))
+            moves *= reach * np.sqrt(excess) / np.linalg.norm(moves, axis=1)[:, None]
+            batch = np.clip(fit.v + quadratic.moves(moves), fit.problem.lower, fit.problem.upper)
+            costs = np.sum(fit.problem.residuals(batch) ** 2, axis=1)
+            i = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+            best = min(best, (float(costs[i]), batch[i]), key=lambda one: one[0])
+        if best[0] < 1.5 * fit.cost:
+            again = solve(fit.problem, best[1], None, 12)
+            fit = again if again.cost < fit.cost else fit
+    return fit
 
 
 class _Quadratic:
@@ -235,6 +282,13 @@ class _Quadratic:
     def length(self, step: np.ndarray) -> float:
         moved = np.where(np.isfinite(self.scale), step * np.where(np.isfinite(self.scale), self.scale, 0.0), 0.0)
         return float(np.linalg.norm(self.chol.T @ moved))
+
+    def moves(self, batch: np.ndarray) -> np.ndarray:
+        """Moves (b, v) of the variables that change the residual by vectors of these lengths and directions."""
+        from scipy.linalg import solve_triangular
+
+        out = solve_triangular(self.chol.T, batch.T).T
+        return np.where(np.isfinite(self.scale), out / np.where(np.isfinite(self.scale), self.scale, 1.0), 0.0)
 
     def step(self, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
         """Step (v,) within bounds and radius, and the decrease of the cost that it promises."""

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from matching.diagnosis.balance import Leftover
 from matching.diagnosis.fit import Fit
 from modelling.effects.seen import Seen
 from modelling.system import System
 
 
-def seen(fit: Fit, deviation: np.ndarray | None = None, pull: dict[str, np.ndarray] | None = None) -> Seen:
-    """The motion of a fit, segments one after another; with a deviation (t, x ≥ 2n) of its states as the measurement has it."""
+def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
+    """The motion of a fit, segments one after another; with what is left over, as the measurement has it."""
     problem, system = fit.problem, fit.problem.system
     model, segments = problem.model, problem.data.segments
     x = np.concatenate(problem.states(fit.v))
-    if deviation is not None:
-        x[:, : 2 * model.n] += deviation[:, : 2 * model.n]
+    if leftover is not None:
+        x = leftover.added_to(model.states, x)
     p, _ = problem.unpack(fit.v)
     value = dict(zip(model.parameters, (float(v) for v in p), strict=True))
     shares = inertia_shares(system, model.coordinates, value)
@@ -36,7 +37,7 @@ def seen(fit: Fit, deviation: np.ndarray | None = None, pull: dict[str, np.ndarr
         {part.name: inputs[:, j] for j, part in enumerate(system.inputs)},
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
         {sensor.name: float(problem.data.noise[j]) for j, sensor in enumerate(system.sensors)},
-        value, {s.name: s.between for s in system.shafts}, pull or {},
+        value, {s.name: s.between for s in system.shafts},
     )  # fmt: skip
 
 

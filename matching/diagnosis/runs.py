@@ -12,8 +12,8 @@ from modelling.assembly import STICK_SPEED
 from modelling.compiled import Model, compiled
 from modelling.simulation.build import library
 from modelling.simulation.functions import functions
-from modelling.simulation.native import run
-from modelling.simulation.task import make_task
+from modelling.simulation import native, virtual
+from modelling.simulation.task import Task, make_task
 from modelling.system import System
 
 
@@ -26,13 +26,17 @@ def prepare(systems: Iterable[System]) -> None:
 
 def readings(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
     """Readings (b, t, y) for parameters (b, p) and starts (b, x); rows that diverge are NaN."""
-    out = run(make_task(model, segment.time, segment.inputs, p, start, steps), states=False)
-    return out[1]
+    return _run(make_task(model, segment.time, segment.inputs, p, start, steps), states=False)[1]
 
 
 def states(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
     """States (t, x) of one run."""
-    return run(make_task(model, segment.time, segment.inputs, p[None], start[None], steps), readings=False)[0][0]
+    return _run(make_task(model, segment.time, segment.inputs, p[None], start[None], steps), readings=False)[0][0]
+
+
+def _run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:
+    done = native.run(task, states, readings)
+    return done if done is not None else virtual.run(task, states, readings)
 
 
 def fastest_rate(model: Model, p: np.ndarray, points: np.ndarray, inputs: np.ndarray) -> float:

@@ -45,18 +45,20 @@ class Screen:
         self.mask = np.concatenate([segment.counts for segment in self.data.segments])
         columns = fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
         self.basis = qr(columns, mode="economic", check_finite=False)[0]
-        self.residual = self._free(fit.residual)
+        self.residual = self.free(fit.residual)
+        self.spans: list[np.ndarray] = []  # orthonormal columns (r, c) of every guess looked at, for the bootstrap
         self.hats = _hat_responses(fit)
         self.seen = seen(fit)
         scale = max([float(np.std(own)) for own in (*self.seen.torque.values(), *self.seen.input.values())], default=1.0)
         self.leftover = leftover(fit, without_effects(self.system), dict(self.seen.value), scale)
-        self.seen = seen(fit, self.leftover.states)
+        self.seen = seen(fit, self.leftover)
         self.seen = replace(self.seen, pull=self._pull())
         self._sensors = [sensor.name for sensor in self.system.sensors]
         self._shafts = {shaft.name: shaft for shaft in self.system.shafts}
         self._on = {part.name: part.on for part in self.system.inputs}
 
-    def _free(self, signature: np.ndarray) -> np.ndarray:
+    def free(self, signature: np.ndarray) -> np.ndarray:
+        """A signature (r,) without what base parameters and start states can take of it."""
         return signature - self.basis @ (self.basis.T @ signature)
 
     def response(self, torques: dict[str, np.ndarray]) -> np.ndarray:
@@ -136,14 +138,16 @@ class Screen:
         raw = [self.signature(dict(push)) for push in guess.pushes]
         if not all(np.isfinite(one).all() for one in raw):
             return 0.0, None
-        columns = np.stack([self._free(one) for one in raw], axis=1)
+        columns = np.stack([self.free(one) for one in raw], axis=1)
         length = np.linalg.norm(columns, axis=0)
         if np.any(length < 1e-6 * np.linalg.norm(np.stack(raw, axis=1), axis=0)) or not np.all(length > 0):
             return 0.0, None
-        unit = columns / length
-        amplitudes, *_ = np.linalg.lstsq(unit.T @ unit, unit.T @ self.residual, rcond=1e-9)
-        taken = float(amplitudes @ (unit.T @ self.residual))
-        return taken, guess.parameters(amplitudes / length)
+        span, triangle = np.linalg.qr(columns / length)
+        if np.abs(np.diag(triangle)).min() < 1e-6:
+            return 0.0, None
+        self.spans.append(span.astype(np.float32))
+        along = span.T @ self.residual
+        return float(along @ along), guess.parameters(np.linalg.solve(triangle, along) / length)
 
     def candidates(self, system: System | None = None) -> Iterator[Screened]:
         """Every kind at every place that can lower χ², each guess by itself, unsorted."""

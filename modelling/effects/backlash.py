@@ -17,6 +17,7 @@ class Backlash(Kind):
     kind = "backlash"
     tables = ("shafts",)
     parameters = {"gap": Parameter("rad", lower=0.0)}
+    abrupt = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.gap = p["gap"]

@@ -34,6 +34,7 @@ class Kind:
     kind: ClassVar[str] = ""
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
+    abrupt: ClassVar[bool] = False  # the torque jumps within a step: a fit needs finer steps
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         """Change the torque law of a shaft."""

@@ -35,19 +35,23 @@ class TorqueRipple(Kind):
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
 
-def _orders(angle, pull, most=4):
+def _orders(angle, pull, most=4, highest=24.0):
     """Orders at which the torque that would help stands out of its surroundings."""
     import numpy as np
     from scipy.signal import medfilt
 
     span = float(np.ptp(angle))
-    if span < 2 * np.pi:
+    if not 2 * np.pi < span < 1e6:
         return
-    fine = float(np.clip(np.pi / span, 0.02, 0.25))
-    orders = np.arange(0.5, 24.5, fine)
-    strength = np.abs(np.array([np.sum(pull * np.exp(-1j * order * angle)) for order in orders]))
-    floor = medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-12 * strength.max()
-    outstanding = strength / floor
+    # torque summed over bins of angle, then one FFT over angle; ten bins a turn of the highest order
+    width = 2 * np.pi / (10 * highest)
+    length = 2 * int(span / width) + 2  # half of it empty: orders twice as fine as the span resolves
+    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), pull, length)))
+    orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
+    fine = orders[1]
+    used = (orders > max(0.4, 2 * fine)) & (orders <= highest)
+    orders, strength = orders[used], strength[used]
+    outstanding = strength / (medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
     for _ in range(most):
         best = int(np.argmax(outstanding))
         yield float(orders[best])

@@ -1,0 +1,155 @@
+"""One candidate at a time: the most promising of a screening are refitted with everything uncertain free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from matching.diagnosis.candidates import Cause, Trial, compile_all, fitted, nearer, with_cause
+from matching.diagnosis.fit import Fit, first_state, hop, solve
+from matching.diagnosis.screening import Screen, Screened
+from matching.diagnosis.statistics import SCALES, Noise, noise_of
+from modelling.effects import EFFECTS
+from modelling.system import System
+
+FEW, MANY = 5, 14  # candidates refitted at once, and at most
+SHARE = 0.4  # of the best reduction that a candidate must promise to be refitted with the first
+
+
+@dataclass(frozen=True)
+class Named:
+    """A fit with the causes it names; ``trial`` is what it began from."""
+
+    trial: Trial
+    fit: Fit
+    screened: float = field(default=0.0, compare=False)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The causes, in the order they were found."""
+        return self.trial.causes
+
+    @property
+    def cost(self) -> float:
+        """χ² with the price of its parameters (Schwarz 1978: ln of the number of readings each)."""
+        return self.fit.cost + len(self.fit.problem.free) * float(np.log(self.fit.problem.data.samples.sum()))
+
+    def noise(self) -> list[Noise]:
+        """How the residual of each sensor compares with white noise."""
+        return residual_noise(self.fit)
+
+
+def residual_noise(fit: Fit) -> list[Noise]:
+    """How the residual of each sensor of a fit compares with white noise."""
+    out = []
+    for j in range(len(fit.problem.data.noise)):
+        parts = []
+        for own, segment in zip(fit.by_sensor(), fit.problem.data.segments, strict=True):
+            parts.append(np.where(segment.counts[:, j], own[:, j], np.nan))
+        out.append(noise_of(parts))
+    return out
+
+
+SCORE, EXCESS = 5.0, 0.006  # standard deviations and share of the noise power that count as more than noise
+
+
+def at_noise(noises: Sequence[Noise]) -> bool:
+    """Whether every sensor's residual is white noise of the stated uncertainty, as far as it matters."""
+    return all(not np.any((one.score > SCORE) & (one.excess > EXCESS)) for one in noises)
+
+
+def where_not_noise(noises: Sequence[Noise]) -> list[tuple[int, int]]:
+    """Sensors (index) that are not at noise, with the number of samples over which that shows most."""
+    out = []
+    for j, one in enumerate(noises):
+        bad = (one.score > SCORE) & (one.excess > EXCESS)
+        if bad.any():
+            out.append((j, SCALES[int(np.argmax(np.where(bad, one.score, 0)))]))
+    return out
+
+
+def unique(found: Sequence[Screened]) -> list[Screened]:
+    """The best guess of every kind, place and set of parameters, best first."""
+    out: dict[tuple, Screened] = {}
+    for one in sorted(found, key=lambda s: -s.reduction):
+        out.setdefault((one.kind, one.at, tuple(one.parameters)), one)
+    return list(out.values())
+
+
+def refit(
+    system: System,
+    parent: Named,
+    found: Sequence[Screened],
+    screen: Screen,
+    tell: Callable[[str], None] = lambda _: None,
+    most: int = MANY,
+) -> list[Named]:
+    """Refit promising candidates until one brings the residual to the noise and no other promises as much; best first."""
+    done: list[Named] = []
+    rest = list(found)
+    tried: set[tuple[Cause, ...]] = set()
+    while rest and len(done) < most:
+        lead = rest[0].reduction
+        count = FEW if not done else 4
+        batch = [one for i, one in enumerate(rest) if i < count or (not done and one.reduction > 0.9 * lead and i < 2 * FEW)]
+        rest = rest[len(batch) :]
+        promised = {}
+        trials = []
+        for one in batch:
+            trial = with_cause(system, parent.fit, parent.causes, one.kind, one.at, one.parameters)
+            promised[trial.causes] = one.reduction
+            trials.append(trial)
+        for trial in compile_all(trials):
+            cause = trial.causes[-1]
+            tell(f"{cause.kind} at {cause.at}")
+            rival = min((one.fit.cost for one in done), default=0.0)
+            try:
+                done.append(Named(trial, fitted(trial, parent.fit, rival=rival), promised[trial.causes]))
+            except (FloatingPointError, np.linalg.LinAlgError, ValueError):
+                continue
+        done.sort(key=lambda named: named.cost)
+        if done and not at_noise(done[0].noise()):
+            done = closer(parent, done, screen, tried)
+        if done and (at_noise(done[0].noise()) or _most(parent, done[0])):
+            if not rest or rest[0].reduction < SHARE * max(one.screened for one in done):
+                break
+    return done
+
+
+def _most(parent: Named, child: Named) -> bool:
+    """Whether a cause takes most of what was left over."""
+    count = float(parent.fit.problem.data.samples.sum())
+    return child.fit.cost - count < 0.1 * (parent.fit.cost - count)
+
+
+def closer(
+    parent: Named, named: Sequence[Named], screen: Screen, tried: set[tuple[Cause, ...]], most: int = 2
+) -> list[Named]:
+    """Fit the best few again from short simulations, for those whose long one may have slipped into a false minimum."""
+    motion = np.concatenate(parent.fit.problem.states(parent.fit.v))
+    motion = screen.leftover.added_to(parent.fit.problem.model.states, motion)
+    out = list(named)
+    for i, one in enumerate(named[:most]):
+        if one.causes in tried or one.fit.cost > 3 * named[0].fit.cost:
+            continue
+        tried.add(one.causes)
+        try:
+            trial = nearer(one.trial, parent.fit, motion)
+            again = fitted(trial, parent.fit, 30)
+            if any(EFFECTS[cause.kind].abrupt for cause in one.causes):
+                again = rattling(again)
+        except (FloatingPointError, np.linalg.LinAlgError, ValueError):
+            continue
+        if again.cost < one.fit.cost:
+            out[i] = replace(one, trial=trial, fit=again)
+    return sorted(out, key=lambda own: own.cost)
+
+
+def rattling(fit: Fit) -> Fit:
+    """A fit of a system with free play, from more than one start within the play, then by hops."""
+    problem = fit.problem
+    rest = [first_state(problem.system, problem.model, problem.data, i) for i in range(len(problem.data.segments))]
+    other = solve(problem, problem.pack(fit.values, rest), None, 30)
+    return hop(other if other.cost < fit.cost else fit)

@@ -1,0 +1,19 @@
+"""The model plus what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from matching.diagnosis.candidates import Cause
+from modelling.quantity import Quantity
+from modelling.system import Effect, System
+
+
+def extended(system: System, causes: tuple[Cause, ...], values: Mapping[str, float]) -> System:
+    """A system with the causes as effects, at fitted values; ranges stay as they were given."""
+    wrong = {cause.at for cause in causes if cause.kind == "wrong_parameter"}
+    known = {name: value for name, value in values.items() if name in system.parameters and name not in wrong}
+    effects = (
+        Effect(cause.kind, cause.at, tuple((key, Quantity(values[name])) for key, name in cause.names().items())) for cause in causes
+    )
+    return system.with_values(known).with_effects(*effects)

@@ -1,0 +1,51 @@
+"""Free simulation on data that no fit saw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from matching.diagnosis.data import Data
+from matching.diagnosis.fit import Fit, Problem, first_state, solve
+
+
+def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
+    """Residuals (t, y), in times the noise, on what follows the samples a fit saw of each segment.
+
+    The simulation goes on from the fitted start, freely; a segment of which the fit saw nothing gets its own start.
+    """
+    known = [i for i, count in enumerate(seen) if count]
+    data = replace(whole, segments=tuple(whole.segments[i] for i in known))
+    problem = replace(fit.problem, data=data, anchors=None)
+    v = problem.pack(fit.values, fit.starts)
+    out = []
+    residual = problem.residuals(v[None])[0]
+    at = 0
+    for i in known:
+        segment = whole.segments[i]
+        own = residual[at : at + segment.readings.size].reshape(segment.readings.shape)
+        at += segment.readings.size
+        own = np.where(segment.counts, own, np.nan)[seen[i] :]
+        if len(own):
+            out.append(own)
+    unseen = tuple(segment for segment, count in zip(whole.segments, seen, strict=True) if not count)
+    return out + (elsewhere(fit, replace(whole, segments=unseen)) if unseen else [])
+
+
+def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:
+    """Residuals (t, y), in times the noise, on other recordings: parameters as fitted, only the start states are found."""
+    problem = fit.problem
+    system = problem.system.with_values({name: value for name, value in fit.values.items() if name in problem.system.parameters})
+    fixed = Problem(system, data, {}, problem.steps, problem.stick)
+    starts = [first_state(system, fixed.model, data, i) for i in range(len(data.segments))]
+    found = solve(fixed, fixed.pack({}, starts), None, 30)
+    return [np.where(s.counts, r, np.nan) for r, s in zip(found.by_sensor(), data.segments, strict=True)]
+
+
+def ratios(residuals: list[np.ndarray]) -> np.ndarray:
+    """Root mean square (y,) in times the noise; NaN for a sensor without readings."""
+    total = np.concatenate(residuals)
+    count = np.isfinite(total).sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.where(count, np.sqrt(np.nansum(total**2, axis=0) / np.maximum(count, 1)), np.nan)

@@ -1,0 +1,131 @@
+"""Several causes, one after another, until the rest is noise; what later turns out unneeded is dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from matching.diagnosis.candidates import WRONG, Trial, fitted, without_cause
+from matching.diagnosis.compare import Named, at_noise, refit, unique
+from matching.diagnosis.fit import Fit
+from matching.diagnosis.null import threshold
+from matching.diagnosis.screening import Screen
+from modelling.system import System
+
+MOST = 4  # causes
+BEAM = 3  # rivals from which a further cause is sought
+
+
+@dataclass
+class Search:
+    """The state of a search: the best fit so far and what else was tried.
+
+    Attributes
+    ----------
+    base : Named
+        The fit without causes.
+    best : Named
+    rivals : list of list of Named
+        For each cause of ``best``: fits with another cause in its place, itself included, best first.
+    null : float
+        Decrease of χ² that the best of all candidates reaches in pure noise, seldom.
+    screen : Screen
+        Seen from the base fit.
+    """
+
+    base: Named
+    best: Named
+    screen: Screen
+    null: float
+    rivals: list[list[Named]] = field(default_factory=list)
+
+
+def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _: None) -> Search:
+    """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can."""
+    base = Named(Trial(system, (), dict(base_fit.problem.bounds), base_fit.values), base_fit)
+    screen = Screen(base_fit)
+    found = unique(list(screen.candidates()))
+    null = threshold(screen)
+    state = Search(base, base, screen, null)
+    beam, screens = [base], {(): (screen, found)}
+    while len(state.best.causes) < MOST and not at_noise_of(state.best) or state.best is base:
+        grown: list[Named] = []
+        for node in beam:
+            key = node.causes
+            if key not in screens:
+                own = Screen(node.fit)
+                screens[key] = (own, unique(list(own.candidates(node.trial.extended()))))
+            own, options = screens[key]
+            options = [one for one in options if one.reduction > null and not _repeats(node, one.kind, one.at)]
+            if not options:
+                continue
+            grown += refit(system, node, options, own, tell, 14 if node is beam[0] else 6)
+            if any(at_noise_of(one) for one in grown[:1]):
+                break
+        grown = _distinct(sorted(grown, key=lambda own: own.cost))
+        if not grown or grown[0].fit.cost > state.best.fit.cost - null * _inflation(grown[0]):
+            break
+        state.best = grown[0]
+        beam = [one for one in grown[:BEAM] if one.fit.cost < 2 * grown[0].fit.cost]
+        if len(state.best.causes) == 1:
+            state.rivals = [grown]
+    _prune_and_swap(system, state, screens, tell)
+    return state
+
+
+def at_noise_of(named: Named) -> bool:
+    """Whether what a fit leaves over is noise."""
+    return at_noise(named.noise())
+
+
+def _repeats(node: Named, kind: str, at: str) -> bool:
+    return any(cause.kind == kind and cause.at == at for cause in node.causes)
+
+
+def _inflation(named: Named) -> float:
+    """How much larger than 1 the mean square of the residual is: no gain counts that is small beside what remains."""
+    return max(1.0, named.fit.cost / max(float(named.fit.problem.data.samples.sum()), 1.0))
+
+
+def _distinct(named: list[Named]) -> list[Named]:
+    """Without those that name the same causes in another order or with fewer or more parameters."""
+    out: dict[frozenset, Named] = {}
+    for one in named:
+        out.setdefault(frozenset((cause.kind, cause.at) for cause in one.causes), one)
+    return list(out.values())
+
+
+def _prune_and_swap(system: System, state: Search, screens: dict, tell: Callable[[str], None]) -> None:
+    """Drop causes that the others make unneeded, and put a better one in the place of any."""
+    for _ in range(2):
+        rivals, changed = [], False
+        for index in range(len(state.best.causes)):
+            if len(state.best.causes) == 1:
+                if not state.rivals:
+                    state.rivals = [[state.best]]
+                return
+            trial = without_cause(state.best.trial, index, state.best.fit)
+            rest = Named(trial, fitted(trial, state.best.fit))
+            if rest.fit.cost < state.best.fit.cost + state.null * _inflation(state.best):
+                state.best, changed = rest, True
+                break
+            own = Screen(rest.fit)
+            options = unique(list(own.candidates(trial.extended())))
+            options = [one for one in options if not _repeats(rest, one.kind, one.at)]
+            named = refit(system, rest, options, own, tell, 4)
+            here = state.best.causes[index]
+            same = [one for one in named if (one.causes[-1].kind, one.causes[-1].at) == (here.kind, here.at)]
+            others = [one for one in named if one not in same]
+            if others and others[0].cost < min(state.best.cost, *(one.cost for one in same), np.inf):
+                state.best, changed = others[0], True
+                break
+            rivals.append(_distinct(sorted([state.best, *others], key=lambda one: one.cost)))
+        if not changed:
+            state.rivals = rivals
+            return
+    state.rivals = [[state.best] for _ in state.best.causes]
+
+
+__all__ = ["WRONG", "Search", "at_noise_of", "search"]
