@@ -16,6 +16,7 @@ from modelling.quantity import Quantity
 from modelling.system import Effect, System
 
 WRONG = "wrong_parameter"
+WINDOW, WINDOWS = 0.5, 24  # s of a short window at least, and how many at most
 ABRUPT = 8  # integration steps a sample where a torque jumps: with fewer the misfit is too rough to descend
 
 
@@ -89,11 +90,11 @@ def fitted(
     return solve(problem, v, _known_jacobian(problem, parent, v), iterations, exact, rival)
 
 
-def nearer(trial: Trial, parent: Fit, motion: np.ndarray, seconds: float = 1.0) -> Trial:
-    """A trial with better values to begin with, from short simulations, each with a start of its own, then longer ones.
+def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) -> Fit:
+    """Fit a trial over short windows, each with a start of its own (multiple shooting without matching, Bock and Plitt 1984).
 
     Over a short horizon the misfit is nearly convex in the parameters, where over a long one phases slip past each other
-    and rattling forgets where it came from (multiple shooting, Bock and Plitt 1984, without its matching conditions).
+    and rattling forgets where it came from.
 
     Parameters
     ----------
@@ -105,42 +106,40 @@ def nearer(trial: Trial, parent: Fit, motion: np.ndarray, seconds: float = 1.0) 
     FloatingPointError
         If it does not simulate from there.
     """
-    longest = max(float(np.ptp(segment.time)) for segment in parent.problem.data.segments)
-    iterations = 60
-    while True:
-        trial, motion, good = _shooting(trial, parent, motion, seconds, iterations)
-        seconds, iterations = 2.5 * seconds, 25
-        if seconds > 0.7 * longest or not good:
-            return trial
-
-
-def _shooting(
-    trial: Trial, parent: Fit, motion: np.ndarray, seconds: float, iterations: int
-) -> tuple[Trial, np.ndarray, bool]:
-    """One round of ``nearer``: the trial, its motion, and whether it comes near the measurement over this horizon."""
-    cuts, starts, firsts, at = [], [], [], 0
+    cuts, starts, at = [], [], 0
+    total = sum(float(np.ptp(segment.time)) for segment in parent.problem.data.segments)
     for segment in parent.problem.data.segments:
-        length = max(8, round(seconds * len(segment.time) / float(np.ptp(segment.time))))
-        firsts.append(len(cuts))
-        edges = [*range(0, max(len(segment.time) - length // 2, 1), length), len(segment.time)]
+        pieces = max(1, round(float(np.ptp(segment.time)) / max(WINDOW, total / WINDOWS)))
+        edges = np.linspace(0, len(segment.time), pieces + 1).astype(int)
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            cuts.append(segment.part(first, last))
+            cuts.append(segment.part(int(first), int(last) + 1))  # the last sample is the next one's first
             starts.append(motion[at + first])
         at += len(segment.time)
     data = replace(parent.problem.data, segments=tuple(cuts))
-    if motion.shape[1] == len(parent.problem.model.states) and not trial.starts:
-        short = replace(parent.problem, data=data, anchors=starts)
-        pieces = replace(parent, problem=short, v=short.pack(parent.values, starts))
-        problem, p = _problem(trial, pieces, 3.0)
-        problem.anchors = _starts(problem, pieces, p)
-    else:
-        problem, _ = _problem(trial, parent, 3.0)
-        problem = replace(problem, data=data, anchors=starts)
-    assert problem.anchors is not None
-    v = np.clip(problem.pack(trial.values, problem.anchors), problem.lower, problem.upper)
-    near = solve(problem, v, None, iterations)
-    found = replace(trial, values=trial.values | near.values, starts=tuple(near.starts[i] for i in firsts))
-    return found, np.concatenate(problem.states(near.v)), near.cost < 9 * data.samples.sum()
+    short = replace(parent.problem, data=data, anchors=starts)
+    windows = replace(parent, problem=short, v=short.pack(parent.values, starts))
+    problem, p = _problem(trial, windows, 3.0)
+    problem.anchors = _starts(problem, windows, p)
+    fit = solve(problem, problem.pack(trial.values, problem.anchors), None, iterations)
+    for _ in range(3):
+        if fit.cost < 1.2 * data.samples.sum():
+            break
+        again = solve(problem, _joined(fit), None, iterations // 2)
+        if again.cost > 0.98 * fit.cost:
+            break
+        fit = again
+    return fit
+
+
+def _joined(fit: Fit) -> np.ndarray:
+    """Variables of a fit over windows, where a window that begins as the one before it ends does so if that is better."""
+    problem, starts = fit.problem, fit.starts
+    ends = [states[-1] for states in problem.states(fit.v)]
+    other = problem.pack(fit.values, [starts[0], *ends[:-1]])
+    moved = replace(fit, v=other, residual=problem.residuals(other[None])[0])
+    costs = [[float(np.sum(own**2)) for own in one.by_sensor()] for one in (fit, moved)]
+    chosen = [moved.starts[i] if costs[1][i] < costs[0][i] else starts[i] for i in range(len(starts))]
+    return problem.pack(fit.values, chosen)
 
 
 def _problem(trial: Trial, parent: Fit, fine: float) -> tuple[Problem, np.ndarray]:
@@ -153,11 +152,18 @@ def _problem(trial: Trial, parent: Fit, fine: float) -> tuple[Problem, np.ndarra
         row[[j for j in own if j >= 0]] = start[[i for i, j in enumerate(own) if j >= 0]]
     sampling = 1 / float(np.median(np.diff(data.segments[0].time)))
     p = model.vector({name: value for name, value in trial.values.items() if name in model.parameters})
-    steps, stick = runs.steps_and_stick(model, p, points, sampling, fine)
-    steps = min(steps, ABRUPT * sampling)
+    least = fine / 1.5 * sampling  # 2 a sample in a search, 4 in a final fit
     if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
-        steps = max(steps, ABRUPT * sampling)
-    return Problem(system, data, trial.bounds, steps, stick), p
+        least = ABRUPT * sampling
+    steps, stick = runs.steps_and_stick(model, p, points, sampling, fine, least)
+    anchors = None
+    if parent.problem.anchors is not None:
+        anchors = []
+        for was in parent.problem.anchors:
+            row = np.zeros(len(model.states))
+            row[[j for j in own if j >= 0]] = was[[i for i, j in enumerate(own) if j >= 0]]
+            anchors.append(row)
+    return Problem(system, data, trial.bounds, steps, stick, anchors), p
 
 
 def _own(states: list[str], parent: Fit) -> list[int]:

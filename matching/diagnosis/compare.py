@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from matching.diagnosis.candidates import Cause, Trial, compile_all, fitted, nearer, with_cause
-from matching.diagnosis.fit import Fit, first_state, hop, solve
+from matching.diagnosis.fit import Fit
 from matching.diagnosis.screening import Screen, Screened
 from matching.diagnosis.statistics import SCALES, Noise, noise_of
 from modelling.effects import EFFECTS
@@ -34,7 +34,7 @@ class Named:
     @property
     def cost(self) -> float:
         """χ² with the price of its parameters (Schwarz 1978: ln of the number of readings each)."""
-        return self.fit.cost + len(self.fit.problem.free) * float(np.log(self.fit.problem.data.samples.sum()))
+        return self.fit.cost + len(self.fit.v) * float(np.log(self.fit.problem.data.samples.sum()))
 
     def noise(self) -> list[Noise]:
         """How the residual of each sensor compares with white noise."""
@@ -52,19 +52,27 @@ def residual_noise(fit: Fit) -> list[Noise]:
     return out
 
 
-SCORE, EXCESS = 5.0, 0.006  # standard deviations and share of the noise power that count as more than noise
+SCORE = 5.0  # standard deviations that count as more than noise
+EXCESS = 0.006  # of the noise power, that matters
+ROUGH = 0.02  # the same with free play: its misfit is too rough to reach the very bottom
 
 
-def at_noise(noises: Sequence[Noise]) -> bool:
+def beyond(fit: Fit, noises: Sequence[Noise]) -> list[np.ndarray]:
+    """For each sensor, at which scales (bool) the residual of a fit is more than white noise of the stated uncertainty."""
+    rough = any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects)
+    return [(one.score > SCORE) & (one.excess > (ROUGH if rough else EXCESS)) for one in noises]
+
+
+def at_noise(named: Named) -> bool:
     """Whether every sensor's residual is white noise of the stated uncertainty, as far as it matters."""
-    return all(not np.any((one.score > SCORE) & (one.excess > EXCESS)) for one in noises)
+    return not any(own.any() for own in beyond(named.fit, named.noise()))
 
 
-def where_not_noise(noises: Sequence[Noise]) -> list[tuple[int, int]]:
+def where_not_noise(named: Named) -> list[tuple[int, int]]:
     """Sensors (index) that are not at noise, with the number of samples over which that shows most."""
+    noises = named.noise()
     out = []
-    for j, one in enumerate(noises):
-        bad = (one.score > SCORE) & (one.excess > EXCESS)
+    for j, (one, bad) in enumerate(zip(noises, beyond(named.fit, noises), strict=True)):
         if bad.any():
             out.append((j, SCALES[int(np.argmax(np.where(bad, one.score, 0)))]))
     return out
@@ -110,9 +118,9 @@ def refit(
             except (FloatingPointError, np.linalg.LinAlgError, ValueError):
                 continue
         done.sort(key=lambda named: named.cost)
-        if done and not at_noise(done[0].noise()):
+        if done and not at_noise(done[0]):
             done = closer(parent, done, screen, tried)
-        if done and (at_noise(done[0].noise()) or _most(parent, done[0])):
+        if done and (at_noise(done[0]) or _most(parent, done[0])):
             if not rest or rest[0].reduction < SHARE * max(one.screened for one in done):
                 break
     return done
@@ -136,20 +144,17 @@ def closer(
             continue
         tried.add(one.causes)
         try:
-            trial = nearer(one.trial, parent.fit, motion)
-            again = fitted(trial, parent.fit, 30)
-            if any(EFFECTS[cause.kind].abrupt for cause in one.causes):
-                again = rattling(again)
+            short = nearer(one.trial, parent.fit, motion)
+            if short.cost > 0.9 * one.fit.cost:
+                continue  # a long simulation does as well: no false minimum
+            trial = replace(one.trial, values=one.trial.values | short.values, starts=(short.starts[0],))
+            if len(parent.fit.problem.data.segments) > 1:
+                trial = replace(trial, starts=())
+            again = fitted(trial, parent.fit, 15)
         except (FloatingPointError, np.linalg.LinAlgError, ValueError):
             continue
+        if any(EFFECTS[cause.kind].abrupt for cause in one.causes) and short.cost < 0.8 * again.cost:
+            again = short  # free play: the long simulation is not reproducible, the windows are what can be judged
         if again.cost < one.fit.cost:
             out[i] = replace(one, trial=trial, fit=again)
     return sorted(out, key=lambda own: own.cost)
-
-
-def rattling(fit: Fit) -> Fit:
-    """A fit of a system with free play, from more than one start within the play, then by hops."""
-    problem = fit.problem
-    rest = [first_state(problem.system, problem.model, problem.data, i) for i in range(len(problem.data.segments))]
-    other = solve(problem, problem.pack(fit.values, rest), None, 30)
-    return hop(other if other.cost < fit.cost else fit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,15 @@ from matching.diagnosis import runs
 from matching.diagnosis.candidates import fitted, without_cause
 from matching.diagnosis.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.extend import extended
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.fit import Fit, base_problem, solve
 from matching.diagnosis.holdout import elsewhere, ratios, rest_of
 from matching.diagnosis.motion import seen
 from matching.diagnosis.next_recording import propose
 from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.result import CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.several import Search, search
-from matching.diagnosis.statistics import noise_of
 from matching.diagnosis.uncertainty import estimates
-from matching.diagnosis.verdict import confidence, weights
+from matching.diagnosis.verdict import Rated, confidence, polished, rated
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
 from modelling.system import System
@@ -69,21 +69,23 @@ def diagnose(
     runs.prepare([system])
     problem, start = base_problem(system, train)
     state = search(system, solve(problem, start), tell)
+    tell("final fit")
+    state.best, coarse = polished(state.best)
+    rivals = []
+    for index in range(len(state.best.causes)):
+        tell("rivals")
+        rivals.append(rated(state, index, unseen))
     final = state.best
-    if final.causes:
-        tell("final fit")
-        final = _polished(state)
-    held_out = unseen(final)
-    after = ratios(held_out)
-    white = at_noise(final.noise())
+    after = ratios(unseen(final))
+    white = at_noise(final)
     good_holdout = not np.nanmax(after, initial=0.0) > HELD_OUT_AT_MOST
     if not final.causes:
         verdict = "adequate" if white else "unexplained"
     else:
         verdict = "explained" if white and good_holdout else "unexplained"
-    tell("rivals")
-    causes, proposal = _causes(system, state, final, verdict == "explained", unseen)
-    numbers = estimates(final.fit, state.best.fit if final.fit is not state.best.fit else None)
+    without = [_without(state, index) for index in range(len(final.causes))]
+    causes, proposal = _causes(system, final, rivals, without, verdict == "explained", coarse)
+    numbers = estimates(final.fit, coarse)
     base_unseen = ratios(unseen(state.base))
     return Diagnosis(
         verdict, causes, {name: own for name, own in numbers.items() if name in system.uncertain}, system.units,
@@ -93,91 +95,50 @@ def diagnose(
     )  # fmt: skip
 
 
-def _polished(state: Search) -> Named:
-    """The best fit again with finer steps, ending on its own Jacobian."""
-    best = state.best
-    trial = type(best.trial)(
-        best.trial.system, best.causes, best.trial.bounds, best.trial.values | best.fit.values, tuple(best.fit.starts)
-    )
-    try:
-        fine = fitted(trial, best.fit, 12, True, 6.0)
-    except (FloatingPointError, np.linalg.LinAlgError):
-        return best
-    return Named(trial, fine, best.screened) if fine.cost < 1.01 * best.fit.cost + 10 else best
+def _without(state: Search, index: int) -> Named:
+    if len(state.best.causes) == 1:
+        return state.base
+    trial = without_cause(state.best.trial, index, state.best.fit)
+    return Named(trial, fitted(trial, state.best.fit))
 
 
 def _causes(
-    system: System, state: Search, final: Named, explained: bool, unseen: Callable[[Named], list[np.ndarray]]
+    system: System, final: Named, rivals: Sequence[Sequence[Rated]], without: Sequence[Named], explained: bool, coarse: Fit | None
 ) -> tuple[list[CauseFound], str | None]:
+    """Each cause with values, confidence, evidence and rivals, strongest first; and what to record next."""
     found: list[CauseFound] = []
-    proposal: tuple[float, str] | None = None
-    numbers = estimates(final.fit, state.best.fit if final.fit is not state.best.fit else None)
-    cache: dict[int, float] = {}
-
-    def held_out(named: Named) -> float:
-        if id(named) not in cache:
-            try:
-                cache[id(named)] = float(sum(np.nansum(own**2) for own in unseen(named)))
-            except (FloatingPointError, np.linalg.LinAlgError):
-                cache[id(named)] = 1e30
-        return cache[id(named)]
-
-    for index, cause in enumerate(final.causes):
-        rivals = state.rivals[index] if index < len(state.rivals) else [state.best]
-        here = [one for one in rivals if _is(one, cause, index, final)]
-        others = [one for one in rivals if one not in here][:5]
-        lone = here[:1] or [state.best]
-        shares = _shares(lone[0], others, cause, held_out)
-        without = _without(state, final, index)
-        count = float(final.fit.problem.data.samples.sum())
-        taken = (without.fit.cost - final.fit.cost) / max(without.fit.cost - count, 1.0)
-        sure = {(kind, at): confidence(share, explained, taken) for kind, at, share in shares}
+    proposals: list[tuple[float, str]] = []
+    numbers = estimates(final.fit, coarse)
+    count = float(final.fit.problem.data.samples.sum())
+    for cause, own, rest in zip(final.causes, rivals, without, strict=True):
+        taken = (rest.fit.cost - final.fit.cost) / max(rest.fit.cost - count, 1.0)
+        here = (cause.kind, cause.at)
+        sure = [(one, confidence(one.share, explained, taken)) for one in own]
+        others = [(one, share) for one, share in sure if (one.kind, one.at) != here]
+        mine = next(share for one, share in sure if (one.kind, one.at) == here)
+        values = EFFECTS[cause.kind].canonical({key: numbers[name].value for key, name in cause.names().items()})
         parameters = {
-            key: (numbers[name], EFFECTS[cause.kind].unit(key, cause.at, system)) for key, name in cause.names().items()
+            key: (replace(numbers[name], value=values[key]), EFFECTS[cause.kind].unit(key, cause.at, system))
+            for key, name in cause.names().items()
         }
-        alternatives = [(k, a, c) for (k, a), c in sure.items() if (k, a) != (cause.kind, cause.at) and c > 1e-4]
-        found.append(
-            CauseFound(
-                cause.kind, cause.at, parameters, sure[cause.kind, cause.at], _evidence(system, without, final, others),
-                alternatives, without.fit.cost / final.fit.cost,
-            )
-        )  # fmt: skip
-        if alternatives and alternatives[0][2] > RIVAL:
-            kind, at, share = alternatives[0]
-            rival = next(one for one in others if (one.causes[-1].kind, one.causes[-1].at) == (kind, at))
-            manoeuvre = propose(lone[0], rival)
-            if manoeuvre and (proposal is None or share > proposal[0]):
-                proposal = (share, manoeuvre.sentence(f"{cause.kind} at {cause.at}", f"{kind} at {at}"))
+        alternatives = [(one.kind, one.at, share) for one, share in others if share > 1e-4]
+        evidence = _evidence(system, rest, final, others[0][0].named if others else None)
+        gain = rest.fit.cost / final.fit.cost
+        found.append(CauseFound(cause.kind, cause.at, parameters, mine, evidence, alternatives, gain))
+        if others and others[0][1] > RIVAL:
+            rival, share = others[0]
+            manoeuvre = propose(final, rival.named)
+            if manoeuvre:
+                proposals.append((share, manoeuvre.sentence(f"{cause.kind} at {cause.at}", f"{rival.kind} at {rival.at}")))
     found.sort(key=lambda one: -one.gain)
-    return found, proposal[1] if proposal else None
+    return found, max(proposals)[1] if proposals else None
 
 
-def _is(named: Named, cause: Any, index: int, final: Named) -> bool:
-    own = {(one.kind, one.at) for one in named.causes}
-    return own == {(one.kind, one.at) for one in final.causes}
-
-
-def _shares(lone: Named, others: list[Named], cause: Any, held_out: Callable[[Named], float]) -> list[tuple[str, str, float]]:
-    """Shares of evidence of a cause and its rivals, the cause itself written last among its fit's causes."""
-    trial = lone.trial
-    order = tuple(one for one in trial.causes if one != cause) + (cause,)
-    named = Named(type(trial)(trial.system, order, trial.bounds, trial.values, trial.starts), lone.fit, lone.screened)
-    return weights([named, *others], held_out)
-
-
-def _without(state: Search, final: Named, index: int) -> Named:
-    if len(final.causes) == 1:
-        return state.base
-    trial = without_cause(final.trial, index, final.fit)
-    return Named(trial, fitted(trial, final.fit))
-
-
-def _evidence(system: System, without: Named, final: Named, others: list[Named]) -> str:
+def _evidence(system: System, without: Named, final: Named, next_best: Named | None) -> str:
     before, after = (np.array([one.ratio for one in named.noise()]) for named in (without, final))
     j = int(np.nanargmax(before - after))
     text = f"with it the error of {system.sensors[j].name} falls from {before[j]:.3g} to {after[j]:.3g} times the noise"
-    if others:
-        next_best = others[0]
+    if next_best:
         left = np.array([one.ratio for one in next_best.noise()])
         i = int(np.nanargmax(left))
         cause = next_best.causes[-1]
@@ -220,7 +181,7 @@ def _rest(final: Named) -> list[dict[str, Any]]:
     noises = final.noise()
     residuals = final.fit.by_sensor()
     motion = None
-    for j, scale in where_not_noise(noises):
+    for j, scale in where_not_noise(final):
         motion = motion or seen(final.fit)
         worst: tuple[float, int, int, int] = (-1.0, 0, 0, 0)
         for i, own in enumerate(residuals):
@@ -242,11 +203,10 @@ def _rest(final: Named) -> list[dict[str, Any]]:
 
 
 def _pictures(state: Search, final: Named) -> Pictures:
-    data, screen = final.fit.problem.data, state.screen
+    data, screen = state.base.fit.problem.data, state.screen
     measured = np.concatenate([segment.readings for segment in data.segments])
-    missing = ~np.isfinite(measured)
-    before, after = (np.concatenate(named.fit.by_sensor()) * data.noise for named in (state.base, final))
-    before[missing], after[missing] = np.nan, np.nan
+    before, after = (np.concatenate(_once(named.fit)) * data.noise for named in (state.base, final))
+    before, after = (np.where(np.isfinite(measured), own, np.nan) for own in (before, after))
     system = state.base.trial.system
     inertias = {part.name: screen.leftover.inertias[:, i] for i, part in enumerate(system.inertias)}
     shafts = {part.name: screen.leftover.shafts[:, i] for i, part in enumerate(system.shafts)}
@@ -254,4 +214,11 @@ def _pictures(state: Search, final: Named) -> Pictures:
     return Pictures(seen(state.base.fit), seen(final.fit), measured, before, after, inertias, shafts, names, data.noise)
 
 
-__all__ = ["diagnose", "noise_of"]
+def _once(fit: Fit) -> list[np.ndarray]:
+    """Residuals (t, y) with every sample once, where windows share the last of one and the first of the next."""
+    segments, out = fit.problem.data.segments, []
+    for i, own in enumerate(fit.by_sensor()):
+        shared = i + 1 < len(segments) and segments[i + 1].name == segments[i].name
+        shared = shared and segments[i + 1].time[0] == segments[i].time[-1]
+        out.append(own[:-1] if shared else own)
+    return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from matching.diagnosis.candidates import Cause
+from modelling.effects import EFFECTS
 from modelling.quantity import Quantity
 from modelling.system import Effect, System
 
@@ -13,7 +14,8 @@ def extended(system: System, causes: tuple[Cause, ...], values: Mapping[str, flo
     """A system with the causes as effects, at fitted values; ranges stay as they were given."""
     wrong = {cause.at for cause in causes if cause.kind == "wrong_parameter"}
     known = {name: value for name, value in values.items() if name in system.parameters and name not in wrong}
-    effects = (
-        Effect(cause.kind, cause.at, tuple((key, Quantity(values[name])) for key, name in cause.names().items())) for cause in causes
-    )
+    effects = []
+    for cause in causes:
+        own = EFFECTS[cause.kind].canonical({key: values[name] for key, name in cause.names().items()})
+        effects.append(Effect(cause.kind, cause.at, tuple((key, Quantity(value)) for key, value in own.items())))
     return system.with_values(known).with_effects(*effects)

@@ -243,32 +243,6 @@ def solve(
     return Fit(problem, v, r, J, cost)
 
 
-def hop(fit: Fit, rounds: int = 8, draws: int = 8, seed: int = 0) -> Fit:
-    """Go on from a fit whose misfit is rough, as with rattling: draw points around it in the measure of its Jacobian, descend again.
-
-    Stops when the mean square of the residual is 1 within its scatter.
-    """
-    rng = np.random.default_rng(seed)
-    count = float(fit.problem.data.samples.sum())
-    for _ in range(rounds):
-        excess = fit.cost - count
-        if excess < 5 * np.sqrt(2 * count):
-            break
-        quadratic = _Quadratic(fit.jacobian)
-        best: tuple[float, np.ndarray] = (np.inf, fit.v)
-        for reach in (1.0, 0.3, 0.1, 0.03):
-            moves = rng.standard_normal((draws, len(fit.v)))
-            moves *= reach * np.sqrt(excess) / np.linalg.norm(moves, axis=1)[:, None]
-            batch = np.clip(fit.v + quadratic.moves(moves), fit.problem.lower, fit.problem.upper)
-            costs = np.sum(fit.problem.residuals(batch) ** 2, axis=1)
-            i = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-            best = min(best, (float(costs[i]), batch[i]), key=lambda one: one[0])
-        if best[0] < 1.5 * fit.cost:
-            again = solve(fit.problem, best[1], None, 12)
-            fit = again if again.cost < fit.cost else fit
-    return fit
-
-
 class _Quadratic:
     """The normal equations of a Jacobian, columns scaled to length 1."""
 
@@ -282,13 +256,6 @@ class _Quadratic:
     def length(self, step: np.ndarray) -> float:
         moved = np.where(np.isfinite(self.scale), step * np.where(np.isfinite(self.scale), self.scale, 0.0), 0.0)
         return float(np.linalg.norm(self.chol.T @ moved))
-
-    def moves(self, batch: np.ndarray) -> np.ndarray:
-        """Moves (b, v) of the variables that change the residual by vectors of these lengths and directions."""
-        from scipy.linalg import solve_triangular
-
-        out = solve_triangular(self.chol.T, batch.T).T
-        return np.where(np.isfinite(self.scale), out / np.where(np.isfinite(self.scale), self.scale, 1.0), 0.0)
 
     def step(self, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
         """Step (v,) within bounds and radius, and the decrease of the cost that it promises."""

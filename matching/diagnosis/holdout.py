@@ -15,6 +15,8 @@ def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
 
     The simulation goes on from the fitted start, freely; a segment of which the fit saw nothing gets its own start.
     """
+    if len(fit.problem.data.segments) != sum(count > 0 for count in seen):
+        return _windows(fit, whole, seen)
     known = [i for i, count in enumerate(seen) if count]
     data = replace(whole, segments=tuple(whole.segments[i] for i in known))
     problem = replace(fit.problem, data=data, anchors=None)
@@ -31,6 +33,17 @@ def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
             out.append(own)
     unseen = tuple(segment for segment, count in zip(whole.segments, seen, strict=True) if not count)
     return out + (elsewhere(fit, replace(whole, segments=unseen)) if unseen else [])
+
+
+def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
+    """The same for a fit over short windows: what it did not see is cut into windows as long."""
+    length = max(len(segment.time) for segment in fit.problem.data.segments)
+    cuts = []
+    for segment, count in zip(whole.segments, seen, strict=True):
+        pieces = round((len(segment.time) - count) / length)
+        edges = np.linspace(count, len(segment.time), max(pieces, 1) + 1).astype(int) if count < len(segment.time) else []
+        cuts += [segment.part(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return elsewhere(fit, replace(whole, segments=tuple(cuts)))
 
 
 def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:

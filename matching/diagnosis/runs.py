@@ -49,7 +49,9 @@ def fastest_rate(model: Model, p: np.ndarray, points: np.ndarray, inputs: np.nda
     return found
 
 
-def steps_and_stick(model: Model, p: np.ndarray, points: np.ndarray, sampling: float, fine: float) -> tuple[float, float]:
+def steps_and_stick(
+    model: Model, p: np.ndarray, points: np.ndarray, sampling: float, fine: float, least: float = 0.0
+) -> tuple[float, float]:
     """Steps per second, and the stick speed (rad/s) that they resolve.
 
     Without dry friction the fastest mode gets ``fine`` steps a radian; the stick speed is then raised until
@@ -60,15 +62,15 @@ def steps_and_stick(model: Model, p: np.ndarray, points: np.ndarray, sampling: f
     p = p.copy()
     if where is not None:
         p[where] = 1e9
-    steps = max(2.0 * sampling, fine * fastest_rate(model, p, points, inputs))
-    steps = float(np.ceil(steps / sampling)) * sampling
+    steps = max(2.0 * sampling, least, min(fine * fastest_rate(model, p, points, inputs), 8.0 * sampling))
+    steps = float(np.ceil(steps / sampling - 1e-6)) * sampling
     if where is None:
         return steps, np.nan
     rest = np.zeros((1, points.shape[1]))
-    stick = 1e-3
+    stick = 1e-5
     while stick < 1e3:
         p[where] = stick
-        if fastest_rate(model, p, rest, inputs) < 1.5 * steps:
+        if fastest_rate(model, p, rest, inputs) < 2.2 * steps:  # the method is stable up to 2.78
             break
         stick *= 1.5
     return steps, stick

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from matching.diagnosis.candidates import WRONG, Trial, fitted, without_cause
+from matching.diagnosis.candidates import Trial, fitted, without_cause
 from matching.diagnosis.compare import Named, at_noise, refit, unique
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.null import threshold
 from matching.diagnosis.screening import Screen
 from modelling.system import System
 
-MOST = 4  # causes
+MOST = 3  # causes
 BEAM = 3  # rivals from which a further cause is sought
 
 
@@ -50,7 +50,7 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
     null = threshold(screen)
     state = Search(base, base, screen, null)
     beam, screens = [base], {(): (screen, found)}
-    while len(state.best.causes) < MOST and not at_noise_of(state.best) or state.best is base:
+    while len(state.best.causes) < MOST and not at_noise(state.best) or state.best is base:
         grown: list[Named] = []
         for node in beam:
             key = node.causes
@@ -62,7 +62,7 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
             if not options:
                 continue
             grown += refit(system, node, options, own, tell, 14 if node is beam[0] else 6)
-            if any(at_noise_of(one) for one in grown[:1]):
+            if any(at_noise(one) for one in grown[:1]):
                 break
         grown = _distinct(sorted(grown, key=lambda own: own.cost))
         if not grown or grown[0].fit.cost > state.best.fit.cost - null * _inflation(grown[0]):
@@ -73,11 +73,6 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
             state.rivals = [grown]
     _prune_and_swap(system, state, screens, tell)
     return state
-
-
-def at_noise_of(named: Named) -> bool:
-    """Whether what a fit leaves over is noise."""
-    return at_noise(named.noise())
 
 
 def _repeats(node: Named, kind: str, at: str) -> bool:
@@ -126,6 +121,3 @@ def _prune_and_swap(system: System, state: Search, screens: dict, tell: Callable
             state.rivals = rivals
             return
     state.rivals = [[state.best] for _ in state.best.causes]
-
-
-__all__ = ["WRONG", "Search", "at_noise_of", "search"]

@@ -2,33 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from matching.diagnosis.candidates import fitted
 from matching.diagnosis.compare import Named
+from matching.diagnosis.fit import Fit
+from matching.diagnosis.several import Search
 from matching.diagnosis.statistics import effective_share
 
 TEMPER = 1.0  # divides differences of the logarithm of evidence; learned from campaigns, see the documentation
+CLEAR = 60.0  # difference of χ², over the spread, beyond which a rival is out of the race
 UNEXPLAINED_AT_MOST = 0.49  # confidence of a cause when most of the misfit stays
 
 
-def weights(rivals: Sequence[Named], held_out: Callable[[Named], float]) -> list[tuple[str, str, float]]:
-    """Kinds and places with their share of the evidence, most first.
+@dataclass(frozen=True)
+class Rated:
+    """A cause, or one in its place, with its share of the evidence."""
 
-    Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best rival's residual
-    is larger than noise, and by how few of its samples are independent.
+    kind: str
+    at: str
+    share: float
+    named: Named
+
+
+def polished(named: Named) -> tuple[Named, Fit | None]:
+    """A fit with causes again with finer steps, ending on its own Jacobian; and the coarser one, if the finer one is used."""
+    if not named.causes:
+        return named, None
+    trial = replace(
+        named.trial, bounds=named.fit.problem.bounds, values=named.trial.values | named.fit.values, starts=tuple(named.fit.starts)
+    )
+    try:
+        fine = fitted(trial, named.fit, 12, True, 6.0)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return named, None
+    better = fine.cost < 1.01 * named.fit.cost + 10
+    return (replace(named, fit=fine), named.fit) if better else (named, None)
+
+
+def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]) -> list[Rated]:
+    """A cause of the best fit and its rivals with their shares of the evidence, most first.
+
+    Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best residual is larger
+    than noise and by how few of its samples are independent. Rivals that come near are refitted as finely as the best.
+    A single cause gives way to a rival with more evidence.
     """
-    scores = np.array([one.cost + held_out(one) for one in rivals])
-    best = rivals[int(np.argmin(scores))]
-    factor = spread(best)
-    total: dict[tuple[str, str], float] = {}
-    for one, score in zip(rivals, scores, strict=True):
-        cause = one.causes[-1]
-        share = float(np.exp(-0.5 * (score - scores.min()) / factor / TEMPER))
-        total[cause.kind, cause.at] = max(total.get((cause.kind, cause.at), 0.0), share)
-    whole = sum(total.values())
-    return sorted(((kind, at, share / whole) for (kind, at), share in total.items()), key=lambda one: -one[2])
+    here = state.best.causes[index]
+    same = {(one.kind, one.at) for one in state.best.causes}
+    others = [one for one in (state.rivals[index] if index < len(state.rivals) else []) if {(c.kind, c.at) for c in one.causes} != same]
+    factor = spread(state.best) * TEMPER
+    near = [one for one in others if one.cost - state.best.cost < CLEAR * factor][:4]
+    finer = [polished(one)[0] for one in near]
+    names = [(here.kind, here.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in finer]
+    fits = [state.best, *finer]
+    scores = np.array([one.cost + _held_out(one, unseen) for one in fits]) if finer else np.zeros(1)
+    shares = np.exp(-0.5 * (scores - scores.min()) / factor)
+    shares /= shares.sum()
+    out = [Rated(*name, float(share), one) for name, share, one in zip(names, shares, fits, strict=True)]
+    out += [Rated(one.causes[-1].kind, one.causes[-1].at, 0.0, one) for one in others if one not in near]
+    out.sort(key=lambda one: -one.share)
+    if len(state.best.causes) == 1:
+        state.best = out[0].named
+    return out
+
+
+def _held_out(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> float:
+    try:
+        return float(sum(np.nansum(own**2) for own in unseen(named)))
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return 1e30
 
 
 def spread(named: Named) -> float:

@@ -63,6 +63,10 @@ class Kind:
             return max(own.lower, guess / 20), min(own.upper, guess * 20)
         return own.lower, own.upper
 
+    def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
+        """The same effect with its parameters as one would write them, e.g. an angle within one turn."""
+        return parameters
+
     def unit(self, key: str, at: str, system: System) -> str:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""
         from modelling.system import UNITS

@@ -34,6 +34,13 @@ class TorqueRipple(Kind):
     def fit_bounds(self, key, guess, step):
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
+    def canonical(self, parameters):
+        import math
+
+        turn = math.pi if parameters["amplitude"] < 0 else 0.0
+        phase = math.remainder(parameters["phase"] + turn, 2 * math.pi)
+        return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
+
 
 def _orders(angle, pull, most=4, highest=24.0):
     """Orders at which the torque that would help stands out of its surroundings."""

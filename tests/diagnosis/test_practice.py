@@ -1,0 +1,37 @@
+"""The ten practice recordings, made by a plant that shares no code with the models: kind, place and value."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from matching.diagnosis.diagnosis import diagnose
+from modelling.files import load
+from modelling.recording import read_recording
+
+PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
+pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")
+CASES = [f"case{i:02d}" for i in range(10)]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_practice_case_is_named_with_place_and_value(case: str) -> None:
+    answer = json.loads((PRACTICE / "answers.json").read_text())[case]
+    system = load(PRACTICE / case / "model.toml")
+    found = diagnose(system, [read_recording(PRACTICE / case / "recording.csv", system)])
+    if answer["kind"] == "none":
+        assert found.verdict == "adequate"
+        assert not found.causes
+        assert found.extended.effects == ()
+        return
+    assert found.verdict == "explained"
+    assert [cause.kind for cause in found.causes] == [answer["kind"]]
+    cause = found.causes[0]
+    assert cause.at in [answer["at"], *answer.get("equivalent", [])]
+    for key, value in answer["parameters"].items():
+        own, _ = cause.parameters[key]
+        assert abs(own.value - value) < 4 * own.standard_uncertainty + 1e-9
+        assert own.standard_uncertainty < 0.05 * abs(value)
+    for errors in found.errors.values():
+        assert errors["after_holdout"] < 1.1 * errors["noise"]
+    assert len(found.extended.effects) == 1
