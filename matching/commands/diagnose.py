@@ -13,7 +13,9 @@ every recording is kept from all fits and judges the result."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model, recordings, hold-out, place to write to."""
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF4, .mat, Parquet)")
+    parser.add_argument(
+        "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF4, .mat, Parquet)"
+    )
     parser.add_argument("--holdout", metavar="RECORDING", help="a recording that judges and is not fitted")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
@@ -55,7 +57,10 @@ def summary(result: dict[str, Any]) -> str:
         text = " to ".join("–" if value is None else f"{value / own['noise']:.3g}" for value in held)
         lines.append(f"  {name}: error on unseen data from {text} times the noise")
     for one in result["rest"]:
-        lines.append(f"  left over: {one['sensor']}, most from {one['from']:g} to {one['to']:g} s, {one['worst_ratio']:.3g} times the noise")
+        lines.append(
+            f"  left over: {one['sensor']}, most from {one['from']:g} to {one['to']:g} s, "
+            f"{one['worst_ratio']:.3g} times the noise"
+        )
     if result["next_recording"]:
         lines.append(f"  next: {result['next_recording']}")
     return "\n".join([*lines, *(f"  note: {note}" for note in result["notes"])])
@@ -70,7 +75,8 @@ def headline(result: dict[str, Any]) -> str:
     parts = []
     for cause in result["causes"]:
         values = ", ".join(
-            f"{key} {own['value']:.4g} ± {own['standard_uncertainty'] or float('nan'):.2g} {own['unit'].replace('*', '·')}"
+            f"{key} {own['value']:.4g} ± {own['standard_uncertainty'] or float('nan'):.2g} "
+            + own["unit"].replace("*", "·").removesuffix("1").rstrip()
             for key, own in cause["parameters"].items()
         )
         parts.append(f"{cause['at']} has {cause['kind'].replace('_', ' ')} ({values})")

@@ -1,6 +1,7 @@
 """The torque balance that is left over: which torque on which inertia, or in which shaft, the measurement asks for.
 
-The deviation of measurement from simulation is smoothed (Rauch, Tung and Striebel 1965, gains constant) by the linear model
+The deviation of measurement from simulation is smoothed (Rauch, Tung and Striebel 1965, gains constant) by the linear
+model
 with an unknown, slowly changing torque on every inertia and in every shaft. Nothing is differentiated; noise is weighed
 by the sensors' uncertainty. It says where, not yet why.
 """
@@ -28,7 +29,6 @@ class Leftover:
     states: np.ndarray
     inertias: np.ndarray
     shafts: np.ndarray
-
 
     def added_to(self, names: list[str], states: np.ndarray) -> np.ndarray:
         """States (t, x) with these names, where the measurement has them."""
@@ -93,7 +93,9 @@ def leftover(fit: Fit, system: System, value: dict[str, float], scale: float) ->
     return Leftover(model.states, np.concatenate(states), unknown[:, :split], unknown[:, split:])
 
 
-def _gains(F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, nx: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
+def _gains(
+    F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, nx: int, scale: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Constant gains of filter and smoother, from the Riccati recursion run until it rests."""
     P = np.eye(len(F))
     P[nx:, nx:] *= (SHARE * scale) ** 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,12 +49,20 @@ class Trial:
         made = []
         for cause in self.causes:
             if cause.kind != WRONG:
-                made.append(Effect(cause.kind, cause.at, tuple((key, Quantity(self.values[name])) for key, name in cause.names().items())))
+                made.append(
+                    Effect(
+                        cause.kind,
+                        cause.at,
+                        tuple((key, Quantity(self.values[name])) for key, name in cause.names().items()),
+                    )
+                )
         wrong = {cause.at: self.values[cause.at] for cause in self.causes if cause.kind == WRONG}
         return self.system.with_values(wrong).with_effects(*made)
 
 
-def with_cause(system: System, fit: Fit, before: tuple[Cause, ...], kind: str, at: str, parameters: dict[str, float]) -> Trial:
+def with_cause(
+    system: System, fit: Fit, before: tuple[Cause, ...], kind: str, at: str, parameters: dict[str, float]
+) -> Trial:
     """A trial of one more cause, from a fit with the causes before it."""
     cause = Cause(kind, at, tuple(parameters))
     step = float(np.median(np.diff(fit.problem.data.segments[0].time)))
@@ -91,10 +100,12 @@ def fitted(
 
 
 def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) -> Fit:
-    """Fit a trial over short windows, each with a start of its own (multiple shooting without matching, Bock and Plitt 1984).
+    """Fit a trial over short windows, each with a start of its own.
 
-    Over a short horizon the misfit is nearly convex in the parameters, where over a long one phases slip past each other
-    and rattling forgets where it came from.
+    This is multiple shooting (Bock and Plitt 1984) without its matching conditions.
+
+    Over a short horizon the misfit is nearly convex in the parameters, where over a long one phases slip past each
+    other and rattling forgets where it came from.
 
     Parameters
     ----------
@@ -111,7 +122,7 @@ def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) 
     for segment in parent.problem.data.segments:
         pieces = max(1, round(float(np.ptp(segment.time)) / max(WINDOW, total / WINDOWS)))
         edges = np.linspace(0, len(segment.time), pieces + 1).astype(int)
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             cuts.append(segment.part(int(first), int(last) + 1))  # the last sample is the next one's first
             starts.append(motion[at + first])
         at += len(segment.time)
@@ -132,7 +143,7 @@ def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) 
 
 
 def _joined(fit: Fit) -> np.ndarray:
-    """Variables of a fit over windows, where a window that begins as the one before it ends does so if that is better."""
+    """Variables of a fit over windows; one begins as the one before it ends where that is better."""
     problem, starts = fit.problem, fit.starts
     ends = [states[-1] for states in problem.states(fit.v)]
     other = problem.pack(fit.values, [starts[0], *ends[:-1]])
@@ -178,6 +189,7 @@ def _starts(problem: Problem, parent: Fit, p: np.ndarray) -> list[np.ndarray]:
     own = _own(model.states, parent)
     new = [i for i in range(len(model.states)) if i not in own]
     kept = [model.coordinates.index(name) for name in before.coordinates if name in model.coordinates]
+    rows_before = [before.n + before.coordinates.index(model.coordinates[i]) for i in kept]
     out = []
     for segment, was in zip(problem.data.segments, starts_before, strict=True):
         x = np.zeros(len(model.states))
@@ -188,12 +200,14 @@ def _starts(problem: Problem, parent: Fit, p: np.ndarray) -> list[np.ndarray]:
             u = segment.inputs[0]
             rows = [model.n + i for i in kept]
             wanted = np.concatenate(
-                [np.array(before.rates(was, u, p_before)).ravel()[[before.n + before.coordinates.index(model.coordinates[i]) for i in kept]],
+                [np.array(before.rates(was, u, p_before)).ravel()[rows_before],
                  np.array(before.readings(was, u, p_before, 0.0)).ravel()]
             )  # fmt: skip
             for _ in range(2):
                 A, _, C, _ = (np.array(m) for m in model.jacobians(x, u, p, 0.0))
-                now = np.concatenate([np.array(model.rates(x, u, p)).ravel()[rows], np.array(model.readings(x, u, p, 0.0)).ravel()])
+                now = np.concatenate(
+                    [np.array(model.rates(x, u, p)).ravel()[rows], np.array(model.readings(x, u, p, 0.0)).ravel()]
+                )
                 slope = np.vstack([A[rows], C])[:, new]
                 if not np.isfinite(slope).all() or not np.isfinite(now).all():
                     break

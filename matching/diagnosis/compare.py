@@ -58,7 +58,8 @@ ROUGH = 0.02  # the same with free play: its misfit is too rough to reach the ve
 
 
 def beyond(fit: Fit, noises: Sequence[Noise]) -> list[np.ndarray]:
-    """For each sensor, at which scales (bool) the residual of a fit is more than white noise of the stated uncertainty."""
+    """For each sensor, at which scales (bool) the residual of a fit is more than white noise of the stated
+    uncertainty."""
     rough = any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects)
     return [(one.score > SCORE) & (one.excess > (ROUGH if rough else EXCESS)) for one in noises]
 
@@ -94,14 +95,17 @@ def refit(
     tell: Callable[[str], None] = lambda _: None,
     most: int = MANY,
 ) -> list[Named]:
-    """Refit promising candidates until one brings the residual to the noise and no other promises as much; best first."""
+    """Refit promising candidates until one brings the residual to the noise and no other promises as much; best
+    first."""
     done: list[Named] = []
     rest = list(found)
     tried: set[tuple[Cause, ...]] = set()
     while rest and len(done) < most:
         lead = rest[0].reduction
         count = FEW if not done else 4
-        batch = [one for i, one in enumerate(rest) if i < count or (not done and one.reduction > 0.9 * lead and i < 2 * FEW)]
+        batch = [
+            one for i, one in enumerate(rest) if i < count or (not done and one.reduction > 0.9 * lead and i < 2 * FEW)
+        ]
         rest = rest[len(batch) :]
         promised = {}
         trials = []
@@ -121,7 +125,8 @@ def refit(
         if done and not at_noise(done[0]):
             done = closer(parent, done, screen, tried)
         if done and (at_noise(done[0]) or _most(parent, done[0])):
-            if not rest or rest[0].reduction < SHARE * max(one.screened for one in done):
+            promise = SHARE * max(one.screened for one in done)
+            if not rest or rest[0].reduction < promise:
                 break
     return done
 

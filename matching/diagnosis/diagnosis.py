@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -103,7 +103,12 @@ def _without(state: Search, index: int) -> Named:
 
 
 def _causes(
-    system: System, final: Named, rivals: Sequence[Sequence[Rated]], without: Sequence[Named], explained: bool, coarse: Fit | None
+    system: System,
+    final: Named,
+    rivals: Sequence[Sequence[Rated]],
+    without: Sequence[Named],
+    explained: bool,
+    coarse: Fit | None,
 ) -> tuple[list[CauseFound], str | None]:
     """Each cause with values, confidence, evidence and rivals, strongest first; and what to record next."""
     found: list[CauseFound] = []
@@ -129,7 +134,9 @@ def _causes(
             rival, share = others[0]
             manoeuvre = propose(final, rival.named)
             if manoeuvre:
-                proposals.append((share, manoeuvre.sentence(f"{cause.kind} at {cause.at}", f"{rival.kind} at {rival.at}")))
+                proposals.append(
+                    (share, manoeuvre.sentence(f"{cause.kind} at {cause.at}", f"{rival.kind} at {rival.at}"))
+                )
     found.sort(key=lambda one: -one.gain)
     return found, max(proposals)[1] if proposals else None
 
@@ -142,7 +149,8 @@ def _evidence(system: System, without: Named, final: Named, next_best: Named | N
         left = np.array([one.ratio for one in next_best.noise()])
         i = int(np.nanargmax(left))
         cause = next_best.causes[-1]
-        text += f"; the next best, {cause.kind} at {cause.at}, leaves {left[i]:.3g} times the noise in {system.sensors[i].name}"
+        text += f"; the next best, {cause.kind} at {cause.at}, leaves {left[i]:.3g} times the noise"
+        text += f" in {system.sensors[i].name}"
     return text
 
 
@@ -151,12 +159,18 @@ def _errors(
 ) -> dict[str, dict[str, float | None]]:
     noise = final.fit.problem.data.noise
     before, after = ([one.ratio for one in named.noise()] for named in (base, final))
-    out = {}
+    out: dict[str, dict[str, float | None]] = {}
     for j, sensor in enumerate(system.sensors):
         if not final.fit.problem.data.samples[j]:
             continue
-        own = {"before": before[j], "after": after[j], "before_holdout": base_unseen[j], "after_holdout": after_unseen[j]}
-        out[sensor.name] = {"noise": float(noise[j])} | {key: finite(float(value * noise[j])) for key, value in own.items()}
+        own = {
+            "before": before[j],
+            "after": after[j],
+            "before_holdout": base_unseen[j],
+            "after_holdout": after_unseen[j],
+        }
+        out[sensor.name] = {"noise": float(noise[j])}
+        out[sensor.name].update({key: finite(float(value * noise[j])) for key, value in own.items()})
     return out
 
 
@@ -196,10 +210,14 @@ def _rest(final: Named) -> list[dict[str, Any]]:
             "sensor": problem.model.sensors[j], "ratio": noises[j].ratio, "worst_ratio": float(np.sqrt(square)),
             "from": float(time[first]), "to": float(time[min(last, len(time) - 1)]),
             "slower_than": float(scale * np.median(np.diff(time))),
-            "speed": {name: [float(own[stretch].min()), float(own[stretch].max())] for name, own in motion.speed.items()},
-            "torque": {name: [float(own[stretch].min()), float(own[stretch].max())] for name, own in motion.torque.items()},
+            "speed": _spans(motion.speed, stretch),
+            "torque": _spans(motion.torque, stretch),
         })  # fmt: skip
     return out
+
+
+def _spans(signals: Mapping[str, np.ndarray], stretch: slice) -> dict[str, list[float]]:
+    return {name: [float(own[stretch].min()), float(own[stretch].max())] for name, own in signals.items()}
 
 
 def _pictures(state: Search, final: Named) -> Pictures:

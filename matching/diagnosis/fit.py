@@ -185,7 +185,12 @@ class Fit:
 
 
 def solve(
-    problem: Problem, v: np.ndarray, jacobian: np.ndarray | None = None, iterations: int = 20, exact: bool = True, rival: float = 0.0
+    problem: Problem,
+    v: np.ndarray,
+    jacobian: np.ndarray | None = None,
+    iterations: int = 20,
+    exact: bool = True,
+    rival: float = 0.0,
 ) -> Fit:
     """Least squares from the variables v (v,).
 
@@ -288,8 +293,8 @@ def held_angles(system: System, model: Model) -> set[int]:
         for name in merged:
             group[name] = merged
 
-    for part in (*system.shafts, *system.gears):
-        join(part.between)
+    for ends in (*(shaft.between for shaft in system.shafts), *(gear.between for gear in system.gears)):
+        join(ends)
     for part in system.differentials:
         join((part.cage, part.left, part.right))
     seen = {name for sensor in system.sensors if sensor.measures == "angle" for name in group[sensor.of]}
@@ -304,7 +309,10 @@ def held_angles(system: System, model: Model) -> set[int]:
 def base_problem(system: System, data: Data, fine: float = 3.0) -> tuple[Problem, np.ndarray]:
     """The problem of a system as given, its uncertain quantities free, and where to begin (v,)."""
     model = compiled(system)
-    bounds = {name: (q.lower, q.upper) for name, q in system.uncertain.items() if q.upper > q.lower}
+    bounds = {}
+    for name, q in system.uncertain.items():
+        if q.lower is not None and q.upper is not None and q.upper > q.lower:
+            bounds[name] = (q.lower, q.upper)
     start = [first_state(system, model, data, i) for i in range(len(data.segments))]
     sampling = 1 / float(np.median(np.diff(data.segments[0].time)))
     steps, stick = runs.steps_and_stick(model, model.p0, np.array(start), sampling, fine)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,15 +42,20 @@ def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
     cuts = []
     for segment, count in zip(whole.segments, seen, strict=True):
         pieces = round((len(segment.time) - count) / length)
-        edges = np.linspace(count, len(segment.time), max(pieces, 1) + 1).astype(int) if count < len(segment.time) else []
-        cuts += [segment.part(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        if count >= len(segment.time):
+            continue
+        edges = np.linspace(count, len(segment.time), max(pieces, 1) + 1).astype(int)
+        cuts += [segment.part(int(a), int(b)) for a, b in pairwise(edges)]
     return elsewhere(fit, replace(whole, segments=tuple(cuts)))
 
 
 def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:
-    """Residuals (t, y), in times the noise, on other recordings: parameters as fitted, only the start states are found."""
+    """Residuals (t, y), in times the noise, on other recordings: parameters as fitted, only the start states are
+    found."""
     problem = fit.problem
-    system = problem.system.with_values({name: value for name, value in fit.values.items() if name in problem.system.parameters})
+    system = problem.system.with_values(
+        {name: value for name, value in fit.values.items() if name in problem.system.parameters}
+    )
     fixed = Problem(system, data, {}, problem.steps, problem.stick)
     starts = [first_state(system, fixed.model, data, i) for i in range(len(data.segments))]
     found = solve(fixed, fixed.pack({}, starts), None, 30)

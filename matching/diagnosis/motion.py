@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from matching.diagnosis.balance import Leftover
 from matching.diagnosis.fit import Fit
 from modelling.effects.seen import Seen
-from modelling.system import System
+from modelling.system import Shaft, System
 
 
 def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
@@ -24,15 +26,15 @@ def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
     angles, speeds = (x[:, first : first + n] @ shares.T for first in (0, n))
     torques = np.array(model.shaft_torques.map(len(x))(x.T, inputs.T, p)).reshape(-1, len(x))
     ends = np.cumsum([0, *(len(segment.time) for segment in segments)])
-    parts = tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    parts = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     time = np.concatenate([segment.time for segment in segments])
     acceleration = np.concatenate([np.gradient(speeds[part], time[part], axis=0) for part in parts])
     names = [part.name for part in system.inertias]
     twist, rate = ({s.name: _twist(motion, s, names, value) for s in system.shafts} for motion in (angles, speeds))
     y = np.concatenate(problem.simulated(fit.v))
-    by_inertia = [dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, acceleration)]
+    angle, speed, faster = (dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, acceleration))
     return Seen(
-        time, parts, *by_inertia, twist, rate,
+        time, parts, angle, speed, faster, twist, rate,
         {s.name: torques[j] for j, s in enumerate(system.shafts)},
         {part.name: inputs[:, j] for j, part in enumerate(system.inputs)},
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
@@ -51,8 +53,6 @@ def inertia_shares(system: System, coordinates: list[str], value: dict[str, floa
     return out
 
 
-def _twist(motion: np.ndarray, shaft, names: list[str], value: dict[str, float]) -> np.ndarray:
+def _twist(motion: np.ndarray, shaft: Shaft, names: list[str], value: dict[str, float]) -> np.ndarray:
     first, second = (motion[:, names.index(end)] for end in shaft.between)
     return first / value.get(f"shafts.{shaft.name}.ratio", 1.0) - second
-
-

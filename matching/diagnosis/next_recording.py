@@ -15,7 +15,7 @@ DURATION = 8.0  # s
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One input's waveform: what to ask of it, and how far two rivals then part (root mean square in times the noise)."""
+    """One input's waveform, and how far two rivals then part (root mean square in times the noise)."""
 
     input: str
     waveform: str
@@ -29,7 +29,8 @@ class Manoeuvre:
         what = f"{self.waveform} of {self.amplitude:.3g} N·m on {self.input} for {self.duration:g} s"
         if self.separation < 1:
             return (
-                f"no torque on the inputs tells {one} from {other}: at best {self.separation:.2g} times the noise of {self.sensor}"
+                f"no torque on the inputs tells {one} from {other}: at best {self.separation:.2g} times the noise"
+                f" of {self.sensor}"
                 f" ({what}); measure a further shaft torque or speed next to them"
             )
         return f"record {what}: {one} and {other} would part by {self.separation:.3g} times the noise of {self.sensor}"

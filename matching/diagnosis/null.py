@@ -1,4 +1,5 @@
-"""How much the best of all candidates takes of χ² when there is nothing but noise: a parametric bootstrap of the screening."""
+"""How much the best of all candidates takes of χ² when there is nothing but noise: a parametric bootstrap of the
+screening."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,14 +39,14 @@ def prepare_data(system: System, recordings: Sequence[Recording]) -> tuple[Data,
                 readings[:, j] = own
         inputs = np.ascontiguousarray(recording.inputs(system))
         cuts = [0, *(np.flatnonzero(np.diff(recording.time) > LONG_GAP) + 1), len(recording.time)]
-        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, last in pairwise(cuts):
             if last - first < SHORTEST:
                 if len(cuts) > 2:
                     notes.append(f"{last - first} samples between gaps at {recording.time[first]:g} s are left out")
                     continue
                 raise InputError(recording.source, f"has {last - first} samples", f"at least {SHORTEST} are needed")
-            own = slice(first, last)
-            segments.append(Segment(recording.time[own], inputs[own], readings[own], recording.source))
+            cut = slice(first, last)
+            segments.append(Segment(recording.time[cut], inputs[cut], readings[cut], recording.source))
     if not segments:
         raise InputError(recordings[0].source, "has no stretch without gaps that is long enough", f"{SHORTEST} samples")
     noise = []
@@ -65,7 +66,7 @@ def _stuck(own: np.ndarray, time: np.ndarray, name: str) -> list[str]:
     """Take out, in place, stretches over which a channel keeps one value: it is stuck or at the end of its range."""
     same = np.concatenate([[False], (np.diff(own) == 0), [False]])
     edges = np.flatnonzero(np.diff(same.astype(int)))
-    notes = []
+    notes: list[str] = []
     share = float(np.mean(np.diff(own[np.isfinite(own)]) == 0)) if np.isfinite(own).sum() > 1 else 0.0
     if share > 0.5:  # coarse steps, or slow motion read finely: not stuck
         return notes
@@ -79,7 +80,8 @@ def _stuck(own: np.ndarray, time: np.ndarray, name: str) -> list[str]:
 
 
 def _scatter(parts: Sequence[np.ndarray]) -> float:
-    """Standard deviation of white noise on a smooth signal, from its second differences (median, so that jumps do not count)."""
+    """Standard deviation of white noise on a smooth signal, from its second differences (median, so that jumps do not
+    count)."""
     second = np.concatenate([np.diff(part, 2) for part in parts])
     second = second[np.isfinite(second)]
     found = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6) if len(second) else 0.0

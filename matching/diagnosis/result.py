@@ -120,7 +120,11 @@ class Diagnosis:
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         parameters = {
-            name: {"value": own.value, "standard_uncertainty": finite(own.standard_uncertainty), "unit": self.units[name]}
+            name: {
+                "value": own.value,
+                "standard_uncertainty": finite(own.standard_uncertainty),
+                "unit": self.units[name],
+            }
             | ({"note": own.note} if own.note else {})
             for name, own in self.parameters.items()
         }

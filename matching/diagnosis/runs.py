@@ -10,9 +10,9 @@ import numpy as np
 from matching.diagnosis.data import Segment
 from modelling.assembly import STICK_SPEED
 from modelling.compiled import Model, compiled
+from modelling.simulation import native, virtual
 from modelling.simulation.build import library
 from modelling.simulation.functions import functions
-from modelling.simulation import native, virtual
 from modelling.simulation.task import Task, make_task
 from modelling.system import System
 

@@ -20,7 +20,7 @@ from matching.diagnosis.fit import Fit
 from matching.diagnosis.motion import seen
 from modelling.compiled import compiled
 from modelling.effects import EFFECTS
-from modelling.effects.seen import Guess, Seen
+from modelling.effects.seen import Guess
 from modelling.system import Input, System
 
 
@@ -49,7 +49,9 @@ class Screen:
         self.spans: list[np.ndarray] = []  # orthonormal columns (r, c) of every guess looked at, for the bootstrap
         self.hats = _hat_responses(fit)
         self.seen = seen(fit)
-        scale = max([float(np.std(own)) for own in (*self.seen.torque.values(), *self.seen.input.values())], default=1.0)
+        scale = max(
+            [float(np.std(own)) for own in (*self.seen.torque.values(), *self.seen.input.values())], default=1.0
+        )
         self.leftover = leftover(fit, without_effects(self.system), dict(self.seen.value), scale)
         self.seen = seen(fit, self.leftover)
         self.seen = replace(self.seen, pull=self._pull())
@@ -164,13 +166,12 @@ class Screen:
 
 
 def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:
-    """Readings (t, y) of the linear model after a torque on each inertia that is 1 at the first sample and linear to 0 at its neighbours."""
+    """Readings (t, y) of the linear model after a torque on each inertia that is 1 at the first sample and linear to 0
+    at its neighbours."""
     plain = without_effects(fit.problem.system)
     values = {name: value for name, value in fit.values.items() if name in plain.parameters}
     plain = plain.with_values(values)
-    probe = replace(
-        plain, inputs=tuple(Input(f"probe{i}", part.name) for i, part in enumerate(plain.inertias))
-    )
+    probe = replace(plain, inputs=tuple(Input(f"probe{i}", part.name) for i, part in enumerate(plain.inertias)))
     model = compiled(probe)
     longest = max(fit.problem.data.segments, key=lambda segment: len(segment.time))
     step = float(np.median(np.diff(longest.time)))

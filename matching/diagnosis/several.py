@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from matching.diagnosis.candidates import Trial, fitted, without_cause
+from matching.diagnosis.candidates import Cause, Trial, fitted, without_cause
 from matching.diagnosis.compare import Named, at_noise, refit, unique
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.null import threshold
-from matching.diagnosis.screening import Screen
+from matching.diagnosis.screening import Screen, Screened
 from modelling.system import System
 
 MOST = 3  # causes
@@ -49,8 +49,9 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
     found = unique(list(screen.candidates()))
     null = threshold(screen)
     state = Search(base, base, screen, null)
-    beam, screens = [base], {(): (screen, found)}
-    while len(state.best.causes) < MOST and not at_noise(state.best) or state.best is base:
+    beam = [base]
+    screens: dict[tuple[Cause, ...], tuple[Screen, list[Screened]]] = {(): (screen, found)}
+    while (len(state.best.causes) < MOST and not at_noise(state.best)) or state.best is base:
         grown: list[Named] = []
         for node in beam:
             key = node.causes

@@ -44,7 +44,8 @@ def noise_of(residual: Sequence[np.ndarray]) -> Noise:
 
 
 def _means(part: np.ndarray, scale: int) -> np.ndarray:
-    """Block means of a white signal of variance 1, scaled back to variance 1; blocks with missing samples are weighed."""
+    """Block means of a white signal of variance 1, scaled back to variance 1; blocks with missing samples are
+    weighed."""
     n = len(part) // scale * scale
     blocks = part[:n].reshape(-1, scale)
     there = np.isfinite(blocks)
@@ -54,7 +55,7 @@ def _means(part: np.ndarray, scale: int) -> np.ndarray:
 
 
 def effective_share(residual: np.ndarray) -> float:
-    """Effective number of independent samples over the number of samples of a residual (t,): 1 if it is white (Sokal 1997).
+    """Share of a residual's samples (t,) that count as independent: 1 if it is white (Sokal 1997).
 
     The autocorrelation is summed up to the first window that is five times the sum itself.
     """

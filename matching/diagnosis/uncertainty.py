@@ -12,7 +12,7 @@ from matching.diagnosis.statistics import effective_share
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter with its standard uncertainty; ``note`` says if the data do not tell it, or a bound holds it."""
+    """A fitted parameter; ``note`` says if the data do not tell it, or a bound holds it."""
 
     value: float
     standard_uncertainty: float

@@ -29,11 +29,15 @@ class Rated:
 
 
 def polished(named: Named) -> tuple[Named, Fit | None]:
-    """A fit with causes again with finer steps, ending on its own Jacobian; and the coarser one, if the finer one is used."""
+    """A fit with causes again with finer steps, ending on its own Jacobian; and the coarser one, if the finer one is
+    used."""
     if not named.causes:
         return named, None
     trial = replace(
-        named.trial, bounds=named.fit.problem.bounds, values=named.trial.values | named.fit.values, starts=tuple(named.fit.starts)
+        named.trial,
+        bounds=named.fit.problem.bounds,
+        values=named.trial.values | named.fit.values,
+        starts=tuple(named.fit.starts),
     )
     try:
         fine = fitted(trial, named.fit, 12, True, 6.0)
@@ -46,13 +50,17 @@ def polished(named: Named) -> tuple[Named, Fit | None]:
 def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]) -> list[Rated]:
     """A cause of the best fit and its rivals with their shares of the evidence, most first.
 
-    Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best residual is larger
-    than noise and by how few of its samples are independent. Rivals that come near are refitted as finely as the best.
-    A single cause gives way to a rival with more evidence.
+    Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best residual is
+    larger than noise and by how few of its samples are independent. Rivals that come near are refitted as finely as
+    the best. A single cause gives way to a rival with more evidence.
     """
     here = state.best.causes[index]
     same = {(one.kind, one.at) for one in state.best.causes}
-    others = [one for one in (state.rivals[index] if index < len(state.rivals) else []) if {(c.kind, c.at) for c in one.causes} != same]
+    others = [
+        one
+        for one in (state.rivals[index] if index < len(state.rivals) else [])
+        if {(c.kind, c.at) for c in one.causes} != same
+    ]
     factor = spread(state.best) * TEMPER
     near = [one for one in others if one.cost - state.best.cost < CLEAR * factor][:4]
     finer = [polished(one)[0] for one in near]
@@ -87,10 +95,12 @@ def spread(named: Named) -> float:
 
 
 def confidence(share: float, explained: bool, taken: float) -> float:
-    """Confidence in a cause from its share of the evidence and, where not all is explained, of the misfit it takes away.
+    """Confidence in a cause from its share of the evidence and, if not all is explained, of the misfit it takes.
 
     What takes little of a misfit that stays may stand for something that the vocabulary lacks.
     """
     if explained:
         return share
-    return share * (UNEXPLAINED_AT_MOST + (0.85 - UNEXPLAINED_AT_MOST) * float(np.clip((taken - 0.95) / 0.05, 0.0, 1.0)))
+    return share * (
+        UNEXPLAINED_AT_MOST + (0.85 - UNEXPLAINED_AT_MOST) * float(np.clip((taken - 0.95) / 0.05, 0.0, 1.0))
+    )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -22,7 +23,7 @@ class Backlash(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.gap = p["gap"]
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         name = at.split(".")[1]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
@@ -29,7 +33,7 @@ class Compliance(Kind):
         assembly.springs[label] = Spring(p["stiffness"], further, further.angle)
         law.second = middle
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         name, second = at.split(".")[1], seen.ends[at.split(".")[1]][1]
@@ -42,15 +46,20 @@ class Compliance(Kind):
                 d_rate = seen.each(lambda t, s: np.gradient(s, t), d)
                 d_rate2 = seen.each(lambda t, s: np.gradient(s, t), d_rate)
                 push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (seen.acceleration[second] + d_rate2)}
-                yield Guess((push,), lambda a, k2=k2, J=J: {"stiffness": k2 / float(a[0]), "J": J * float(a[0])} if a[0] > 0.05 else None)
+                yield Guess((push,), partial(_softer, k2, J))
 
-    def fit_bounds(self, key, guess, step):
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (guess / 20, guess * 20)
 
 
-def _middle(seen, name, second, k, c, k2, J):
+def _middle(seen: Seen, name: str, second: str, k: float, c: float, k2: float, J: float) -> np.ndarray:
     """Angle (t,) of the middle inertia ahead of the second end: J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈."""
     from scipy.signal import bilinear
 
     b, a = bilinear([1.0], [J, c, k + k2], 1 / seen.step)
     return seen.filtered(list(b), list(a), k * seen.twist[name] + c * seen.rate[name] - J * seen.acceleration[second])
+
+
+def _softer(stiffness: float, J: float, a: np.ndarray) -> dict[str, float] | None:
+    """The larger the effect, the softer the spring and the larger the inertia."""
+    return {"stiffness": stiffness / float(a[0]), "J": J * float(a[0])} if a[0] > 0.05 else None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -21,7 +22,7 @@ class ConstantTorque(Kind):
     def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
         assembly.act(name, -p["torque"], motion)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         yield Guess(({at: -np.ones_like(seen.time)},), lambda a: {"torque": float(a[0])})

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -24,7 +25,7 @@ class CoulombFriction(Kind):
         friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
         assembly.act(name, -friction, motion)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         speed = seen.speed[at.split(".")[1]]

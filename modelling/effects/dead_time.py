@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, InputPath, Symbols
@@ -21,7 +22,7 @@ class DeadTime(Kind):
     def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
         path.delay += p["delay"]
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         signal = seen.input[at.split(".")[1]]
         for delay in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
             yield Guess(({at: seen.later(signal, delay) - signal},), positive("delay", delay))

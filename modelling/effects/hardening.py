@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, ShaftLaw, Symbols
@@ -21,5 +22,5 @@ class Hardening(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         yield Guess(({at: seen.twist[at.split(".")[1]] ** 3},), lambda a: {"cubic": float(a[0])})

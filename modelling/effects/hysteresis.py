@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
@@ -29,17 +33,20 @@ class Hysteresis(Kind):
         law.parallel.append(p["torque"] * z)
         law.parallel_stiffness.append(p["torque"] / p["angle"])
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
         for share in (0.1, 0.3, 1.0, 3.0):
             angle = share * float(seen.twist[name].std())
-            yield Guess(({at: seen.each(lambda t, rate, angle=angle: _dahl(t, rate, angle), seen.rate[name])},), positive("torque", angle=angle))
+            yield Guess(
+                ({at: seen.each(partial(_dahl, angle), seen.rate[name])},),
+                positive("torque", angle=angle),
+            )
 
-    def fit_bounds(self, key, guess, step):
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.1 * guess, 10 * guess) if key == "angle" else super().fit_bounds(key, guess, step)
 
 
-def _dahl(time, rate, angle):
+def _dahl(angle: float, time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """z/torque over a twist rate (t,), exact for a rate that is constant between samples."""
     from itertools import accumulate
 

@@ -57,7 +57,8 @@ class Kind:
         raise NotImplementedError
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        """Bounds of a parameter in a fit that begins at a guess, for data sampled every ``step`` s; here the physical ones."""
+        """Bounds of a parameter in a fit that begins at a guess, for data sampled every ``step`` s; here the physical
+        ones."""
         own = self.parameters[key]
         if own.lower > 0:  # a scale: it may be far from the guess, but not at 0
             return max(own.lower, guess / 20), min(own.upper, guess * 20)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, InputPath, SensorPath, Symbols
@@ -25,11 +26,11 @@ class Lag(Kind):
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         self.input(path, p, assembly)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         table, name = at.split(".")
         signal = (seen.input if table == "inputs" else seen.reading)[name]
         for time_constant in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
             yield Guess(({at: seen.lagged(signal, time_constant) - signal},), positive("time_constant", time_constant))
 
-    def fit_bounds(self, key, guess, step):
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.25 * step, max(20 * guess, step))

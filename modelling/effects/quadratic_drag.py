@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, Motion, Symbols
@@ -23,6 +24,6 @@ class QuadraticDrag(Kind):
 
         assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         speed = seen.speed[at.split(".")[1]]
         yield Guess(({at: -speed * abs(speed)},), positive("coefficient"))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     from modelling.assembly import Assembly, SensorPath, Symbols
@@ -21,5 +22,5 @@ class SensorGain(Kind):
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
         path.value *= p["factor"]
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         yield Guess(({at: seen.reading[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})

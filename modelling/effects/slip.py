@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, positive
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from modelling.assembly import Assembly, ShaftLaw, Symbols
 
 
@@ -21,8 +25,13 @@ class Slip(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
         law.series = p["coefficient"]
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[at.split(".")[1]]
         for relaxation in (0.02, 0.1, 0.5, 2.5, 12.5):  # s, coefficient/stiffness
             lost = seen.lagged(twist - twist[0], relaxation)
-            yield Guess(({at: -stiffness * lost},), lambda a, T=relaxation: {"coefficient": stiffness * T / float(a[0])} if a[0] > 0.02 else None)
+            yield Guess(({at: -stiffness * lost},), partial(_damper, stiffness * relaxation))
+
+
+def _damper(coefficient: float, a: np.ndarray) -> dict[str, float] | None:
+    """The more is lost, the weaker the damper."""
+    return {"coefficient": coefficient / float(a[0])} if a[0] > 0.02 else None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from modelling.assembly import Assembly, Motion, Symbols
 
 
@@ -28,7 +32,7 @@ class StribeckFriction(Kind):
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
         assembly.act(name, -assembly.sign(motion.speed) * sliding, motion)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         own = seen.speed[at.split(".")[1]]
@@ -37,5 +41,11 @@ class StribeckFriction(Kind):
             speed = share * float(own.std()) + 1e-9
             yield Guess(
                 ({at: -sign}, {at: -sign * np.exp(-((own / speed) ** 2))}),
-                lambda a, speed=speed: {"torque": max(float(a[0]), 0.0), "breakaway": float(a[0] + a[1]), "speed": speed} if a[0] + a[1] > 0 and a[0] > -0.5 * a[1] else None,
+                partial(_friction, speed),
             )
+
+
+def _friction(speed: float, a: np.ndarray) -> dict[str, float] | None:
+    """Sliding and breakaway torque from the amplitudes of the constant and of the decaying part."""
+    sliding, breakaway = float(a[0]), float(a[0] + a[1])
+    return {"torque": max(sliding, 0.0), "breakaway": breakaway, "speed": speed} if breakaway > 0 else None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from modelling.assembly import Assembly, Motion, Symbols
 
 
@@ -23,18 +27,18 @@ class TorqueRipple(Kind):
 
         assembly.act(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
 
         angle, pull = seen.angle[at.split(".")[1]], seen.pull[at.split(".")[1]]
         for order in _orders(angle, pull):
             wave = {at: np.sin(order * angle)}, {at: np.cos(order * angle)}
-            yield Guess(wave, lambda a, order=order: {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))})
+            yield Guess(wave, partial(_wave, order))
 
-    def fit_bounds(self, key, guess, step):
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
-    def canonical(self, parameters):
+    def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
         import math
 
         turn = math.pi if parameters["amplitude"] < 0 else 0.0
@@ -42,7 +46,13 @@ class TorqueRipple(Kind):
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
 
 
-def _orders(angle, pull, most=4, highest=24.0):
+def _wave(order: float, a: np.ndarray) -> dict[str, float]:
+    import numpy as np
+
+    return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
+
+
+def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float = 24.0) -> Iterator[float]:
     """Orders at which the torque that would help stands out of its surroundings."""
     import numpy as np
     from scipy.signal import medfilt

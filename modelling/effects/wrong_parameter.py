@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess
+from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     from modelling.system import System
@@ -21,10 +22,13 @@ class WrongParameter(Kind):
     def places(self, system: System) -> list[str]:
         return [name for name in system.parameters if name.count(".") == 2]
 
-    def guesses(self, seen, at):
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         known = seen.value[at]
         scale = abs(known) or 1.0
-        yield Guess(({at: scale},), lambda a: {"value": known + scale * float(a[0])} if known + scale * float(a[0]) >= 0 else None)
+        yield Guess(
+            ({at: scale},),
+            lambda a: {"value": known + scale * float(a[0])} if known + scale * float(a[0]) >= 0 else None,
+        )
 
-    def fit_bounds(self, key, guess, step):
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.0, float("inf")) if guess > 0 else super().fit_bounds(key, guess, step)
