@@ -52,12 +52,12 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
         left.plot(f, distance, color=MATCHED, linewidth=1.6)
         left.axhspan(0, asked, color="#EEEEEE", zorder=0, linewidth=0)
         left.axhline(asked, color=LIMIT, linestyle="--", linewidth=1.2)
-        left.annotate(f"asked: {asked:g}", (f[0], asked), (4, -11), textcoords="offset points", fontsize=8, color=LIMIT)
+        where = {"textcoords": "offset points", "fontsize": 8}
+        left.annotate(f"asked: {asked:g}", (f[0], asked), (4, -11), color=LIMIT, **where)
         left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
-        left.annotate(
-            f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz", (f[least], distance[least]), (0, 9),
-            textcoords="offset points", fontsize=8, ha="center",
-        )  # fmt: skip
+        said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
+        beside = (0, -13 if distance[least] > 0.2 else 9)
+        left.annotate(said, (f[least], distance[least]), beside, ha="center", **where)
         left.set_xscale("log")
         left.set_xlim(f[0], f[-1])
         left.set_ylim(0, min(max(2.0, 4 * distance[least]), 3.0))

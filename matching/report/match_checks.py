@@ -99,7 +99,7 @@ def checks(result: MatchResult) -> list[Check]:
         )
     )
     for target in result.targets:
-        off = None if target.seen is None else 100 * (target.seen / target.vehicle - 1)
+        off = None if target.seen is None else round(100 * (target.seen / target.vehicle - 1), 2) + 0.0
         said = (
             "not seen in the simulation" if off is None else f"{hertz(target.seen)} Hz, {off:+.2f} % from the vehicle"
         )

@@ -48,7 +48,7 @@ def summary(result: Mapping[str, Any]) -> str:
         alone = ""
     body.append(
         f"error {_band(error)}: {number(error['after'], 3)} matched{free}{alone}; "
-        f"dead time leaves {number(error['bound'], 3)}"
+        f"dead time leaves {number(error['bound'], 3)} sampled, {number(error['bound_unsampled'], 3)} unsampled"
     )
     margin = f" (asked {number(asked['modulus_margin'], 3)})" if "modulus_margin" in asked else ""
     body.append(

@@ -11,6 +11,7 @@ import pytest
 
 from matching.cli import main
 from matching.frequency.case import load_case
+from matching.frequency.case_file import case_files
 from matching.frequency.map import Axis, Map, Point, axis, held_at, map_case, quantities
 from matching.report.map_figure import map_figure
 from matching.report.style import image
@@ -102,12 +103,23 @@ def test_figure_shows_errors_and_hatches_what_is_not_met():
     assert image(map_figure(nothing), "png").startswith(b"\x89PNG")
 
 
-def test_command_draws_a_map_of_the_reference_case(tmp_path, capsys):
-    words = ["map", str(CASE), "--x", "loop.dead_time=0.001:0.003:2", "--y", f"{STIFFNESS}=1.5e5:2.5e5:2"]
-    assert main([*words, "--starts", "1", "--workers", "2", "--json", "--out", str(tmp_path)]) == 0
+def test_command_draws_a_map(case, tmp_path, capsys):
+    small = replace(case, moves=tuple(move for move in case.moves if "gain" in move.name))
+    for name, text in case_files(small).items():
+        (tmp_path / name).write_text(text)
+    words = [
+        "map",
+        str(tmp_path / "case.toml"),
+        "--x",
+        "loop.dead_time=0.001:0.003:2",
+        "--y",
+        f"{STIFFNESS}=1.5e5:2e5:2",
+    ]
+    out = tmp_path / "out"
+    assert main([*words, "--starts", "1", "--workers", "2", "--json", "--out", str(out)]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "map.json").read_text())
-    assert (tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
+    assert printed == json.loads((out / "map.json").read_text())
+    assert (out / "map.svg").read_bytes().startswith(b"<?xml")
     errors = {(own["x"], own["y"]): own["error"] for own in printed["points"]}
     assert len(errors) == 4
     for own in printed["points"]:
@@ -120,11 +132,9 @@ def test_command_draws_a_map_of_the_reference_case(tmp_path, capsys):
 def test_any_executor_will_do(case):
     seen = []
     small = replace(case, moves=case.moves[:2])
+    x, y = Axis("loop.dead_time", "s", (2e-3,), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3)
     with ThreadPoolExecutor(1) as executor:
-        found = map_case(
-            small, "loop.dead_time=0.001:0.003:2", "loop.inverter_lag=0.001:0.002:2", executor, starts=1,
-            progress=lambda done, total: seen.append((done, total)),
-        )  # fmt: skip
-    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert found.errors().shape == (2, 2)
-    assert [[point.x for point in row] for row in found.points] == [[0.001, 0.003]] * 2
+        found = map_case(small, x, y, executor, starts=1, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 1)]
+    assert found.errors().shape == (1, 1)
+    assert (found.points[0][0].x, found.points[0][0].y) == (2e-3, 1e-3)
