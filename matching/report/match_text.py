@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,10 @@ def content(result: MatchResult) -> dict[str, Any]:
     """The content of ``result.json``: the result, what was ``asked`` for, what the manoeuvre ``needs``."""
     from matching.report.match_checks import needs
 
-    return result.to_dict() | {"asked": dict(result.case.limits), "needs": [vars(own) for own in needs(result)]}
+    own = result.to_dict()
+    if not math.isfinite(result.objective):  # no start ended within the limits
+        own["objective"] = None
+    return own | {"asked": dict(result.case.limits), "needs": [vars(need) for need in needs(result)]}
 
 
 def answer(result: Mapping[str, Any]) -> str:

@@ -142,7 +142,8 @@ def test_needs_and_checks(hand_made):
 
 def test_a_motion_that_ran_away_still_gives_a_page(hand_made):
     fallen = replace(hand_made.verification, traces=None, peaks={}, robustness=(), stable=False)
-    result = replace(hand_made, verification=fallen, parameters=())
+    result = replace(hand_made, verification=fallen, parameters=(), objective=float("nan"))
+    assert json.loads(strict_json(content(result)))["objective"] is None
     shown = figures(result)
     assert {"manoeuvre", "robustness", "quantities"}.isdisjoint(shown)
     assert "NOT STABLE" in summary(content(result))
