@@ -45,6 +45,7 @@ _CONTROLLER = {
     ),
     "lead_time": Knob("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
 }
+GAINS = ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward")  # all 0: no torque
 KNOBS = {"pi": _CONTROLLER, "model_based": _CONTROLLER}
 
 
@@ -70,6 +71,11 @@ class Loop:
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
+
+    @property
+    def torqueless(self) -> bool:
+        """Whether the dynamometers never give torque: structure ``pi`` with every gain at 0."""
+        return self.structure == "pi" and not any(self.values[name] for name in GAINS)
 
     def with_values(self, values: Mapping[str, float]) -> Loop:
         """The same loop with some values changed by name."""

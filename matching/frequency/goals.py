@@ -45,7 +45,12 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
 
 
 def goals(case: Case, found: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
-    """Eigenvalue wanted and pattern of the interface speeds for every target; one whose interfaces rest has none."""
+    """Eigenvalue wanted and pattern of the interface speeds for every target; one whose interfaces rest has none.
+
+    Dynamometers without torque have no loop and so no eigenpair of one: then the responses alone lead the way.
+    """
+    if case.loop.torqueless and not any(move.name.startswith("loop.") for move in case.moves):
+        return ()
     cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
     made = []
     for plain, damped in found:

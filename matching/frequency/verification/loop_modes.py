@@ -61,7 +61,12 @@ class LoopMode:
 
 
 def feedback_modes(parts: Parts, order: int = ORDERS[-1]) -> tuple[LoopMode, ...]:
-    """Modes of the feedback loop, up to where the Padé approximation of that order can be believed."""
+    """Modes of the feedback loop, up to where the Padé approximation of that order can be believed.
+
+    Without torque from the dynamometers they are the rig's own: the residual vehicle turns along, but nothing feels it.
+    """
+    if parts.case.loop.torqueless:
+        return tuple(_listed(parts, (), *np.linalg.eig(parts.bed.A), 0, np.inf, "feedback"))
     eigenvalues, vectors = np.linalg.eig(closed_matrix(parts, order))
     limit = good_up_to(parts.case.loop["dead_time"], order, TRUSTED)
     start = len(parts.bed.A)
@@ -144,8 +149,8 @@ def _rigid(
         vector = vectors[:, i]
         moving = sum(float(own.J @ np.abs(own.turns @ vector[place]) ** 2) for own, place, _ in rows)
         twisted = sum(float(own.stiffness @ np.abs(own.twists @ vector[place]) ** 2) for own, place, _ in rows)
-        slip, speed = 0.0, 0.0
-        for dyno, cut in zip(parts.dynamometers, parts.cuts, strict=True):
+        slip, speed = 0.0, 1.0 if not residual else 0.0
+        for dyno, cut in zip(parts.dynamometers, parts.cuts, strict=True) if residual else ():
             rotor = parts.rig.space.output(dyno.speed_sensor) @ vector[rows[0][1]]
             wanted = sum(
                 own.space.output(cut.speed) @ vector[place]
