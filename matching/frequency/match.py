@@ -15,6 +15,7 @@ from matching.frequency.problem import grid
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.solve import Solution, Task, solve
 from matching.frequency.tuned import apply
+from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.responses import error_figures, responses
 from matching.frequency.verification.verify import Verification, verify
 from matching.frequency.weights import FREEZE_BELOW, counterparts, share
@@ -68,7 +69,7 @@ def match(
     tell("vehicle, rig and manoeuvre")
     solution = _tune(case, shares, targets, asked, seed, starts, workers, tell)
     tuned = apply(case, solution.values)
-    checked = verify(tuned)
+    checked = verify(tuned, case.rig)
     tell("verification")
     results = tuple(
         _target(case, checked, number, pair, mode)
@@ -91,7 +92,7 @@ def match(
             _parameter(move, float(part), solution) for move, part in zip(case.moves, shares, strict=True)
         ),
         response_error=error,
-        curves=_curves(tuned),
+        curves=_curves(case, tuned),
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,
@@ -174,8 +175,6 @@ def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
 
 def _bound(case: Case, refinement: int) -> float:
     """Response error of the best causal controller, see :func:`modelling.twin.dead_time_bound`."""
-    from matching.frequency.verification.parts import parts_of
-
     reference = cut(case.vehicle, case.rig)
     ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
     import dataclasses
@@ -191,8 +190,8 @@ def _all_known(case: Case) -> tuple[str, ...]:
     return tuple(part.name for part in case.rig.inputs if part.name not in driven)
 
 
-def _curves(tuned: Case) -> Curves:
+def _curves(case: Case, tuned: Case) -> Curves:
     top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
     f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
-    found = responses(tuned, f)
+    found = responses(tuned, f, parts_of(tuned, untuned=case.rig))
     return Curves(f, found.vehicle, found.rig, found.matched, found.unannounced)

@@ -42,6 +42,8 @@ class Parts:
         Torque that drives the rotor for a flange reading of 1 N·m.
     simulated : tuple of str
         Inputs that act inside the residual vehicle.
+    free : Body
+        The rig before anything was tuned, sensors as ``rig``: what the matched one is compared with.
     """
 
     case: Case
@@ -50,6 +52,7 @@ class Parts:
     cuts: tuple[Interface, ...]
     toward: np.ndarray
     simulated: tuple[str, ...]
+    free: Body
 
     @property
     def dynamometers(self) -> tuple[Dynamometer, ...]:
@@ -134,8 +137,11 @@ class Parts:
         return StateSpace(A, B, C, D, inputs, tuple(names))
 
 
-def parts_of(case: Case, rig: System | None = None) -> Parts:
-    """Take a case apart; ``rig`` stands in for the case's where the true rig is another.
+def parts_of(case: Case, rig: System | None = None, untuned: System | None = None) -> Parts:
+    """Take a case apart.
+
+    ``rig`` stands in for the case's where the true rig is another; ``untuned`` is the rig before it was tuned, ``rig``
+    unless given.
 
     Raises
     ------
@@ -151,7 +157,9 @@ def parts_of(case: Case, rig: System | None = None) -> Parts:
     taken = {cut.torque for cut in residual.interfaces}
     simulated = tuple(name for part in bodies for name in part.space.inputs if name not in taken)
     toward = np.array([_toward(rig, dyno) for dyno in case.loop.dynamometers])
-    return Parts(case, body(watched(rig, cuts, rig_side=True)), bodies, cuts, toward, simulated)
+    own = body(watched(rig, cuts, rig_side=True))
+    free = own if untuned is None else body(watched(untuned, cuts, rig_side=True))
+    return Parts(case, own, bodies, cuts, toward, simulated, free)
 
 
 def watched(system: System, cuts: tuple[Interface, ...], *, rig_side: bool) -> System:

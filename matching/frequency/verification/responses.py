@@ -29,7 +29,7 @@ class Responses:
     reference : ndarray (f, h)
         What ``matched`` is to equal: the vehicle; where the twin answers, the vehicle sampled and held as the twin is.
     rig : ndarray (f, h)
-        The free rig, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
+        The free rig before tuning, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
     matched : ndarray (f, h)
         The tuned rig: the twin where the torque is announced, else the feedback loop.
     unannounced : ndarray (f, h)
@@ -72,6 +72,7 @@ def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, t
     frequencies : ndarray (f,)
         Hz, above 0 and below half the loop's sampling frequency.
     parts : Parts, optional
+        The case's own, with the untuned rig for comparison; else the tuned one is that.
     told : Twin, optional
         The case's own if given already.
 
@@ -86,7 +87,7 @@ def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, t
     pairs = tuple((pair.input, pair.sensor) for pair in case.compared)
     inputs = list(dict.fromkeys(source for source, _ in pairs))
     sensors = list(dict.fromkeys(sensor for _, sensor in pairs))
-    vehicle, rig = body(case.vehicle), parts.rig
+    vehicle, rig = body(case.vehicle), parts.free
 
     def picked(
         values: np.ndarray, outputs: tuple[str, ...] | list[str], columns: tuple[str, ...] | list[str]

@@ -62,7 +62,7 @@ def simulate_case(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndar
     time = (np.arange(count) - settle) * step
     found = (
         free_motion(vehicle, parts, torques, step),
-        free_motion(parts.rig.system, parts, torques, step, parts.rig),
+        free_motion(parts.free.system, parts, torques, step, parts.free),
         matched_motion(parts, told, torques),
     )
     cut_off = [{name: trace[settle:] for name, trace in one.items()} for one in found]

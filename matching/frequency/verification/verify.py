@@ -33,6 +33,7 @@ from modelling.twin import twin
 
 if TYPE_CHECKING:
     from matching.frequency.case import Case
+    from modelling.system import System
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,13 @@ class Verification:
         }  # fmt: skip
 
 
-def verify(case: Case, *, deviations: bool = True) -> Verification:
+def verify(case: Case, untuned: System | None = None, *, deviations: bool = True) -> Verification:
     """Check a tuned case.
 
     Parameters
     ----------
+    untuned : System, optional
+        The rig before it was tuned, which the figures compare with; the case's own unless given.
     deviations : bool
         Whether to work out :attr:`Verification.robustness`, about half of the time.
 
@@ -147,7 +150,7 @@ def verify(case: Case, *, deviations: bool = True) -> Verification:
     InputError
         If a model cannot be made linear or the twin has no solution.
     """
-    parts = parts_of(case)
+    parts = parts_of(case, untuned=untuned)
     reference = cut(case.vehicle, case.rig)
     told = twin(case.rig, reference, case.loop) if case.loop.structure == "model_based" else None
     neutral = neutral_motions(parts)
