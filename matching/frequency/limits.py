@@ -60,7 +60,7 @@ def _missed(case: Case, target: TargetResult) -> str:
         return f"{wanted}: the closed loop has no such mode; with nothing done the rig shows it at {undone:.2f} Hz"
     words = f"{wanted} is reached at {target.matched:.3f} Hz with damping ratio {target.matched_damping:.3f}"
     if target.seen is None:
-        return words + ", and the simulated manoeuvre does not show it"
+        return words + ", and the simulation does not show it: no torque that reaches the bed moves it visibly"
     return words + f"; the simulation shows {target.seen:.3f} Hz with {target.seen_damping:.3f}"
 
 
@@ -101,11 +101,14 @@ def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode
             value = stiffness * case.rig.parameters[f"shafts.{shafts[0]}.stiffness"].value
             twist = limit / value
             turned = f"{np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m"
-            parts.append(f"{value:.3g} N·m/rad in {' and '.join(shafts)}, which twists {turned}")
-        rotors = sorted({chain.inertias[-1] for chain in chains})
-        if inertia := _needed(case, [f"inertias.{name}.J" for name in rotors], mode, target.vehicle, 1.0, 1e5):
-            value = inertia * case.rig.parameters[f"inertias.{rotors[0]}.J"].value
-            parts.append(f"{value:.3g} kg·m² at {' and '.join(rotors)} each, {inertia:.0f} times what stands there")
+            parts.append(f"{_plain(value)} N·m/rad in {' and '.join(shafts)}, which twists {turned}")
+        masses = sorted({name for chain in chains for name in chain.inertias})
+        if inertia := _needed(case, [f"inertias.{name}.J" for name in masses], mode, target.vehicle, 1.0, 1e5):
+            behind = sum(case.rig.parameters[f"inertias.{name}.J"].value for name in chains[0].inertias)
+            instead = f"{_plain(inertia * behind)} kg·m² instead of {_plain(behind)}"
+            parts.append(f"{inertia:.0f} times the inertia behind each cut, {instead}")
+        elif parts:
+            parts[-1] += ", and no inertia behind the cuts, however large, does it alone"
         if parts:
             found.append(
                 f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; "
@@ -114,8 +117,13 @@ def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode
     return found
 
 
+def _plain(value: float) -> str:
+    """Three digits without a power of ten."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
 def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float, high: float) -> float | None:
-    """Factor on quantities of the rig that brings a mode of one symmetry to a frequency (its lowest elastic mode)."""
+    """Common factor on quantities of the rig that brings its lowest elastic mode of one symmetry to a frequency."""
     own = {name: case.rig.parameters[name].value for name in names}
 
     def off(exponent: float) -> float:
