@@ -1,0 +1,48 @@
+"""What adapters can do without emulation, and what 1.6 Hz would take of them.
+
+python examples/adapter_only/run.py
+"""
+
+from pathlib import Path
+
+from matching.frequency.case import load_case
+from matching.frequency.match import match
+from matching.frequency.result import MatchResult
+
+HERE = Path(__file__).parent
+
+
+def main() -> MatchResult:
+    """Match with adapters alone, say what stands in the way, and check the figures against a hand calculation."""
+    result = match(load_case(HERE / "case.toml"), starts=3)
+    print(result.status)
+    for sentence in result.limits:
+        print("-", sentence)
+    before, after = result.response_error.before, result.response_error.after
+    print(f"response error {before:.2f} before, {after:.2f} after")
+
+    assert result.status == "limited"
+    assert result.verification.stable
+    shuffle, symmetric = result.targets
+    for target in result.targets:
+        print(f"{target.rig:.2f} Hz becomes {target.matched:.2f} Hz, {target.vehicle:.2f} Hz is wanted")
+    assert abs(shuffle.matched - 8.320) < 0.01
+    assert abs(symmetric.matched - 10.918) < 0.01
+    assert all(parameter.at_bound for parameter in result.parameters)
+
+    # One side against ground, the differential at rest: the rotor hangs on side shaft and flange in series.
+    omega = 2 * 3.141592653589793 * shuffle.vehicle
+    rotor, side = 0.895, 1.092e4
+    flange = 1 / (1 / (rotor * omega**2) - 1 / side)
+    heavier = (shuffle.rig / shuffle.vehicle) ** 2
+    print(f"by hand: {flange:.1f} N·m/rad, {1500 / flange / 6.2832:.2f} turns; {heavier:.0f} times the inertia")
+    told = " ".join(result.limits)
+    assert abs(flange - 91.2) < 0.1
+    assert "91.2 N·m/rad" in told
+    assert "2.6 turns" in told
+    assert "109 times the inertia behind each cut" in told
+    return result
+
+
+if __name__ == "__main__":
+    main()
