@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from matching.frequency.case import Case
+from matching.frequency.fidelity import MatchFidelity, match_fidelity
+from matching.frequency.verification.parts import parts_of
 from modelling.modes import Mode
 
 
@@ -144,6 +147,12 @@ class MatchResult:
     starts: tuple[float | None, ...] = ()
     seconds: float = 0.0
 
+    @cached_property
+    def fidelity(self) -> MatchFidelity | None:
+        """R_SD, R_RVM, R_MU and R_XiL of free and matched rig on the manoeuvre; None where the simulation ran away."""
+        traces = self.verification.traces
+        return None if traces is None else match_fidelity(parts_of(self.tuned), traces)
+
     def to_dict(self) -> dict[str, Any]:
         """The content of ``result.json``."""
         checks = self.verification
@@ -163,6 +172,7 @@ class MatchResult:
             "modulus_margin": checks.modulus_margin,
             "spectral_abscissa": checks.spectral_abscissa,
             "response_error": self.response_error.to_dict(),
+            "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
             "verification": checks.to_dict(),
             "objective": self.objective,
             "starts": list(self.starts),

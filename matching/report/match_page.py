@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from matching.report.match_checks import checks, needs
+from matching.report.match_fidelity import fidelity_rows
 from matching.report.match_figures import CAPTIONS
 from matching.report.match_text import answer, content
 from matching.report.words import change, handy, hertz, number, plain, sentence, unit
@@ -60,6 +61,7 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         "error": error,
         "band": f"{number(error.band[0])}–{number(error.band[1])} Hz",
         "announced_note": _announced_note(result),
+        "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "honest": [*_honest(result), DEAD_TIME],
         "adapters": [
             own.to_dict() | {"change": change(own.start, own.tuned)}

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from matching.report.match_fidelity import fidelity_line
 from matching.report.words import change, handy, hertz, number, plain, sentence, unit
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def summary(result: Mapping[str, Any]) -> str:
         f"error {_band(error)}: {number(error['after'], 3)} matched{free}{alone}; "
         f"dead time leaves {number(error['bound'], 3)} sampled, {number(error['bound_unsampled'], 3)} unsampled"
     )
+    if fidelity := result.get("fidelity"):
+        body.append(fidelity_line(fidelity))
     margin = f" (asked {number(asked['modulus_margin'], 3)})" if "modulus_margin" in asked else ""
     body.append(
         f"loop {'stable' if result['stable'] else 'NOT STABLE'}, modulus margin {number(result['modulus_margin'], 3)}"

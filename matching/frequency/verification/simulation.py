@@ -15,6 +15,7 @@ import numpy as np
 from scipy.signal import cont2discrete
 
 from matching.frequency.verification.body import Body, body
+from matching.frequency.verification.emulated import emulated
 from matching.frequency.verification.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
 from matching.frequency.verification.parts import Parts, interface_speed, shaft_torque, watched
 from modelling.compiled import compiled
@@ -31,7 +32,8 @@ class Traces:
     """Vehicle, free rig and matched rig over one manoeuvre, SI.
 
     Each of the three maps names to traces (t,): sensors by name, ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and
-    ``.twist``; of the matched rig also ``dynamometers.NAME.torque`` (air gap), ``.speed``, ``.power`` and ``.command``.
+    ``.twist``; of the matched rig also ``dynamometers.NAME.torque`` (air gap), ``.speed``, ``.power`` and ``.command``;
+    of both rigs ``residual_vehicle.SENSOR``, what the residual vehicle reads (:mod:`.emulated`).
     """
 
     time: np.ndarray
@@ -65,6 +67,8 @@ def simulate_case(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndar
         free_motion(parts.free.system, parts, torques, step, parts.free),
         matched_motion(parts, told, torques),
     )
+    found[1].update(emulated(parts, found[1], torques, tuned=False))
+    found[2].update(emulated(parts, found[2], torques, tuned=told is None))
     cut_off = [{name: trace[settle:] for name, trace in one.items()} for one in found]
     return Traces(time[settle:], {name: np.asarray(own)[settle:] for name, own in torques.items()}, *cut_off)
 

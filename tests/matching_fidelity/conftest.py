@@ -1,0 +1,34 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from matching.frequency.case import load_case
+from matching.frequency.verification.parts import parts_of
+from matching.frequency.verification.reading import manoeuvre_torques
+from matching.frequency.verification.simulation import simulate_case
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+GENTLE = {
+    "proportional_gain": 60.0,
+    "integral_gain": 60.0,
+    "torque_feed_forward": 0.2,
+    "acceleration_feed_forward": 0.3,
+}
+
+
+@pytest.fixture(scope="session")
+def reference():
+    return load_case(CASE)
+
+
+@pytest.fixture(scope="session")
+def feedback(reference):
+    """The reference case by feedback alone, with gains known to be stable."""
+    return replace(reference, loop=replace(reference.loop.with_values(GENTLE), structure="pi"))
+
+
+@pytest.fixture(scope="session")
+def simulated(feedback):
+    parts = parts_of(feedback)
+    return parts, simulate_case(parts, None, *manoeuvre_torques(parts))
