@@ -1,7 +1,7 @@
 """XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), free rig and matched rig, off the simulated traces.
 
 R_SD compares torque and speed at every cut, as the paper does with M and n of each load dynamometer; R_RVM the
-vehicle's sensors behind the cuts with what the residual vehicle reads (:mod:`matching.frequency.verification.emulated`);
+vehicle's sensors behind the cuts with what the residual vehicle reads (see ``verification/emulated.py``);
 R_MU takes U = 2·u of the torque and speed sensor of every dynamometer over the range that the vehicle shows there.
 The simulated signals carry no noise, so the uncertainty stated is that of U as an offset and of the delays.
 """
@@ -70,9 +70,7 @@ def match_fidelity(parts: Parts, traces: Traces) -> MatchFidelity | None:
     f_max = parts.case.band[1]
     every = max(int(1 / (RATE * f_max * parts.case.loop["sample_time"])), 1)
     wanted = _signals(parts, traces)
-    resting = tuple(
-        own.name for members in wanted.values() for own in members if np.ptp(own.reference) <= AT_REST
-    )
+    resting = tuple(own.name for members in wanted.values() for own in members if np.ptp(own.reference) <= AT_REST)
     kept = {
         domain: [own for own in members if own.name not in resting and own.name in traces.matched]
         for domain, members in wanted.items()
@@ -86,13 +84,14 @@ def match_fidelity(parts: Parts, traces: Traces) -> MatchFidelity | None:
     weights = {domain: WEIGHTS[domain] / total for domain in WEIGHTS if domain in there}
 
     def assessed(rig: Mapping[str, np.ndarray]) -> Fidelity:
-        pairs = {
-            domain: {own.name: own.pair(rig[own.name], every) for own in members} for domain, members in kept.items()
-        }
+        dynamics, emulated = (
+            {own.name: own.pair(rig[own.name], every) for own in kept[domain]}
+            for domain in ("system_dynamics", "residual_vehicle_model")
+        )
+        longest = min(LONGEST_DELAY, float(traces.time[-1]) / 4)
         return fidelity_of_signals(
-            traces.time[::every], **pairs, f_max=f_max, weights=weights,
-            longest_delay=min(LONGEST_DELAY, traces.time[-1] / 4),
-        )  # fmt: skip
+            traces.time[::every], dynamics, emulated, f_max=f_max, weights=weights, longest_delay=longest
+        )
 
     return MatchFidelity(assessed(traces.rig), assessed(traces.matched), resting)
 
@@ -119,9 +118,7 @@ def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
             (f"interfaces.{dyno.follows}.speed", dyno.speed_sensor),
         ):
             dynamics.append(_Signal(name, traces.vehicle[name], sensors[sensor].uncertainty))
-    behind = [
-        _Signal(PLACE + name, traces.vehicle[name], None) for name in on_emulated_side(parts.case.vehicle, parts)
-    ]
+    behind = [_Signal(PLACE + name, traces.vehicle[name], None) for name in on_emulated_side(parts.case.vehicle, parts)]
     if not behind:  # the vehicle has no sensor there: the speed at the cuts that the residual vehicle asks for
         behind = [
             _Signal(PLACE + own.speed, traces.vehicle[f"interfaces.{own.shaft}.speed"], None) for own in parts.cuts

@@ -44,7 +44,7 @@ def emulated(
         own.torque: sign * lsim(lag, traces[dyno.torque_sensor], time)[1]
         for dyno, own, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
     }
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for one in bodies:
         space, nothing = one.space, np.zeros(count)
         system = space.A, space.B, space.C, space.D
@@ -56,7 +56,7 @@ def emulated(
 
 
 def on_emulated_side(vehicle: System, parts: Parts) -> tuple[str, ...]:
-    """Sensors of the vehicle that the residual vehicle has too, those right at the cuts left out: the rotors show them."""
+    """Sensors of the vehicle that the residual vehicle has too, less those right at the cuts, which the rotors show."""
     ends = {own.vehicle_end for own in parts.cuts}
     there = {sensor.name for part in parts.residual for sensor in part.system.sensors if sensor.of not in ends}
     return tuple(sensor.name for sensor in vehicle.sensors if sensor.name in there)
