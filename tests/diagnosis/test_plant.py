@@ -1,0 +1,51 @@
+"""The truth plant, a few recordings of it: nothing hidden, one effect, two effects, one outside the vocabulary."""
+
+from pathlib import Path
+
+import pytest
+from plant.case import make_case
+
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.result import Diagnosis
+from modelling.files import dumps, from_dict, load, read_toml
+from modelling.recording import read_recording
+
+
+def diagnosed(folder: Path, *effects: str, size: str | float = "plain", seed: int = 5) -> tuple[Diagnosis, dict]:
+    """Make a recording of a two-mass drive and diagnose it."""
+    case = make_case("two_mass", list(effects), size, "normal", seed, 8.0, 500.0)
+    case.write(folder)
+    system = load(folder / "model.toml")
+    return diagnose(system, [read_recording(folder / "recording.csv", system)]), case.answer
+
+
+def test_nothing_hidden_is_adequate(tmp_path: Path) -> None:
+    found, _ = diagnosed(tmp_path)
+    assert found.verdict == "adequate"
+    assert found.causes == []
+
+
+@pytest.mark.parametrize(("kind", "size"), [("quadratic_drag", "subtle"), ("sensor_drift", "subtle")])
+def test_one_effect_is_named_with_its_value(tmp_path: Path, kind: str, size: str) -> None:
+    found, answer = diagnosed(tmp_path, kind, size=size)
+    assert found.verdict == "explained"
+    assert [(cause.kind, cause.at) for cause in found.causes] == [(answer["kind"], answer["at"])]
+    for key, value in answer["parameters"].items():
+        own, _ = found.causes[0].parameters[key]
+        assert abs(own.value - value) < 4 * own.standard_uncertainty
+    for errors in found.errors.values():
+        assert errors["after_holdout"] < 1.1 * errors["noise"]
+
+
+def test_two_effects_are_both_named(tmp_path: Path) -> None:
+    found, answer = diagnosed(tmp_path, "coulomb_friction", "sensor_gain")
+    assert {(cause.kind, cause.at) for cause in found.causes} == {(one["kind"], one["at"]) for one in answer["causes"]}
+
+
+def test_extended_model_goes_through_its_file(tmp_path: Path) -> None:
+    found, _ = diagnosed(tmp_path, "quadratic_drag", size="subtle")
+    path = tmp_path / "extended.toml"
+    path.write_text(dumps(found.extended))
+    again = from_dict(read_toml(path))
+    assert again.effects == found.extended.effects
+    assert again.parameters == found.extended.parameters

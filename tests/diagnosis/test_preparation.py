@@ -1,0 +1,85 @@
+"""Recordings with gaps, stuck and missing channels become data, and what was left out is told."""
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.preparation import prepare_data, split
+from modelling.errors import InputError
+from modelling.files import from_dict
+from modelling.recording import Recording
+
+
+def system(uncertainty: float | None = 0.1):
+    speed = {"measures": "speed", "of": "rotor"} | ({"uncertainty": uncertainty} if uncertainty else {})
+    return from_dict(
+        {
+            "inertias": {"rotor": {"J": 1.0}},
+            "inputs": {"motor": {"on": "rotor"}},
+            "sensors": {"speed": speed, "angle": {"measures": "angle", "of": "rotor", "uncertainty": 0.1}},
+        }
+    )
+
+
+def recording(time: np.ndarray, speed: np.ndarray, **more: np.ndarray) -> Recording:
+    return Recording(time, {"motor": np.ones_like(time), "speed": speed, **more}, (), "made.csv")
+
+
+def noisy(count: int, seed: int = 0) -> np.ndarray:
+    return np.sin(np.arange(count) / 50) + 0.1 * np.random.default_rng(seed).standard_normal(count)
+
+
+def test_stuck_channel_is_left_out_and_told() -> None:
+    time, speed = np.arange(2000) * 1e-3, noisy(2000)
+    speed[500:900] = speed[500]
+    data, notes = prepare_data(system(), [recording(time, speed)])
+    assert data.samples.tolist() == [1600, 0]
+    assert any("speed is stuck from 0.5 to 0.899 s" in note for note in notes)
+
+
+def test_saturated_channel_is_told_as_such() -> None:
+    time, speed = np.arange(2000) * 1e-3, noisy(2000)
+    speed[700:900] = speed.max() + 0.1
+    _, notes = prepare_data(system(), [recording(time, speed)])
+    assert any("end of its range" in note for note in notes)
+
+
+def test_gap_makes_two_segments() -> None:
+    time = np.concatenate([np.arange(1000) * 1e-3, 3 + np.arange(1000) * 1e-3])
+    data, _ = prepare_data(system(), [recording(time, noisy(2000))])
+    assert [len(segment.time) for segment in data.segments] == [1000, 1000]
+
+
+def test_coarse_steps_of_a_reading_are_not_stuck() -> None:
+    time = np.arange(2000) * 1e-3
+    data, notes = prepare_data(system(), [recording(time, np.round(np.sin(time), 2))])
+    assert data.samples[0] == 2000
+    assert not notes
+
+
+def test_noise_that_nobody_states_is_read_off() -> None:
+    time = np.arange(5000) * 1e-3
+    data, notes = prepare_data(system(None), [recording(time, noisy(5000))])
+    assert data.noise[0] == pytest.approx(0.1, rel=0.1)
+    assert any("states no uncertainty" in note for note in notes)
+
+
+def test_recording_without_any_sensor_is_refused() -> None:
+    time = np.arange(500) * 1e-3
+    empty = Recording(time, {"motor": np.ones(500)}, (), "made.csv")
+    with pytest.raises(InputError, match=r"made\.csv: has no sensor of the model"):
+        prepare_data(system(), [empty])
+
+
+def test_too_short_a_recording_is_refused() -> None:
+    time = np.arange(20) * 1e-3
+    with pytest.raises(InputError, match="20 samples"):
+        prepare_data(system(), [recording(time, noisy(20))])
+
+
+def test_split_keeps_the_last_part_of_every_recording() -> None:
+    time = np.arange(1000) * 1e-3
+    one, other = recording(time, noisy(1000)), recording(time, noisy(1000, 1))
+    data, _ = prepare_data(system(), [one, Recording(other.time, other.channels, (), "other.csv")])
+    train, seen = split(data)
+    assert seen == [700, 700]
+    assert [len(segment.time) for segment in train.segments] == [700, 700]
