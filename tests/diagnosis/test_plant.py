@@ -4,11 +4,14 @@ from pathlib import Path
 
 import pytest
 from plant.case import make_case
+from plant.engine import compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.result import Diagnosis
 from modelling.files import dumps, from_dict, load, read_toml
 from modelling.recording import read_recording
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
 
 
 def diagnosed(folder: Path, *effects: str, size: str | float = "plain", seed: int = 5) -> tuple[Diagnosis, dict]:
