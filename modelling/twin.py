@@ -209,7 +209,7 @@ def dead_time_bound(rig: System, residual: ResidualVehicle, loop: Loop, refineme
     worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
     alone no bound exists: a causal filter can be as good as one likes there, at the price of what lies outside.
     """
-    step = min(loop["sample_time"], max(loop["dead_time"], loop["sample_time"] / 4)) / refinement
+    step = loop["sample_time"] / refinement
     return twin(rig, residual, loop, step, EFFORT_PRICE)
 
 
