@@ -41,7 +41,7 @@ bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks
 
 campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many made faults, scored)
-	$(BIN)/python -m benchmarks.campaign
+	$(BIN)/python -m tests.campaign
 
 lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
 	$(PIP) install --quiet uv

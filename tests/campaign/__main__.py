@@ -1,6 +1,6 @@
 """The long diagnosis campaign: many recordings of the truth plant with something hidden in them, diagnosed and scored.
 
-``python -m benchmarks.campaign [--cases 400] [--seed 1] [--out out/campaign] [--workers 2]``; started again, it goes
+``python -m tests.campaign [--cases 400] [--seed 1] [--out out/campaign] [--workers 2]``; started again, it goes
 on where it was stopped.
 """
 
@@ -13,8 +13,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+TESTS = Path(__file__).parents[1]
+sys.path.insert(0, str(TESTS))  # the truth plant is imported as `plant`
 
 
 def main() -> None:
@@ -28,7 +28,7 @@ def main() -> None:
     kept = given.out / f"cases_{given.cases}_{given.seed}.jsonl"
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     run(given.cases, given.seed, given.workers, rows, kept)
-    from benchmarks.campaign_score import report
+    from tests.campaign.score import report
 
     report(rows, given.out, given.seed)
 

@@ -1,1 +1,0 @@
-"""Measurements against peers and over many made faults."""

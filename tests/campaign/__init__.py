@@ -1,0 +1,1 @@
+"""A long campaign of made faults, diagnosed and scored."""
