@@ -6,7 +6,12 @@ import pytest
 from matching.frequency.case import load_case
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-STABLE = {"proportional_gain": 100.0, "integral_gain": 50.0}  # of the reference case, with a poor margin
+STABLE = {  # of the reference case, with a poor margin
+    "proportional_gain": 100.0,
+    "integral_gain": 50.0,
+    "torque_feed_forward": 1.0,
+    "acceleration_feed_forward": 0.8,
+}
 
 COMPACT = """
 vehicle = "{folder}/vehicle.toml"
