@@ -17,6 +17,7 @@ from modelling.residual_vehicle import ResidualVehicle, cut
 from modelling.system import System, unknown
 from modelling.units import to_si
 
+OBJECTIVES = ("response_error", "fidelity")  # what the feedback is tuned by
 DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
 
 
@@ -76,6 +77,7 @@ class Case:
     moves: tuple[Move, ...]
     title: str = ""
     path: str = field(default="", compare=False)
+    objective: str = "response_error"
 
 
 _TOP = {"title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move"}
@@ -114,6 +116,7 @@ def load_case(path: str | Path) -> Case:
         _moves(data, rig, residual, loop, where),
         _text(data, "title", where) if "title" in data else "",
         where,
+        _objective(data, where),
     )
 
 
@@ -200,7 +203,7 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
-    own = _table(data, "response", where, {"band", "compare"})
+    own = _table(data, "response", where, {"band", "compare", "objective"})
     band = own.get("band", [0.5, 30.0])
     if not isinstance(band, list) or len(band) != 2:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
@@ -208,6 +211,13 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
     if not 0 < low < high:
         raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
     return low, high
+
+
+def _objective(data: Mapping[str, Any], where: str) -> str:
+    given = _table(data, "response", where).get("objective", OBJECTIVES[0])
+    if given not in OBJECTIVES:
+        raise unknown(str(given), list(OBJECTIVES), f"{where}: response.objective")
+    return given
 
 
 def _compared(

@@ -38,6 +38,7 @@ def case_text(case: Case) -> str:
     data["loop"] |= {name: loop[name] for name in (*HARDWARE, *KNOBS[loop.structure])}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
+    data["response"]["objective"] = case.objective
     data["manoeuvre"] = {
         name: {"kind": own.kind} | {one.name: getattr(own, one.name) for one in dataclasses.fields(own)}
         for name, own in case.manoeuvre.items()

@@ -1,8 +1,8 @@
 """The feedback loop in the frequency domain as one CasADi function of (s, p): exact, dead time included.
 
 Rig and residual vehicle are solved as dynamic stiffnesses, (s²·M + s·C + K)·q = torques, the loop is closed round
-them, and the function gives the compared transfer functions and the return difference I + L at the dynamometers'
-commands. Derivatives are CasADi's, exact.
+them, and the functions give the compared transfer functions, to sensors of the rig or of the residual vehicle, and the
+return difference I + L at the dynamometers' commands. Derivatives are CasADi's, exact.
 """
 
 from __future__ import annotations
@@ -200,13 +200,25 @@ def _close(
                 row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(case, parts, dyno, source)))
         right.append(row)
     torque = solve([dict(enumerate(row)) for row in difference], right)
-    H = []
-    for pair in case.compared:
-        column = sources.index(pair.input)
-        total = rig.response(pair.sensor, pair.input) if pair.input in rig.inputs else Complex(0.0)
+
+    def on_rig(sensor: str, source: str) -> Complex:
+        total = rig.response(sensor, source) if source in rig.inputs else Complex(0.0)
         for j, dyno in enumerate(dynos):
-            total = total + rig.response(pair.sensor, dyno.torque_input) * torque[j][column]
-        H.append(total)
+            total = total + rig.response(sensor, dyno.torque_input) * torque[j][sources.index(source)]
+        return total
+
+    def emulated(sensor: str, source: str) -> Complex:
+        part = next(part for part in parts if sensor in part.sensors)
+        total = part.response(sensor, source) if source in part.inputs else Complex(0.0)
+        for k, dyno in enumerate(dynos):
+            if (own := _cut(case, dyno).torque) in part.inputs:
+                total = total + part.response(sensor, own) * (on_rig(dyno.torque_sensor, source) * lag * toward[k])
+        return total
+
+    H = [
+        on_rig(pair.sensor, pair.input) if pair.sensor in rig.sensors else emulated(pair.sensor, pair.input)
+        for pair in case.compared
+    ]
     return H, difference
 
 

@@ -11,6 +11,7 @@ from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands, demands
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.limits import limits
+from matching.frequency.objective import fidelity_aim
 from matching.frequency.problem import grid
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.solve import Solution, Task, solve
@@ -127,7 +128,9 @@ def _tune(
     moves = tuple(case.moves[i] for i in free)
     weights = np.array([_weight(shares[i]) for i in free])
     reference = responses(case, grid(case)).vehicle
-    return solve(Task(case, moves, weights, goals(case, targets), reference, asked), seed, starts, workers, tell)
+    aim = fidelity_aim(case) if case.objective == "fidelity" else None
+    tracked = goals(case, targets) if aim is None else ()
+    return solve(Task(case, moves, weights, tracked, reference, asked, aim), seed, starts, workers, tell)
 
 
 def _target(

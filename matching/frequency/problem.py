@@ -6,6 +6,8 @@ subject to  (I + L(s))·x = 0, x normalised to the target's pattern over the dyn
             σ_min(I + L(jω)) ≥ modulus margin on a grid                                        (Sylvester's criterion)
             the same, halved, on the ray of the smallest damping ratio: no root may cross it   (damping and stability)
             torque, speed and power the vehicle's own manoeuvre asks of adapters and dynamometers within limits.
+With ``objective = "fidelity"`` in the case the first two terms give way to 1 − R² over the manoeuvre
+(:mod:`matching.frequency.objective`) and no eigenvalue is tracked.
 Everything is exact in s, dead time included. A margin alone is no stability; the starts are stable and what comes
 out is verified by :mod:`matching.frequency.verification`.
 """
@@ -21,6 +23,7 @@ import numpy as np
 from matching.frequency.case import Case, Move
 from matching.frequency.closed_loop import ClosedLoop, closed_loop
 from matching.frequency.demands import Demands
+from matching.frequency.objective import Aim
 from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
@@ -109,7 +112,7 @@ def grid(case: Case) -> np.ndarray:
 
 def build(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray,
-    demands: Demands, extra: np.ndarray | None = None, exact: bool = True,
+    demands: Demands, extra: np.ndarray | None = None, exact: bool = True, aim: Aim | None = None,
 ) -> Problem:  # fmt: skip
     """Build the programme.
 
@@ -129,6 +132,8 @@ def build(
         Frequencies in Hz at which the margin is to hold beside the grid.
     exact : bool
         Exact Hessian; without it IPOPT builds its own from the exact gradients, which is faster far from the end.
+    aim : Aim, optional
+        The fidelity over the manoeuvre to take in place of the response error.
     """
     loop = closed_loop(case, [move.together for move in moves])
     k, h = len(case.loop.dynamometers), len(case.compared)
@@ -138,8 +143,12 @@ def build(
     p = ca.vertcat(*parts)
 
     f = grid(case)
-    H = _evaluate(loop.response, np.zeros(len(f)), 2 * np.pi * f, p)
-    objective = _response_error(H[0], H[1], reference, h)
+    if aim is None:
+        H = _evaluate(loop.response, np.zeros(len(f)), 2 * np.pi * f, p)
+        objective = _response_error(H[0], H[1], reference, h)
+    else:
+        whole = closed_loop(aim.case, [move.together for move in moves])
+        objective = aim.loss(*_evaluate(whole.response, aim.s.real, aim.s.imag, p))
     start = np.array([scaled(move.start, move) for move in moves])
     if size:
         objective = objective + PRICE * ca.sum1(ca.DM(weights) * (v[:size] - start) ** 2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands
+from matching.frequency.objective import Aim
 from matching.frequency.problem import Goal, Problem, build, scaled
 from matching.frequency.tuned import apply
 from matching.frequency.verification.encirclements import encirclements
@@ -44,10 +45,13 @@ class Task:
     goals: tuple[Goal, ...]
     reference: np.ndarray
     demands: Demands
+    aim: Aim | None = None
 
     def build(self, extra: np.ndarray | None = None, exact: bool = False) -> Problem:
         """The programme."""
-        return build(self.case, self.moves, self.weights, self.goals, self.reference, self.demands, extra, exact)
+        return build(
+            self.case, self.moves, self.weights, self.goals, self.reference, self.demands, extra, exact, self.aim
+        )
 
 
 def solve(

@@ -18,6 +18,7 @@ from modelling.fidelity.assess import check_time
 from modelling.fidelity.measures import chi, signal_range
 
 SMALL = 1e-9  # of the range: rounds off the root at a perfect match, where its slope would be infinite
+CUT = 1e-7  # rounds off the cut at a deviation as large as the range
 
 
 class SmoothFidelity:
@@ -61,11 +62,16 @@ class SmoothFidelity:
         total: Any = 0.0
         for name, reference in self.references.items():
             deviation = (tests[name] - reference) / self.widths[name]
-            nrmse = 1 - ((_dot(deviation, deviation) / len(reference)) + SMALL**2) ** 0.5
+            nrmse = _positive(1 - ((_dot(deviation, deviation) / len(reference)) + SMALL**2) ** 0.5)
             lag = self.delay(name, tests[name])
             delayed = 1 - 2 / math.pi * _arctan(self.chi * (lag * lag + 1e-18) ** 1.5)
             total = total + nrmse * nrmse + delayed * delayed
         return 1 - total / (2 * len(self.references))
+
+
+def _positive(value: Any) -> Any:
+    """The cut at 0 of Eq. 18, rounded off: beyond the range no deviation is better than another."""
+    return (value + (value * value + CUT) ** 0.5) / 2
 
 
 def _dot(first: Any, second: Any) -> Any:

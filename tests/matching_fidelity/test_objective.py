@@ -1,0 +1,79 @@
+"""R_XiL as objective: its signals against the time simulation, its gradient against differences, its matches."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from matching.frequency.case_file import case_text
+from matching.frequency.closed_loop import closed_loop
+from matching.frequency.objective import fidelity_aim
+from matching.frequency.problem import build
+from matching.frequency.solve import _start
+from matching.frequency.verification.emulated import PLACE
+
+
+@pytest.fixture(scope="module")
+def aim(feedback):
+    return fidelity_aim(feedback)
+
+
+def responses(aim, values):
+    loop = closed_loop(aim.case)
+    p = loop.values.copy()
+    for name, value in values.items():
+        p[loop.parameters.index(name)] = value
+    count = len(aim.s)
+    return loop.response.map(count)(ca.DM(aim.s.real).T, ca.DM(aim.s.imag).T, ca.repmat(ca.DM(p), 1, count))
+
+
+def trace_of(name):
+    for added, place, what in (("verified_torque_", "shafts", "torque"), ("verified_speed_", "interfaces", "speed")):
+        if name.startswith(added):
+            return f"{place}.{name.removeprefix(added)}.{what}"
+    return None
+
+
+def test_signals_are_those_of_the_time_simulation(aim, simulated):
+    """Inverse Laplace of the optimiser's loop against delay lines and a sampled controller: no code in common."""
+    _, traces = simulated
+    found = aim.signals(*responses(aim, {}))
+    for references in aim.domains.values():
+        for name, reference in references.items():
+            own, rig = trace_of(name) or name, trace_of(name) or PLACE + name
+            for mine, theirs in ((reference, traces.vehicle[own]), (found[name].full().ravel(), traces.matched[rig])):
+                theirs = np.interp(aim.time, traces.time, theirs)
+                assert np.sqrt(np.mean((mine - theirs) ** 2)) < 0.006 * np.ptp(theirs), name
+
+
+def test_loss_of_the_vehicles_own_responses_is_none(aim):
+    class Ideal(type(aim)):
+        def signals(self, re, im):
+            return {name: ca.DM(own) for references in self.domains.values() for name, own in references.items()}
+
+    assert float(Ideal(**vars(aim)).loss(None, None)) == pytest.approx(0, abs=1e-6)
+
+
+def test_gradient_by_differences(feedback, aim):
+    moves = feedback.moves[:6]
+    weights = np.ones(len(moves))
+
+    class Nothing:
+        def constraints(self, p):
+            return []
+
+    problem = build(feedback, moves, weights, (), np.ones((48, 6)), Nothing(), aim=aim)
+    v = ca.MX.sym("v", len(moves))
+    f = problem.objective(v)[0]
+    gradient = ca.Function("gradient", [v], [ca.gradient(f, v)])
+    at = _start(problem, None)
+    numeric = [
+        float(problem.objective(at + h)[0] - problem.objective(at - h)[0]) / 2e-5 for h in 1e-5 * np.eye(len(moves))
+    ]
+    assert gradient(at).full().ravel() == pytest.approx(numeric, rel=1e-4, abs=1e-7)
+
+
+def test_what_is_tuned_by_stays_in_the_case_file(feedback):
+    assert 'objective = "fidelity"' in case_text(replace(feedback, objective="fidelity"))
+    assert 'objective = "response_error"' in case_text(feedback)
