@@ -1,17 +1,22 @@
 """R_XiL as objective: its signals against the time simulation, its gradient against differences, its matches."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from matching.frequency.case import load_case
 from matching.frequency.case_file import case_text
 from matching.frequency.closed_loop import closed_loop
 from matching.frequency.objective import fidelity_aim
 from matching.frequency.problem import build
 from matching.frequency.solve import _start
 from matching.frequency.verification.emulated import PLACE
+from modelling.errors import InputError
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +82,12 @@ def test_gradient_by_differences(feedback, aim):
 def test_what_is_tuned_by_stays_in_the_case_file(feedback):
     assert 'objective = "fidelity"' in case_text(replace(feedback, objective="fidelity"))
     assert 'objective = "response_error"' in case_text(feedback)
+
+
+def test_unknown_objective_is_one_line(tmp_path):
+    text = CASE.read_text().replace('objective = "response_error"', 'objective = "beauty"')
+    for name in ("vehicle.toml", "rig.toml"):
+        (tmp_path / name).write_bytes((CASE.parent / name).read_bytes())
+    (tmp_path / "case.toml").write_text(text)
+    with pytest.raises(InputError, match=r"response\.objective.*beauty"):
+        load_case(tmp_path / "case.toml")
