@@ -10,6 +10,7 @@ import pytest
 from matching.frequency.case import load_case
 from matching.frequency.case_file import case_text
 from matching.frequency.closed_loop import closed_loop
+from matching.frequency.match import match
 from matching.frequency.objective import fidelity_aim
 from matching.frequency.problem import build
 from matching.frequency.solve import _start
@@ -91,3 +92,12 @@ def test_unknown_objective_is_one_line(tmp_path):
     (tmp_path / "case.toml").write_text(text)
     with pytest.raises(InputError, match=r"response\.objective.*beauty"):
         load_case(tmp_path / "case.toml")
+
+
+def test_each_objective_wins_at_what_it_is_for(feedback):
+    """The matched rig's R_XiL by the simulation, delays by the estimator: nothing of the objective's own code."""
+    errors, fidelity = (match(replace(feedback, objective=own), starts=1) for own in ("response_error", "fidelity"))
+    assert fidelity.fidelity.after.total >= errors.fidelity.after.total
+    assert errors.response_error.after <= fidelity.response_error.after
+    assert fidelity.verification.stable
+    assert fidelity.verification.modulus_margin >= feedback.limits["modulus_margin"]
