@@ -15,7 +15,30 @@ from modelling.effects import EFFECTS
 from modelling.system import System
 
 FEW, MANY = 5, 14  # candidates refitted at once, and at most
+MOST_OF_IT = 0.9  # of the misfit beyond noise: no further candidate needs a look
+REFITS, WINDOWED = 60, 4  # of a whole search; the latter over short windows, each many times as long
 SHARE = 0.4  # of the best reduction that a candidate must promise to be refitted with the first
+
+
+@dataclass
+class Budget:
+    """How many refits a search may still make, over all and over windows.
+
+    A count and no clock, so that no answer depends on the machine.
+    """
+
+    left: int = REFITS
+    windows: int = WINDOWED
+
+    def refit(self) -> bool:
+        """Take one refit off; whether there was one."""
+        self.left -= 1
+        return self.left >= 0
+
+    def window(self) -> bool:
+        """Take one refit over windows off; whether there was one."""
+        self.windows -= 1
+        return self.windows >= 0
 
 
 @dataclass(frozen=True)
@@ -92,15 +115,17 @@ def refit(
     parent: Named,
     found: Sequence[Screened],
     screen: Screen,
+    budget: Budget,
     tell: Callable[[str], None] = lambda _: None,
     most: int = MANY,
+    windows: bool = True,
 ) -> list[Named]:
-    """Refit promising candidates until one brings the residual to the noise and no other promises as much; best
-    first."""
+    """Refit promising candidates until one brings the residual to the noise and no other promises as much, or the
+    budget is spent; best first. With ``windows`` the best few are fitted over short simulations too."""
     done: list[Named] = []
     rest = list(found)
     tried: set[tuple[Cause, ...]] = set()
-    while rest and len(done) < most:
+    while rest and len(done) < most and budget.left > 0:
         lead = rest[0].reduction
         count = FEW if not done else 4
         batch = [
@@ -114,6 +139,8 @@ def refit(
             promised[trial.causes] = one.reduction
             trials.append(trial)
         for trial in compile_all(trials):
+            if not budget.refit():
+                break
             cause = trial.causes[-1]
             tell(f"{cause.kind} at {cause.at}")
             rival = min((one.fit.cost for one in done), default=0.0)
@@ -122,23 +149,30 @@ def refit(
             except (FloatingPointError, np.linalg.LinAlgError, ValueError):
                 continue
         done.sort(key=lambda named: named.cost)
-        if done and not at_noise(done[0]):
-            done = closer(parent, done, screen, tried)
-        if done and (at_noise(done[0]) or _most(parent, done[0])):
+        if windows and done and not at_noise(done[0]):
+            done = closer(parent, done, screen, tried, budget)
+        if done and (at_noise(done[0]) or taken(parent, done[0]) > MOST_OF_IT):
             promise = SHARE * max(one.screened for one in done)
             if not rest or rest[0].reduction < promise:
                 break
     return done
 
 
-def _most(parent: Named, child: Named) -> bool:
-    """Whether a cause takes most of what was left over."""
+def taken(parent: Named, child: Named) -> float:
+    """Share of the misfit beyond noise that a further cause takes; 1 where there is hardly any misfit."""
     count = float(parent.fit.problem.data.samples.sum())
-    return child.fit.cost - count < 0.1 * (parent.fit.cost - count)
+    excess = parent.fit.cost - count
+    gain = parent.fit.cost - child.fit.cost
+    return min(gain / excess, 1.0) if excess > max(gain, 0.0) else float(gain > 0)
 
 
 def closer(
-    parent: Named, named: Sequence[Named], screen: Screen, tried: set[tuple[Cause, ...]], most: int = 2
+    parent: Named,
+    named: Sequence[Named],
+    screen: Screen,
+    tried: set[tuple[Cause, ...]],
+    budget: Budget,
+    most: int = 2,
 ) -> list[Named]:
     """Fit the best few again from short simulations, for those whose long one may have slipped into a false minimum."""
     motion = np.concatenate(parent.fit.problem.states(parent.fit.v))
@@ -147,6 +181,8 @@ def closer(
     for i, one in enumerate(named[:most]):
         if one.causes in tried or one.fit.cost > 3 * named[0].fit.cost:
             continue
+        if not budget.window():
+            break
         tried.add(one.causes)
         try:
             short = nearer(one.trial, parent.fit, motion)

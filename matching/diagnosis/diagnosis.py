@@ -20,7 +20,7 @@ from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.result import CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.several import Search, search
 from matching.diagnosis.uncertainty import estimates
-from matching.diagnosis.verdict import Rated, confidence, polished, rated
+from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
 from modelling.system import System
@@ -70,6 +70,8 @@ def diagnose(
     problem, start = base_problem(system, train)
     state = search(system, solve(problem, start), tell)
     tell("final fit")
+    if not at_noise(state.best):
+        _drop_overfitted(state, unseen)
     state.best, coarse = polished(state.best)
     rivals = []
     for index in range(len(state.best.causes)):
@@ -93,6 +95,21 @@ def diagnose(
         _gain(system, whole, base_unseen, after), _rest(final), proposal, notes,
         extended(system, final.causes, final.fit.values), _pictures(state, final),
     )  # fmt: skip
+
+
+def _drop_overfitted(state: Search, unseen: Callable[[Named], list[np.ndarray]]) -> None:
+    """Drop the causes found last while unseen data are met better without: they fitted what does not come again."""
+    while state.best.causes:
+        last = len(state.best.causes) - 1
+        rest = _without(state, last)
+        if held_out(rest, unseen) >= held_out(state.best, unseen):
+            break
+        state.best = rest
+        state.rivals = state.rivals[:last]
+    if len(state.best.causes) == 1 and state.best is not state.single[0]:
+        here = {(cause.kind, cause.at) for cause in state.best.causes}
+        others = [one for one in state.single if {(cause.kind, cause.at) for cause in one.causes} != here]
+        state.rivals = [[state.best, *others]]
 
 
 def _without(state: Search, index: int) -> Named:

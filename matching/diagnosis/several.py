@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from matching.diagnosis.candidates import Cause, Trial, fitted, without_cause
-from matching.diagnosis.compare import Named, at_noise, refit, unique
+from matching.diagnosis.compare import MANY, Budget, Named, at_noise, refit, taken, unique
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.null import threshold
 from matching.diagnosis.screening import Screen, Screened
 from modelling.system import System
 
 MOST = 3  # causes
-BEAM = 3  # rivals from which a further cause is sought
+FURTHER, ASIDE = 9, 5  # candidates refitted from the best fit with causes, and from each of its rivals
+BEAM = 3  # fits with one cause from which a second is sought
+SLIGHT = 0.1  # of the misfit beyond noise: what takes less is no cause of it, what is missing is not in the vocabulary
 
 
 @dataclass
@@ -33,6 +35,8 @@ class Search:
         Decrease of χ² that the best of all candidates reaches in pure noise, seldom.
     screen : Screen
         Seen from the base fit.
+    single : list of Named
+        Fits with one cause, best first.
     """
 
     base: Named
@@ -40,6 +44,7 @@ class Search:
     screen: Screen
     null: float
     rivals: list[list[Named]] = field(default_factory=list)
+    single: list[Named] = field(default_factory=list)
 
 
 def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _: None) -> Search:
@@ -49,6 +54,7 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
     found = unique(list(screen.candidates()))
     null = threshold(screen)
     state = Search(base, base, screen, null)
+    budget = Budget()
     beam = [base]
     screens: dict[tuple[Cause, ...], tuple[Screen, list[Screened]]] = {(): (screen, found)}
     while (len(state.best.causes) < MOST and not at_noise(state.best)) or state.best is base:
@@ -62,17 +68,24 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
             options = [one for one in options if one.reduction > null and not _repeats(node, one.kind, one.at)]
             if not options:
                 continue
-            grown += refit(system, node, options, own, tell, 14 if node is beam[0] else 6)
+            first = node is beam[0]
+            most = FURTHER if node.causes else MANY
+            windows = first and len(node.causes) < 2
+            grown += refit(system, node, options, own, budget, tell, most if first else ASIDE, windows)
             if any(at_noise(one) for one in grown[:1]):
                 break
         grown = _distinct(sorted(grown, key=lambda own: own.cost))
         if not grown or grown[0].fit.cost > state.best.fit.cost - null * _inflation(grown[0]):
             break
+        if taken(state.best, grown[0]) < SLIGHT:
+            break
         state.best = grown[0]
-        beam = [one for one in grown[:BEAM] if one.fit.cost < 2 * grown[0].fit.cost]
+        wide = BEAM if len(state.best.causes) == 1 else 1
+        beam = [one for one in grown[:wide] if one.fit.cost < 2 * grown[0].fit.cost]
         if len(state.best.causes) == 1:
+            state.single = grown
             state.rivals = [grown]
-    _prune_and_swap(system, state, screens, tell)
+    _prune_and_swap(system, state, budget, tell)
     return state
 
 
@@ -93,7 +106,7 @@ def _distinct(named: list[Named]) -> list[Named]:
     return list(out.values())
 
 
-def _prune_and_swap(system: System, state: Search, screens: dict, tell: Callable[[str], None]) -> None:
+def _prune_and_swap(system: System, state: Search, budget: Budget, tell: Callable[[str], None]) -> None:
     """Drop causes that the others make unneeded, and put a better one in the place of any."""
     for _ in range(2):
         rivals, changed = [], False
@@ -110,7 +123,7 @@ def _prune_and_swap(system: System, state: Search, screens: dict, tell: Callable
             own = Screen(rest.fit)
             options = unique(list(own.candidates(trial.extended())))
             options = [one for one in options if not _repeats(rest, one.kind, one.at)]
-            named = refit(system, rest, options, own, tell, 4)
+            named = refit(system, rest, options, own, budget, tell, 4, windows=at_noise(state.best))
             here = state.best.causes[index]
             same = [one for one in named if (one.causes[-1].kind, one.causes[-1].at) == (here.kind, here.at)]
             others = [one for one in named if one not in same]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.candidates import fitted
-from matching.diagnosis.compare import Named
+from matching.diagnosis.compare import Named, at_noise
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.several import Search
 from matching.diagnosis.statistics import effective_share
@@ -51,8 +51,8 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     """A cause of the best fit and its rivals with their shares of the evidence, most first.
 
     Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best residual is
-    larger than noise and by how few of its samples are independent. Rivals that come near are refitted as finely as
-    the best. A single cause gives way to a rival with more evidence.
+    larger than noise and by how few of its samples are independent. Rivals that come near a best fit at the
+    noise are refitted as finely as it. A single cause gives way to a rival with more evidence.
     """
     here = state.best.causes[index]
     same = {(one.kind, one.at) for one in state.best.causes}
@@ -63,10 +63,10 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     ]
     factor = spread(state.best) * TEMPER
     near = [one for one in others if one.cost - state.best.cost < CLEAR * factor][:4]
-    finer = [polished(one)[0] for one in near]
+    finer = [polished(one)[0] for one in near] if at_noise(state.best) else near
     names = [(here.kind, here.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in finer]
     fits = [state.best, *finer]
-    scores = np.array([one.cost + _held_out(one, unseen) for one in fits]) if finer else np.zeros(1)
+    scores = np.array([one.cost + held_out(one, unseen) for one in fits]) if finer else np.zeros(1)
     shares = np.exp(-0.5 * (scores - scores.min()) / factor)
     shares /= shares.sum()
     out = [Rated(*name, float(share), one) for name, share, one in zip(names, shares, fits, strict=True)]
@@ -77,7 +77,8 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     return out
 
 
-def _held_out(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> float:
+def held_out(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> float:
+    """χ² of a fit on unseen data; huge where it does not simulate."""
     try:
         return float(sum(np.nansum(own**2) for own in unseen(named)))
     except (FloatingPointError, np.linalg.LinAlgError):

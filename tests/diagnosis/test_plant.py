@@ -52,3 +52,11 @@ def test_extended_model_goes_through_its_file(tmp_path: Path) -> None:
     again = from_dict(read_toml(path))
     assert again.effects == found.extended.effects
     assert again.parameters == found.extended.parameters
+
+
+def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
+    """A 7 Hz torque that no input tells: nothing of the vocabulary may be given for sure."""
+    found, answer = diagnosed(tmp_path, "disturbance")
+    assert answer["outside"]
+    assert found.verdict == "unexplained" or all(cause.confidence < 0.5 for cause in found.causes)
+    assert found.rest
