@@ -14,9 +14,11 @@ from modelling.recording import read_recording
 pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
 
 
-def diagnosed(folder: Path, *effects: str, size: str | float = "plain", seed: int = 5) -> tuple[Diagnosis, dict]:
+def diagnosed(
+    folder: Path, *effects: str, size: str | float = "plain", seed: int = 5, duration: float = 8.0
+) -> tuple[Diagnosis, dict]:
     """Make a recording of a two-mass drive and diagnose it."""
-    case = make_case("two_mass", list(effects), size, "normal", seed, 8.0, 500.0)
+    case = make_case("two_mass", list(effects), size, "normal", seed, duration, 500.0)
     case.write(folder)
     system = load(folder / "model.toml")
     return diagnose(system, [read_recording(folder / "recording.csv", system)]), case.answer
@@ -56,7 +58,7 @@ def test_extended_model_goes_through_its_file(tmp_path: Path) -> None:
 
 def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
     """A 7 Hz torque that no input tells: nothing of the vocabulary may be given for sure."""
-    found, answer = diagnosed(tmp_path, "disturbance")
+    found, answer = diagnosed(tmp_path, "disturbance", duration=5.0)
     assert answer["outside"]
     assert found.verdict == "unexplained" or all(cause.confidence < 0.5 for cause in found.causes)
     assert found.rest
