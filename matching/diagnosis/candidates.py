@@ -18,7 +18,6 @@ from modelling.system import Effect, System
 
 WRONG = "wrong_parameter"
 WINDOW, WINDOWS = 0.5, 24  # s of a short window at least, and how many at most
-ROUGHLY = 1e-4  # of χ², below which a step over windows does not count: they only say where a long fit begins
 ABRUPT = 8  # integration steps a sample where a torque jumps: with fewer the misfit is too rough to descend
 
 
@@ -132,11 +131,11 @@ def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) 
     windows = replace(parent, problem=short, v=short.pack(parent.values, starts))
     problem, p = _problem(trial, windows, 3.0)
     problem.anchors = _starts(problem, windows, p)
-    fit = solve(problem, problem.pack(trial.values, problem.anchors), None, iterations, worth=ROUGHLY)
+    fit = solve(problem, problem.pack(trial.values, problem.anchors), None, iterations)
     for _ in range(3):
         if fit.cost < 1.2 * data.samples.sum():
             break
-        again = solve(problem, _joined(fit), None, iterations // 2, worth=ROUGHLY)
+        again = solve(problem, _joined(fit), None, iterations // 2)
         if again.cost > 0.98 * fit.cost:
             break
         fit = again

@@ -198,6 +198,4 @@ def closer(
             again = short  # free play: the long simulation is not reproducible, the windows are what can be judged
         if again.cost < one.fit.cost:
             out[i] = replace(one, trial=trial, fit=again)
-            if at_noise(out[i]):
-                break
     return sorted(out, key=lambda own: own.cost)

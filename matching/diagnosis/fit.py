@@ -191,7 +191,6 @@ def solve(
     iterations: int = 20,
     exact: bool = True,
     rival: float = 0.0,
-    worth: float = 2e-6,
 ) -> Fit:
     """Least squares from the variables v (v,).
 
@@ -203,8 +202,6 @@ def solve(
         Whether to end only on a Jacobian of the point itself.
     rival : float
         χ² that another fit reached: one that stays far above it and no longer gains much is given up.
-    worth : float
-        Share of χ² that a step must promise to be made.
 
     Raises
     ------
@@ -220,7 +217,7 @@ def solve(
     quadratic = _Quadratic(J)
     for iteration in range(iterations):
         step, predicted = quadratic.step(J.T @ r, problem.lower - v, problem.upper - v, radius)
-        enough = predicted < max(0.02, worth * cost)
+        enough = predicted < max(0.02, 2e-6 * cost)
         if enough and (fresh or not exact):
             break
         if not enough:
@@ -241,7 +238,7 @@ def solve(
             moved = False
             if fresh:
                 radius = length / 4
-                if predicted < max(0.5, 5 * worth * cost) or length < 1e-10:
+                if predicted < max(0.5, 1e-5 * cost) or length < 1e-10:
                     break
         if (not fresh and not 0.7 < gain < 1.5) or (moved and fresh and gain < 0.5):
             J, fresh = problem.jacobian(v, r), True
