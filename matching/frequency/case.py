@@ -140,8 +140,8 @@ def _table(data: Mapping[str, Any], key: str, where: str, known: set[str] | None
 def _loop(data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str) -> Loop:
     own = _table(data, "loop", where)
     structure = own.get("structure", "model_based")
-    if structure not in KNOBS:
-        raise unknown(structure, sorted(KNOBS), f"{where}: loop.structure")
+    if not isinstance(structure, str) or structure not in KNOBS:
+        raise unknown(str(structure), sorted(KNOBS), f"{where}: loop.structure")
     known = {
         **{name: spec.unit for name, spec in HARDWARE.items()},
         **{name: spec.unit for name, spec in KNOBS[structure].items()},

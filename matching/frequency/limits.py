@@ -9,8 +9,10 @@ from scipy.optimize import brentq
 
 from matching.frequency.case import Case
 from matching.frequency.demands import Demands
+from matching.frequency.relax import Unkept
 from matching.frequency.result import TargetResult
 from matching.frequency.solve import Solution
+from matching.frequency.verification.peaks import Violation
 from matching.frequency.verification.verify import Verification
 from modelling.modes import Mode, modes
 
@@ -23,33 +25,67 @@ _WORDS = {
 
 def limits(
     case: Case, tuned: Case, checked: Verification, targets: Sequence[TargetResult], asked: Demands, solution: Solution,
-    on_rig: Sequence[Mode | None],
+    on_rig: Sequence[Mode | None], beyond: Sequence[Unkept] = (), enough: float | None = None,
 ) -> list[str]:  # fmt: skip
-    """Sentences on what stands in the way; none if the match is good."""
-    found: list[str] = []
+    """Sentences on what stands in the way; none if the match is good.
+
+    ``beyond`` are limits that no setting keeps, ``enough`` is a dead time (s) with which feedback shows every target.
+    """
+    found = [_beyond(*one) for one in _worst(beyond)]
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
     elif not solution.feasible:
         found.append(
-            "no setting within the bounds keeps the margins and limits together; "
-            "the values shown are where the search began"
+            f"no setting within the bounds was found that keeps a modulus margin of {case.limits['modulus_margin']:g}, "
+            f"a damping ratio of {case.limits['damping_ratio']:g} and the limits together; the values shown are where "
+            f"the search began, with a margin of {checked.modulus_margin:.2f}"
         )
     missed = [target for target in targets if not target.met]
     for target in missed:
         found.append(_missed(case, target))
     if missed:
         found += _mechanics(case, missed, on_rig, asked)
-        found += _dead_time(case, tuned, missed, checked)
-    found += [_violation(case, own.limit, own.where, own.value, own.allowed) for own in checked.violations]
-    told = {own.limit for own in checked.violations}
-    for dyno, name, demand, allowed in asked.broken({f"rig.{key}": q.value for key, q in tuned.rig.parameters.items()}):
-        if name not in told:
-            found.append(
-                f"the vehicle's own manoeuvre asks for more than {name} allows at the {dyno} dynamometer: "
-                f"{demand:.4g} against {allowed:.4g}"
-            )
+        found += _dead_time(case, tuned, missed, enough)
+    told = {name for _, name, _, _ in beyond}
+    found += [_violation(own) for own in checked.violations if own.limit not in told]
+    told |= {own.limit for own in checked.violations}
+    asking = asked.broken({f"rig.{name}": own.value for name, own in tuned.rig.parameters.items()})
+    found += [_asks(*one) for one in _worst(asking) if one[1] not in told]
     return found
+
+
+def _worst(broken: Sequence[Unkept]) -> list[Unkept]:
+    """One of each limit, the worst, which comes first."""
+    return list({limit: (dyno, limit, demand, allowed) for dyno, limit, demand, allowed in reversed(broken)}.values())[
+        ::-1
+    ]
+
+
+def _beyond(dyno: str, limit: str, demand: float, allowed: float) -> str:
+    """A limit that no setting keeps, with the least that would do."""
+    return _asks(dyno, limit, demand, allowed) + "; no setting within the bounds needs less"
+
+
+def _asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
+    return (
+        f"to move as the vehicle does, the manoeuvre takes {_named(limit, dyno)} of {_with_unit(limit, demand)}, "
+        f"{_with_unit(limit, allowed)} is the limit: it would have to be {demand / allowed:.2f} times as large, "
+        f"or the manoeuvre {allowed / demand:.0%} of what it is"
+    )
+
+
+def _named(limit: str, dyno: str) -> str:
+    if limit in _WORDS:
+        return f"a {_WORDS[limit][0]} at dynamometer {dyno}"
+    shaft, _, what = limit.removeprefix("shafts.").rpartition(".")
+    return f"a {what} in {shaft}"
+
+
+def _with_unit(limit: str, value: float) -> str:
+    if limit in _WORDS:
+        return f"{value:.4g} {_WORDS[limit][1]}"
+    return f"{value:.4g} N·m" if limit.endswith("torque") else f"{np.degrees(value):.3g}°"
 
 
 def _missed(case: Case, target: TargetResult) -> str:
@@ -64,19 +100,15 @@ def _missed(case: Case, target: TargetResult) -> str:
     return words + f"; the simulation shows {target.seen:.3f} Hz with {target.seen_damping:.3f}"
 
 
-def _violation(case: Case, limit: str, where: str, value: float, allowed: float) -> str:
-    if limit == "modulus_margin":
-        return f"the modulus margin is {value:.2f}, {allowed:.2f} is wanted"
-    if limit == "damping_ratio":
-        return f"the least damped {where} has a damping ratio of {value:.4f}, {allowed:g} is wanted"
-    enough = f"{value / allowed:.2f} times as much would do"
-    if limit in _WORDS:
-        word, unit = _WORDS[limit]
-        asked = f"{where}: the manoeuvre takes a {word} of {value:.4g} {unit}"
-    else:
-        unit = "N·m" if limit.endswith("torque") else "rad"
-        asked = f"{where} reaches {value:.4g} {unit} over the manoeuvre"
-    return f"{asked}, the limit is {allowed:.4g} {unit}; {enough}"
+def _violation(own: Violation) -> str:
+    if own.limit == "modulus_margin":
+        return f"the modulus margin is {own.value:.2f}, {own.allowed:.2f} is wanted"
+    if own.limit == "damping_ratio":
+        return f"the least damped {own.where} has a damping ratio of {own.value:.4f}, {own.allowed:g} is wanted"
+    value, allowed = (_with_unit(own.limit, one) for one in (own.value, own.allowed))
+    what = f"{_WORDS[own.limit][0]} " if own.limit in _WORDS else ""
+    enough = f"{own.value / own.allowed:.2f} times as much would do"
+    return f"{own.where}: the simulated manoeuvre takes {what}{value}, the limit is {allowed}; {enough}"
 
 
 def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode | None], asked: Demands) -> list[str]:
@@ -137,23 +169,28 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     return float(10 ** brentq(off, *ends, xtol=1e-6))
 
 
-def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], checked: Verification) -> list[str]:
-    """What dead time and lags leave of the phase at the targets, and which dead time would do by the modal rule."""
-    if not any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
+def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], enough: float | None) -> list[str]:
+    """What dead time and lags leave of the phase at the targets, and which dead time would do."""
+    loop = tuned.loop
+    if loop.torqueless or not any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
+    if not enough and loop.structure == "pi":
+        least = 1e3 * loop["sample_time"]
+        cure = (
+            f"down to one sample of {least:.3g} ms no shorter one would do: the sensitivity of feedback peaks at an "
+            "emulated mode the more the less it is damped, which a modulus margin of "
+            f"{case.limits['modulus_margin']:g} does not allow; "
+            'structure = "model_based" takes announced torques out of the feedback'
+        )
+    else:
+        cure = f"{1e3 * enough:.2g} ms would do" if enough else ""
     found = []
     for target in missed:
-        loop, omega = tuned.loop, 2 * np.pi * target.vehicle
+        omega = 2 * np.pi * target.vehicle
         late = np.degrees(omega * loop["dead_time"])
         lags = np.degrees(np.arctan(omega * loop["inverter_lag"]) + np.arctan(omega * loop["torque_sensor_lag"]))
         delay = f"dead time {1e3 * loop['dead_time']:.3g} ms"
-        words = f"{delay} leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°"
-        if loop.structure == "pi":
-            words += (
-                f"; where feedback alone has to show a mode of damping ratio {target.vehicle_damping:.3f}, "
-                "the sensitivity rises there as the damping falls, and a modulus margin of "
-                f"{case.limits['modulus_margin']:g} does not allow it: "
-                'structure = "model_based" takes the announced torques out of the feedback'
-            )
-        found.append(words)
+        found.append(f"{delay} leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°")
+    if cure:
+        found[-1] += f"; {cure}"
     return found

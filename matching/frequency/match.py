@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from matching.frequency.goals import goals, target_modes
 from matching.frequency.limits import limits
 from matching.frequency.objective import fidelity_aim
 from matching.frequency.problem import grid
+from matching.frequency.relax import sufficient_dead_time, unkept
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.solve import Solution, Task, solve
 from matching.frequency.tuned import apply
@@ -68,7 +70,11 @@ def match(
     shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
-    solution = _tune(case, shares, targets, asked, seed, starts, workers, tell)
+    task = _task(case, shares, targets, asked)
+    beyond = unkept(case, task.moves, asked)
+    if beyond:  # no setting keeps them: the best that keeps the rest is worth more than none
+        task = replace(task, demands=replace(asked, limits={}))
+    solution = solve(task, seed, starts, workers, tell) if task.moves else Solution({}, 0.0, (), True)
     tuned = apply(case, solution.values)
     checked = verify(tuned, case.rig)
     tell("verification")
@@ -76,7 +82,9 @@ def match(
         _target(case, checked, number, pair, mode)
         for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
     )
-    stands = limits(case, tuned, checked, results, asked, solution, on_rig)
+    missed = any(not target.met for target in results)
+    enough = sufficient_dead_time(task, solution, targets) if missed and _feedback_alone(case, solution) else None
+    stands = limits(case, tuned, checked, results, asked, solution, on_rig, beyond, enough)
     error = _errors(case, tuned, checked)
     tell("bound and curves")
     return MatchResult(
@@ -101,6 +109,11 @@ def match(
     )
 
 
+def _feedback_alone(case: Case, solution: Solution) -> bool:
+    """Whether a shorter dead time is worth a try: feedback has to show the targets, and there is a loop that works."""
+    return case.loop.structure == "pi" and not case.loop.torqueless and solution.feasible
+
+
 def _parameter(move: Move, part: float, solution: Solution) -> ParameterResult:
     tuned = solution.values.get(move.name, move.start)
     return ParameterResult(
@@ -112,25 +125,14 @@ def _weight(part: float) -> float:
     return float(1 / max(part, FREEZE_BELOW))
 
 
-def _tune(
-    case: Case,
-    shares: np.ndarray,
-    targets: list[tuple[Mode, Mode]],
-    asked: Demands,
-    seed: int,
-    starts: int,
-    workers: int,
-    tell: Progress,
-) -> Solution:
+def _task(case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands) -> Task:
     free = [i for i, part in enumerate(shares) if part >= FREEZE_BELOW]
-    if not free:
-        return Solution({}, 0.0, (), True)
     moves = tuple(case.moves[i] for i in free)
     weights = np.array([_weight(shares[i]) for i in free])
     reference = responses(case, grid(case)).vehicle
     aim = fidelity_aim(case) if case.objective == "fidelity" else None
     tracked = goals(case, targets) if aim is None else ()
-    return solve(Task(case, moves, weights, tracked, reference, asked, aim), seed, starts, workers, tell)
+    return Task(case, moves, weights, tracked, reference, asked, aim)
 
 
 def _target(

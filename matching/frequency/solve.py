@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -142,6 +142,17 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
         if stable and margin >= task.case.limits["modulus_margin"]:
             best = end
     return Solution(problem.values(best[1]), best[0], starts, True)
+
+
+def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
+    """Solve a programme from the values of a neighbouring one and from gentler loops; None if all ends are unstable."""
+    problem = task.build()
+    begin = _start(problem, None)
+    own = [scaled(values[move.name], move) for move in problem.moves]
+    begin[: len(own)] = np.clip(own, 0.01, 0.99)
+    ends = [_run(problem, v) for v in (begin, *_gentler(problem, begin))]
+    good = [end for end in ends if end and _check(problem, end[1])[2]]
+    return _tight(task, min(good, key=lambda end: end[0]), ()).values if good else None
 
 
 def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
