@@ -1,0 +1,52 @@
+"""The reference match: from 16.7 Hz to 1.6 Hz and from 17.9 Hz to 8.44 Hz.
+
+python examples/road_to_rig/run.py
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+from matching.frequency.case import load_case
+from matching.frequency.match import match
+from matching.frequency.result import MatchResult
+from matching.frequency.verification.parts import parts_of
+from matching.frequency.verification.responses import error_figures
+
+HERE = Path(__file__).parent
+
+
+def main(seed: int = 0, workers: int = 1) -> MatchResult:
+    """Match, show the figures of README.md and check them."""
+    result = match(load_case(HERE / "case.toml"), seed, workers=workers)
+    checks, error = result.verification, result.response_error
+    low = replace(result.tuned, band=(0.5, 15.0))
+    narrow = error_figures(low, parts_of(low, untuned=result.case.rig))
+
+    print(f"{result.status}, objective {result.objective:.4f}")
+    for target in result.targets:
+        print(f"{target.symmetry}: vehicle {target.vehicle:.3f} Hz, free rig {target.rig:.2f} Hz, ", end="")
+        print(f"matched {target.matched:.3f} Hz, seen {target.seen:.3f} Hz; ", end="")
+        print(f"damping ratio {target.vehicle_damping:.4f} and {target.matched_damping:.4f}")
+    print(f"0.5–30 Hz: before {error.before:.2f}, after {error.after:.4f}, unannounced {error.unannounced:.2f}")
+    print(f"bound {error.bound:.4f} sampled as the loop, {error.bound_unsampled:.4f} without sampling")
+    print(f"0.5–15 Hz: before {narrow.before:.2f}, after {narrow.after:.4f}")
+    print(f"modulus margin {checks.modulus_margin:.3f}, checks: {', '.join(checks.checks)}")
+
+    assert result.status == "matched"
+    assert checks.stable
+    assert checks.modulus_margin >= 0.5
+    for target, frequency in zip(result.targets, (1.600, 8.442), strict=True):
+        assert abs(target.vehicle - frequency) < 0.001
+        assert abs(target.matched / target.vehicle - 1) < 0.01
+        assert abs(target.matched_damping - target.vehicle_damping) < 0.02
+        assert abs(target.seen / target.vehicle - 1) < 0.02
+    assert narrow.after <= narrow.before / 5
+    assert error.after <= error.before / 10
+    assert error.after <= 1.3 * error.bound
+    # What holds for announced torques only: the feedback by itself stays far from the vehicle.
+    assert 0.5 < error.unannounced < error.before / 2
+    return result
+
+
+if __name__ == "__main__":
+    main(workers=2)
