@@ -1,0 +1,64 @@
+"""Matches of the examples, each made once a session, whatever the number of test workers."""
+
+import importlib.util
+import pickle
+import time
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def script(name):
+    """``run.py`` of an example as a module."""
+    path = EXAMPLES / name / "run.py"
+    spec = importlib.util.spec_from_file_location(f"example_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory):
+    """Make a result once: the first worker that asks makes it, the others wait for its file."""
+    own = tmp_path_factory.getbasetemp()
+    folder = own.parent if own.name.startswith("popen-") else own
+
+    def make(name, function):
+        path, claimed = folder / f"{name}.pickle", folder / f"{name}.claimed"
+        try:
+            claimed.mkdir()
+        except FileExistsError:
+            failed = folder / f"{name}.failed"
+            while not path.exists():
+                assert not failed.exists(), f"{name} failed in another worker"
+                time.sleep(0.2)
+            return pickle.loads(path.read_bytes())
+        try:
+            result = function()
+        except BaseException:
+            (folder / f"{name}.failed").touch()
+            raise
+        partly = path.with_suffix(".part")
+        partly.write_bytes(pickle.dumps(result))
+        partly.rename(path)
+        return result
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def reference(once):
+    """The reference match; its script asserts the acceptance figures."""
+    return once("reference", script("road_to_rig").main)
+
+
+@pytest.fixture(scope="session")
+def adapters(once):
+    return once("adapters", script("adapter_only").main)
+
+
+@pytest.fixture(scope="session")
+def compact(once):
+    return once("compact", script("compact_bev").main)

@@ -1,0 +1,191 @@
+"""Malformed case files each give one line that names file and key; no mutation of an example gives anything worse."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from matching.frequency.case import Case, load_case
+from matching.frequency.goals import target_modes
+from modelling.errors import InputError
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+REFERENCE = tomllib.loads((EXAMPLES / "road_to_rig" / "case.toml").read_text())
+for _key in ("vehicle", "rig"):
+    REFERENCE[_key] = (EXAMPLES / "road_to_rig" / REFERENCE[_key]).as_posix()
+
+
+def changed(path, value):
+    """The reference case with one entry changed, or dropped where the value is None."""
+    data = tomllib.loads(tomli_w.dumps(REFERENCE))
+    *way, last = path
+    here = data
+    for key in way:
+        here = here[key]
+    if value is None:
+        del here[last]
+    else:
+        here[last] = value
+    return tomli_w.dumps(data)
+
+
+FLANGE = ("move", "rig.shafts.flange_left.stiffness")
+BAD = {
+    "no vehicle": (("vehicle",), None, "vehicle: is missing"),
+    "vehicle no text": (("vehicle",), 3, "vehicle: is missing or no text"),
+    "vehicle file missing": (("vehicle",), "nowhere.toml", "nowhere.toml"),
+    "rig file missing": (("rig",), "nowhere.toml", "nowhere.toml"),
+    "rig is the vehicle": (("rig",), REFERENCE["vehicle"], "nothing is left to emulate"),
+    "rig of another car": (("rig",), (EXAMPLES / "compact_bev" / "rig.toml").as_posix(), "case.toml"),
+    "unknown table": (("limit",), {"modulus_margin": 0.5}, "limits"),
+    "no dynamometers": (("dynamometers",), None, "the case has none"),
+    "one dynamometer short": (("dynamometers", "left"), None, "0 of them follow the cut at 'side_left'"),
+    "two follow one cut": (("dynamometers", "left", "follows"), "side_right", "follow the cut"),
+    "missing end": (("dynamometers", "left", "follows"), None, "dynamometers.left"),
+    "unknown input": (("dynamometers", "left", "torque_input"), "dyno_leff", "dyno_left"),
+    "unknown sensor": (("dynamometers", "left", "speed_sensor"), "rotor_left_sped", "rotor_left_speed"),
+    "speed taken for torque": (("dynamometers", "left", "torque_sensor"), "rotor_left_speed", "a torque sensor"),
+    "torque taken for speed": (("dynamometers", "left", "speed_sensor"), "flange_left_torque", "a speed sensor"),
+    "unknown structure": (("loop", "structure"), "pid", "loop.structure"),
+    "unknown knob": (("loop", "dead_tim"), 0.003, "dead_time"),
+    "dead time negative": (("loop", "dead_time"), -0.001, "is not possible"),
+    "dead time endless": (("loop", "dead_time"), 5, "is not possible"),
+    "dead time in N": (("loop", "dead_time"), "3 N", "loop.dead_time"),
+    "dead time NaN": (("loop", "dead_time"), float("nan"), "loop.dead_time"),
+    "dead time a list": (("loop", "dead_time"), [0.003], "loop.dead_time"),
+    "dead time true": (("loop", "dead_time"), True, "loop.dead_time"),
+    "knows no list": (("loop", "knows"), "motor_torque", "is no list of names"),
+    "knows a stranger": (("loop", "knows"), ["motor_torqe"], "motor_torque"),
+    "no targets": (("targets",), [], "the case has none"),
+    "target no number": (("targets", 0, "mode"), "shuffle", "is no mode number"),
+    "target mode 0": (("targets", 0, "mode"), 0, "is no mode number"),
+    "target tolerance 0": (("targets", 0, "frequency_tolerance"), 0, "greater than 0"),
+    "target key unknown": (("targets", 0, "tolerance"), 0.1, "damping_tolerance"),
+    "empty band": (("response", "band"), [30, 0.5], "is empty"),
+    "band from 0": (("response", "band"), [0, 30], "is empty"),
+    "band of one": (("response", "band"), [30], "is no pair"),
+    "band NaN": (("response", "band"), [0.5, float("nan")], "response.band"),
+    "band in metres": (("response", "band"), ["1 m", "2 m"], "response.band"),
+    "nothing compared": (("response", "compare"), [], "is no list of transfer functions"),
+    "compared without sensor": (("response", "compare"), [{"input": "motor_torque"}], "is no list"),
+    "compared sensor off the rig": (("response", "compare", 0, "sensor"), "body_left_speed", "compare[1].sensor"),
+    "no manoeuvre": (("manoeuvre",), None, "the case has none"),
+    "manoeuvre on a dynamometer": (("manoeuvre", "dyno_left"), {"kind": "step", "amplitude": 1}, "manoeuvre"),
+    "manoeuvre of unknown kind": (("manoeuvre", "motor_torque", "kind"), "tipin", "tip_in"),
+    "manoeuvre too short": (("manoeuvre", "motor_torque", "duration"), 0.1, "ends before it begins"),
+    "manoeuvre infinite": (("manoeuvre", "motor_torque", "amplitude"), float("inf"), "amplitude"),
+    "limit unknown": (("limits", "shafts.flange_lef.torque"), 100, "shafts.flange_left.torque"),
+    "limit 0": (("limits", "dynamometer_torque"), 0, "greater than 0"),
+    "limit in the wrong unit": (("limits", "dynamometer_torque"), "1500 W", "limits.dynamometer_torque"),
+    "margin of 1": (("limits", "modulus_margin"), 1, "cannot be reached"),
+    "move unknown": (("move", "rig.shafts.flange_left.stifness"), {"lower": 1, "upper": 2}, "stiffness"),
+    "move of the specimen": (("move", "rig.inertias.motor.J"), {"lower": 0.01, "upper": 1}, "rig.inertias"),
+    "bounds crossed": (FLANGE, {"lower": 4e5, "upper": 1e5}, "cross"),
+    "bounds one": (FLANGE, {"lower": 1e5}, "has no bounds"),
+    "bounds no table": (FLANGE, 2e5, "has no bounds"),
+    "start outside": (FLANGE, {"lower": 1e5, "upper": 4e5, "start": 9e5}, "cross"),
+    "bound negative": (FLANGE, {"lower": -1, "upper": 4e5}, "a physical bound is needed"),
+    "bound NaN": (FLANGE, {"lower": 1e5, "upper": float("nan")}, "upper"),
+    "mirror image too": (("move", "rig.shafts.flange_right.stiffness"), {"lower": 1e5, "upper": 4e5}, "mirror image"),
+    "title a number": (("title",), 3, "title"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_one_line(name, tmp_path):
+    path, value, hint = BAD[name]
+    file = tmp_path / "case.toml"
+    file.write_text(changed(path, value))
+    with pytest.raises(InputError) as caught:
+        load_case(file)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert ".toml" in line
+    assert hint in line
+
+
+@pytest.mark.parametrize(
+    ("mode", "hint"), [(99, "the vehicle has"), (1, "rigid motion")], ids=["not there", "rigid"]
+)  # fmt: skip
+def test_targets_that_no_vehicle_has(mode, hint, tmp_path):
+    file = tmp_path / "case.toml"
+    file.write_text(changed(("targets", 0, "mode"), mode))
+    with pytest.raises(InputError, match=hint) as caught:
+        target_modes(load_case(file))
+    assert "targets[1].mode" in str(caught.value)
+
+
+def test_a_hundred_megabytes_of_nonsense(tmp_path):
+    file = tmp_path / "case.toml"
+    with file.open("wb") as out:
+        for _ in range(100):
+            out.write(b"\x9f[[[=" * 200_000)
+    with pytest.raises(InputError) as caught:
+        load_case(file)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1500
+
+
+def places(data, way=()):
+    """Ways to every entry of nested tables and lists."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        yield (*way, key)
+        yield from places(value, (*way, key))
+
+
+CASES = {}
+for _name in ("road_to_rig", "compact_bev", "adapter_only"):
+    CASES[_name] = tomllib.loads((EXAMPLES / _name / "case.toml").read_text())
+    for _key in ("vehicle", "rig"):
+        CASES[_name][_key] = (EXAMPLES / _name / CASES[_name][_key]).resolve().as_posix()
+VALUES = st.one_of(
+    st.none(), st.booleans(), st.integers(-(10**20), 10**20), st.floats(), st.text(max_size=8),
+    st.lists(st.floats(), max_size=3), st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
+    st.sampled_from(["3 ms", "1 kg", "motor_torque", "side_left", "1e400", "left", "../vehicle.toml"]),
+)  # fmt: skip
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(sorted(CASES)), st.data())
+def test_mutations(tmp_path, name, data):
+    way = data.draw(st.sampled_from(list(places(CASES[name]))))
+    value = data.draw(VALUES)
+    mutated = tomllib.loads(tomli_w.dumps(CASES[name]))
+    here = mutated
+    for key in way[:-1]:
+        here = here[key]
+    if value is None:
+        del here[way[-1]]
+    else:
+        here[way[-1]] = value
+    file = tmp_path / "case.toml"
+    file.write_text(tomli_w.dumps(mutated))
+    _valid_or_one_line(file)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 10**6), st.integers(0, 40), st.binary(max_size=12))
+def test_damaged_bytes(tmp_path, at, length, other):
+    text = (EXAMPLES / "road_to_rig" / "case.toml").read_bytes()
+    for key in ("vehicle", "rig"):
+        text = text.replace(f'"{key}.toml"'.encode(), f'"{REFERENCE[key]}"'.encode())
+    at %= len(text)
+    file = tmp_path / "case.toml"
+    file.write_bytes(text[:at] + other + text[at + length :])
+    _valid_or_one_line(file)
+
+
+def _valid_or_one_line(file):
+    try:
+        case = load_case(file)
+        target_modes(case)
+    except InputError as fault:
+        line = str(fault)
+    else:
+        line = ""
+        assert isinstance(case, Case)
+    assert "\n" not in line

@@ -1,0 +1,66 @@
+"""Where it cannot be done, the answer says what binds and by how much to relax it."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from match import drawn
+
+from matching.frequency.case import load_case
+from matching.frequency.demands import demands
+from matching.frequency.match import match
+from matching.frequency.relax import unkept
+
+
+def with_loop(case, structure, **values):
+    return replace(case, loop=replace(case.loop, structure=structure).with_values(values))
+
+
+@pytest.fixture
+def small(tmp_path):
+    """One dynamometer, model-based, 12 ms: a case that is matched."""
+    return load_case(drawn.draw(2, tmp_path))
+
+
+def test_dead_time_of_20_ms_with_feedback_alone(small):
+    result = match(with_loop(small, "pi", dead_time=0.02), starts=2)
+    assert result.status == "limited"
+    told = " ".join(result.limits)
+    angle = 360 * 0.02 * result.targets[0].vehicle
+    assert f"dead time 20 ms leaves {angle:.0f}° at {result.targets[0].vehicle:.2f} Hz" in told
+    assert re.search(r"[\d.]+ ms would do|down to one sample of 0.5 ms no shorter one would do", told)
+
+
+def test_bounds_out_of_reach(small):
+    """Emulated body far too light and nearly no loop: not matched, each missed target with its figures."""
+    body = next(move for move in small.moves if "body" in move.name)
+    gain = next(move for move in small.moves if "proportional" in move.name)
+    moves = (replace(body, lower=1.0, upper=2.0, start=1.5), replace(gain, lower=1.0, upper=2.0, start=1.0))
+    result = match(replace(with_loop(small, "pi"), moves=moves), starts=2)
+    assert result.status == "limited"
+    assert f"({result.targets[0].vehicle:.3f} Hz" in " ".join(result.limits)
+
+
+def test_dynamometer_too_small(small):
+    case = replace(small, limits={**small.limits, "dynamometer_torque": 100.0})
+    ((_, limit, demand, allowed),) = unkept(case, case.moves, demands(case))
+    assert limit == "dynamometer_torque"
+    assert allowed == 100
+    adapter = next(move for move in case.moves if "adapter" in move.name)
+    for inertia in (adapter.lower, adapter.upper):  # no adapter within the bounds asks for less
+        rig = {name: own.value for name, own in case.rig.parameters.items()} | {"inertias.adapter.J": inertia}
+        asked = demands(case).broken({f"rig.{name}": value for name, value in rig.items()})
+        assert asked[0][2] >= demand * (1 - 1e-6)
+
+    result = match(case, starts=2)
+    assert result.status == "limited"
+    first = result.limits[0]
+    assert "a torque at dynamometer dyno" in first
+    assert f"{demand / 100:.2f} times as large" in first
+    assert f"{100 / demand:.0%} of what it is" in first
+    # the rest is kept: a stable loop with its margin, not where the search began
+    assert result.verification.stable
+    assert result.verification.modulus_margin >= case.limits["modulus_margin"]
+
+    enough = replace(case, limits={**case.limits, "dynamometer_torque": 1.05 * demand})
+    assert unkept(enough, enough.moves, demands(enough)) == []

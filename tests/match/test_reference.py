@@ -1,0 +1,90 @@
+"""Acceptance of the reference match, read off its result; poles and margin once more by other means."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from match import independent
+
+from matching.frequency.case import load_case
+from matching.frequency.match import match
+from matching.frequency.verification.parts import parts_of
+from matching.frequency.verification.responses import error_figures
+
+
+def test_targets(reference):
+    assert reference.status == "matched"
+    assert reference.limits == ()
+    for target, frequency in zip(reference.targets, (1.600, 8.439), strict=True):
+        assert target.vehicle == pytest.approx(frequency, rel=1e-3)
+        assert target.matched == pytest.approx(target.vehicle, rel=0.01)
+        assert target.matched_damping == pytest.approx(target.vehicle_damping, abs=0.02)
+        assert target.seen == pytest.approx(target.vehicle, rel=0.02)
+
+
+def test_stable_under_every_check(reference):
+    checks = reference.verification
+    assert checks.stable
+    assert set(checks.checks) >= {"poles, order 8", "encirclements", "sampled loop", "twin", "simulation"}
+    assert all(checks.checks.values())
+    assert checks.spectral_abscissa < 0
+    assert checks.modulus_margin >= 0.5
+
+
+def test_response_error(reference):
+    error = reference.response_error
+    assert error.band == (0.5, 30.0)
+    assert error.after <= error.before / 10
+    assert error.after <= 1.3 * error.bound
+    low = replace(reference.tuned, band=(0.5, 15.0))
+    narrow = error_figures(low, parts_of(low, untuned=reference.case.rig))
+    assert narrow.after <= narrow.before / 5
+
+
+def test_unannounced_torques_are_told_apart(reference):
+    """The honest figure: what the feedback alone does is far from the vehicle, and the result says so."""
+    assert reference.response_error.unannounced > 100 * reference.response_error.after
+    assert {mode["answers"] for mode in reference.matched_modes} == {"announced", "feedback"}
+
+
+def test_free_rig_is_the_one_before_tuning(reference):
+    own = error_figures(reference.case)
+    assert reference.response_error.before == pytest.approx(own.before, rel=1e-12)
+    assert reference.tuned.rig.parameters != reference.case.rig.parameters
+
+
+def test_frozen_quantities_stay_and_are_listed(reference):
+    listed = reference.to_dict()["needs_no_identification"]
+    frozen = [own for own in reference.parameters if own.frozen]
+    assert listed == [own.name for own in frozen] != []
+    for own in reference.parameters:
+        assert own.frozen == (own.share < 0.01)
+        assert own.weight == pytest.approx(1 / max(own.share, 0.01))
+        assert own.lower <= own.tuned <= own.upper
+        if own.frozen:
+            assert own.tuned == own.start
+    assert "residual_vehicle.inertias.wheel_left.J" in listed  # 0.7 of 180 kg·m² moves neither target
+
+
+def test_weight_is_the_energy_share_of_the_target_modes(reference):
+    """The body holds nearly all kinetic energy of the 1.6 Hz mode: its change is cheap, as the paper's Eq. 6 says."""
+    mode = reference.vehicle_modes[1]
+    body = sum(mode.kinetic[f"inertias.body_{side}"] for side in ("left", "right"))
+    own = next(one for one in reference.parameters if one.name == "residual_vehicle.inertias.body_left.J")
+    assert own.share == pytest.approx(body, abs=0.01)
+    assert own.weight < 1.1
+
+
+def test_poles_and_margin_by_other_means(reference):
+    case = reference.tuned
+    own = independent.poles(case)
+    own = own[np.abs(own) > 1e-5]
+    assert own.real.max() < 0
+    grid = np.unique(np.concatenate([np.geomspace(1e-3, 500, 1500), np.linspace(5, 120, 1000)]))
+    assert independent.margin(case, grid) == pytest.approx(reference.verification.modulus_margin, rel=2e-3)
+
+
+def test_another_seed_ends_at_the_same(reference):
+    again = match(load_case(reference.case.path), seed=5)
+    assert again.status == "matched"
+    assert again.objective == pytest.approx(reference.objective, rel=0.01)
