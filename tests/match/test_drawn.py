@@ -1,0 +1,65 @@
+"""Twenty cases drawn at random end matched and verified, or limited with a stated limit; checked by other means."""
+
+import numpy as np
+import pytest
+from match import drawn, independent
+
+from matching.frequency.case import load_case
+from matching.frequency.match import match
+from modelling.residual_vehicle import cut
+from modelling.twin import twin
+
+GRID = np.unique(np.concatenate([np.geomspace(1e-3, 500, 800), np.linspace(2, 150, 700)]))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_never_wrong(seed, tmp_path):
+    case = load_case(drawn.draw(seed, tmp_path))
+    result = match(case, seed, starts=3)
+    checks, tuned = result.verification, result.tuned
+
+    own = independent.poles(tuned)
+    own = own[np.abs(own) > 1e-5]  # angles of rigid motions
+    assert checks.checks["encirclements"] == (own.real.max() < 0)
+    assert independent.margin(tuned, GRID) == pytest.approx(checks.modulus_margin, rel=5e-3)
+    for name in (move.name for move in case.moves):
+        part = next(one for one in result.parameters if one.name == name)
+        assert part.lower <= part.tuned <= part.upper
+
+    if result.status == "limited":
+        assert result.limits
+        assert all(any(letter.isdigit() for letter in sentence) for sentence in result.limits)
+        broken = checks.violations or not checks.stable or not all(target.met for target in result.targets)
+        assert broken or "the manoeuvre takes" in " ".join(result.limits)
+        return
+    assert result.status == "matched"
+    assert result.limits == ()
+    assert own.real.max() < 0
+    assert checks.modulus_margin >= case.limits["modulus_margin"]
+    (target,) = result.targets
+    if case.loop.structure == "pi":
+        frequency = np.abs(own) / (2 * np.pi)
+        near = own[
+            np.argmin(np.abs(frequency / target.vehicle - 1) + np.abs(-own.real / np.abs(own) - target.vehicle_damping))
+        ]
+        assert abs(near) / (2 * np.pi) == pytest.approx(target.vehicle, rel=0.011)
+        assert -near.real / abs(near) == pytest.approx(target.vehicle_damping, abs=0.021)
+    step = case.loop["sample_time"]
+    time = np.arange(0, 1.5, step)
+    torque = np.clip(time / 0.05, 0, 1) * case.manoeuvre["motor_torque"].amplitude
+    told = twin(tuned.rig, cut(case.vehicle, case.rig), tuned.loop) if case.loop.structure == "model_based" else None
+    wanted = independent.vehicle_motion(case, torque, step)
+    got = independent.rig_motion(tuned, told, torque, step)
+    # what swings: each motion less its own smooth rise
+    swing = [motion - np.polyval(np.polyfit(time, motion, 3), time) for motion in (wanted, got)]
+    allowed = 0.02 if told else 0.3  # of the swing: feedback alone may be 1 % off in frequency and 0.02 in damping
+    assert np.std(swing[1] - swing[0]) < allowed * np.std(swing[0])
+
+
+def test_draws_cover_both_ends_and_structures(tmp_path):
+    cases = [load_case(drawn.draw(seed, tmp_path / str(seed))) for seed in range(20)]
+    assert {case.loop.structure for case in cases} == {"pi", "model_based"}
+    assert {len(case.loop.dynamometers) for case in cases} == {1, 2}
+    delays = [case.loop["dead_time"] for case in cases]
+    assert min(delays) < 0.001
+    assert max(delays) > 0.01
