@@ -1,11 +1,12 @@
 """The reference match: IPOPT with exact derivatives against SciPy, same objective, bounds and constraints, one run.
 
-Ours is the whole of :func:`matching.frequency.solve.solve`: building the programme, its starts, stability by
-encirclements, the tight end. The peers are helped: their evaluator is built before the clock starts, is the same
-compiled CasADi graph, and spares them the tracked eigenpairs, which a secant iteration finds for them; they stop as
-soon as they come within 1 % of our value. Constraints enter as a penalty on their violation; what is unstable by
-encirclements does not count. ``least_squares`` begins where our starts begin, anew after each end. Where a peer has
-not arrived within its budget the ratio is a lower bound. Processor time, so that other load does not count.
+Ours is one start after the other, stability by encirclements included, until one ends within 1 % of the value of the
+whole match; the whole match, with starts that agree and the tight end, is printed beside it. Programmes are built
+before any clock starts. The peers are helped: their evaluator is the same compiled CasADi graph and spares them the
+tracked eigenpairs, which a secant iteration finds for them; they stop as soon as they come within 1 % of our value.
+Constraints enter as a penalty on their violation; what is unstable by encirclements does not count. ``least_squares``
+begins where our starts begin, anew after each end. Where a peer has not arrived within its budget the ratio is a lower
+bound. Processor time, so that other load does not count.
 """
 
 import os
@@ -22,7 +23,7 @@ from matching.frequency.demands import demands
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.match import _weight
 from matching.frequency.problem import EIGEN, PRICE, Problem, grid, scaled, unscaled
-from matching.frequency.solve import Task, _check, _start, solve
+from matching.frequency.solve import Task, _check, _one, _start, solve
 from matching.frequency.verification import responses
 from matching.frequency.weights import FREEZE_BELOW, counterparts, share
 from modelling.modes import modes
@@ -179,13 +180,24 @@ def peer(task: Task, target: float, budget: float, by: str) -> Reduced:
     return run
 
 
+def first_arrival(task: Task, target: float) -> float:
+    """Processor time of our starts until one ends within 1 % of the target, s."""
+    problem, began = task.build(), time.process_time()
+    for number in range(14):
+        end = _one(problem, 0, number)
+        if end is not None and end[0] <= NEAR * target:
+            return time.process_time() - began
+    raise SystemExit("none of our starts ends where the whole match does")
+
+
 def main() -> None:
     task = task_of(CASE)
     began = time.process_time()
     found = solve(task)
-    ours = time.process_time() - began
+    whole = time.process_time() - began
     if not found.feasible:
         raise SystemExit("our own match is infeasible")
+    ours = first_arrival(task, found.objective)
     moves = np.array([scaled(found.values[move.name], move) for move in task.moves])
     check = Reduced(task.build(), task, 0.0, np.inf).scalar(moves)
     if abs(check / found.objective - 1) > 0.005:
@@ -194,7 +206,15 @@ def main() -> None:
         run = peer(task, found.objective, BUDGET * ours, by)
         spent = time.process_time() - run.began
         asked = ">= 20" if run.arrived else f">= 20; stopped, {100 * (run.best / found.objective - 1):.1f} % above ours"
-        print(row(f"a match against {by}", ours, spent, f"{asked}; {run.evaluations} evaluations"), flush=True)
+        print(
+            row(
+                f"a match against {by}",
+                ours,
+                spent,
+                f"{asked}; {run.evaluations} evaluations; whole match {whole:.3g} s",
+            ),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
