@@ -35,13 +35,13 @@ def limits(
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
-    elif not solution.feasible:
+    missed = [target for target in targets if not target.met]
+    if checked.stable and not solution.feasible and (missed or checked.violations):
         found.append(
             f"no setting within the bounds was found that keeps a modulus margin of {case.limits['modulus_margin']:g}, "
             f"a damping ratio of {case.limits['damping_ratio']:g} and the limits together; the values shown are where "
             f"the search began, with a margin of {checked.modulus_margin:.2f}"
         )
-    missed = [target for target in targets if not target.met]
     for target in missed:
         found.append(_missed(case, target))
     if missed:
