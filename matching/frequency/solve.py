@@ -16,6 +16,7 @@ from matching.frequency.problem import Goal, Problem, build, scaled
 from matching.frequency.tuned import apply
 from matching.frequency.verification.encirclements import encirclements
 from matching.frequency.verification.parts import parts_of
+from modelling import floating_point
 
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
@@ -182,6 +183,7 @@ def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
 def _run(problem: Problem, v: np.ndarray) -> End | None:
     """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None."""
     found = problem.solver(x0=v, lbx=problem.lower, ubx=problem.upper, lbg=problem.g_lower, ubg=problem.g_upper)
+    floating_point.restore()  # the solver's libraries may leave it changed
     x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
     f, g = (part.full().ravel() for part in problem.objective(x))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
