@@ -101,7 +101,7 @@ def load_case(path: str | Path) -> Case:
         residual = cut(vehicle, rig)
     except InputError as fault:
         raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
-    loop = _loop(data, vehicle, rig, residual, where)
+    loop = _loop(data, rig, residual, where)
     band = _band(data, where)
     return Case(
         vehicle,
@@ -137,7 +137,7 @@ def _table(data: Mapping[str, Any], key: str, where: str, known: set[str] | None
     return own
 
 
-def _loop(data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str) -> Loop:
+def _loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Loop:
     own = _table(data, "loop", where)
     structure = own.get("structure", "model_based")
     if not isinstance(structure, str) or structure not in KNOBS:

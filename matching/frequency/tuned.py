@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Mapping
 
 from matching.frequency.case import Case
-from modelling.mirror import mirror_image
 
 
 def apply(case: Case, values: Mapping[str, float]) -> Case:
@@ -34,13 +33,3 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
         residual_vehicle=dataclasses.replace(case.residual_vehicle, parts=parts),
         loop=case.loop.with_values(loop),
     )
-
-
-def with_images(case: Case, values: Mapping[str, float]) -> dict[str, float]:
-    """The values and those of the mirror images, which move along unless they are given themselves."""
-    found = dict(values)
-    for name, value in values.items():
-        side, _, own = name.partition(".")
-        if side in ("rig", "residual_vehicle"):
-            found.setdefault(f"{side}.{mirror_image(own, case.rig if side == 'rig' else case.vehicle)}", value)
-    return found

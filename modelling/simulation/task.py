@@ -75,7 +75,7 @@ def make_task(
     group = np.zeros(len(model.sensors), dtype=np.int64)
     group[delayed] = np.arange(1, len(delayed) + 1)
     slopes = [np.zeros((part.shape[1], len(names))) for part in delays]
-    for slope, jacobian in zip(slopes, _delay_slopes(model), strict=True):
+    for slope, jacobian in zip(slopes, _delay_slopes(model) if names else (), strict=bool(names)):
         for column, j in enumerate(selected):
             if j >= 0 and slope.size:
                 slope[:, column] = jacobian[:, j]
