@@ -13,13 +13,15 @@ from matching.diagnosis.candidates import fitted, without_cause
 from matching.diagnosis.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.extend import extended
 from matching.diagnosis.fit import Fit, base_problem, solve
-from matching.diagnosis.holdout import elsewhere, ratios, rest_of
+from matching.diagnosis.holdout import elsewhere, ratios, rest_of, rest_segments
 from matching.diagnosis.motion import seen
 from matching.diagnosis.next_recording import propose
 from matching.diagnosis.preparation import prepare_data, split
-from matching.diagnosis.result import CauseFound, Diagnosis, Pictures, finite
+from matching.diagnosis.result import Candidate, CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.several import Search, search
 from matching.diagnosis.uncertainty import estimates
+from matching.diagnosis.unseen import Unseen, fidelity
+from matching.diagnosis.unseen import unseen as laid_out
 from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
@@ -78,7 +80,8 @@ def diagnose(
         tell("rivals")
         rivals.append(rated(state, index, unseen))
     final = state.best
-    after = ratios(unseen(final))
+    residual_after, residual_before = unseen(final), unseen(state.base)
+    after, base_unseen = ratios(residual_after), ratios(residual_before)
     white = at_noise(final)
     good_holdout = not np.nanmax(after, initial=0.0) > HELD_OUT_AT_MOST
     if not final.causes:
@@ -88,12 +91,16 @@ def diagnose(
     without = [_without(state, index) for index in range(len(final.causes))]
     causes, proposal = _causes(system, final, rivals, without, verdict == "explained", coarse)
     numbers = estimates(final.fit, coarse)
-    base_unseen = ratios(unseen(state.base))
+    segments = [
+        list(other.segments) if holdout is not None else rest_segments(named.fit, whole, counts)
+        for named in (state.base, final)
+    ]
+    judged = laid_out(train.noise, (segments[0], residual_before), (segments[1], residual_after))
     return Diagnosis(
         verdict, causes, {name: own for name, own in numbers.items() if name in system.uncertain}, system.units,
         _errors(system, state.base, final, base_unseen, after),
-        _gain(system, whole, base_unseen, after), _rest(final), proposal, notes,
-        extended(system, final.causes, final.fit.values), _pictures(state, final),
+        _gain(system, whole, base_unseen, after), fidelity(system, judged), _candidates(final, rivals), _rest(final),
+        proposal, notes, extended(system, final.causes, final.fit.values), _pictures(state, final, judged),
     )  # fmt: skip
 
 
@@ -156,6 +163,17 @@ def _causes(
                 )
     found.sort(key=lambda one: -one.gain)
     return found, max(proposals)[1] if proposals else None
+
+
+def _candidates(final: Named, rivals: Sequence[Sequence[Rated]]) -> list[Candidate]:
+    count = float(final.fit.problem.data.samples.sum())
+    out = []
+    for cause, own in zip(final.causes, rivals, strict=True):
+        for one in own:
+            chi_square = one.named.fit.cost
+            misfit = float(np.sqrt(chi_square / count))
+            out.append(Candidate(one.kind, one.at, f"{cause.kind} at {cause.at}", misfit, chi_square, one.share))
+    return out
 
 
 def _evidence(system: System, without: Named, final: Named, next_best: Named | None) -> str:
@@ -237,7 +255,7 @@ def _spans(signals: Mapping[str, np.ndarray], stretch: slice) -> dict[str, list[
     return {name: [float(own[stretch].min()), float(own[stretch].max())] for name, own in signals.items()}
 
 
-def _pictures(state: Search, final: Named) -> Pictures:
+def _pictures(state: Search, final: Named, judged: Unseen) -> Pictures:
     data, screen = state.base.fit.problem.data, state.screen
     measured = np.concatenate([segment.readings for segment in data.segments])
     before, after = (np.concatenate(_once(named.fit)) * data.noise for named in (state.base, final))
@@ -246,7 +264,9 @@ def _pictures(state: Search, final: Named) -> Pictures:
     inertias = {part.name: screen.leftover.inertias[:, i] for i, part in enumerate(system.inertias)}
     shafts = {part.name: screen.leftover.shafts[:, i] for i, part in enumerate(system.shafts)}
     names = [sensor.name for sensor in system.sensors]
-    return Pictures(seen(state.base.fit), seen(final.fit), measured, before, after, inertias, shafts, names, data.noise)
+    return Pictures(
+        seen(state.base.fit), seen(final.fit), measured, before, after, inertias, shafts, names, data.noise, judged
+    )
 
 
 def _once(fit: Fit) -> list[np.ndarray]:

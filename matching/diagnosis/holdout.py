@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from matching.diagnosis.data import Data
+from matching.diagnosis.data import Data, Segment
 from matching.diagnosis.fit import Fit, Problem, first_state, solve
 
 
@@ -47,6 +47,15 @@ def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
         edges = np.linspace(count, len(segment.time), max(pieces, 1) + 1).astype(int)
         cuts += [segment.part(int(a), int(b)) for a, b in pairwise(edges)]
     return elsewhere(fit, replace(whole, segments=tuple(cuts)))
+
+
+def rest_segments(fit: Fit, whole: Data, seen: list[int]) -> list[Segment]:
+    """The stretches of data on which ``rest_of`` gives residuals, in its order."""
+    rests = [segment.part(count, len(segment.time)) for segment, count in zip(whole.segments, seen, strict=True)]
+    if len(fit.problem.data.segments) != sum(count > 0 for count in seen):
+        return [rest for rest in rests if len(rest.time)]
+    known = [rest for rest, count in zip(rests, seen, strict=True) if count and len(rest.time)]
+    return known + [rest for rest, count in zip(rests, seen, strict=True) if not count]
 
 
 def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:

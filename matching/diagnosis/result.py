@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.diagnosis.uncertainty import Estimate
+from matching.diagnosis.unseen import Unseen
 from modelling.effects.seen import Seen
 from modelling.system import System
 
@@ -79,6 +80,31 @@ class Pictures:
     shafts: dict[str, np.ndarray]
     sensors: list[str]
     noise: np.ndarray
+    unseen: Unseen
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A candidate that was refitted in the place of a cause.
+
+    Attributes
+    ----------
+    kind, at : str
+    instead_of : str
+        The cause, ``kind at place``; its own row is the cause itself.
+    misfit : float
+        Root mean square of all residuals of the fit, in times the noise.
+    chi_square : float
+    confidence : float
+        0 … 1, among the candidates for this cause.
+    """
+
+    kind: str
+    at: str
+    instead_of: str
+    misfit: float
+    chi_square: float
+    confidence: float
 
 
 @dataclass(frozen=True)
@@ -97,6 +123,10 @@ class Diagnosis:
     errors : dict of str to dict
         By sensor, root mean squares in SI: noise, before, after, before_holdout, after_holdout.
     gain : dict of str to float
+    fidelity : dict or None
+        R_RVM, R_MU and R_XiL on unseen data, before and after, see :func:`matching.diagnosis.unseen.fidelity`.
+    candidates : list of Candidate
+        What was refitted in the place of each cause, the most likely first.
     rest : list of dict
         Where what remains sits.
     next_recording : str or None
@@ -111,6 +141,8 @@ class Diagnosis:
     units: dict[str, str]
     errors: dict[str, dict[str, float | None]]
     gain: dict[str, float | None]
+    fidelity: dict[str, Any] | None
+    candidates: list[Candidate]
     rest: list[dict[str, Any]]
     next_recording: str | None
     notes: list[str]
@@ -130,7 +162,8 @@ class Diagnosis:
         }
         return {
             "verdict": self.verdict, "causes": [cause.to_dict() for cause in self.causes], "errors": self.errors,
-            "gain": self.gain, "next_recording": self.next_recording, "extended_model": "extended.toml",
+            "gain": self.gain, "fidelity": self.fidelity, "candidates": [vars(one) for one in self.candidates],
+            "next_recording": self.next_recording, "extended_model": "extended.toml",
             "parameters": parameters, "rest": self.rest, "notes": self.notes,
         }  # fmt: skip
 
