@@ -18,7 +18,8 @@ _AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
 
 
 @functools.cache
-def _registry() -> Any:
+def registry() -> Any:
+    """The one registry of units of this process (pint)."""
     import pint
 
     return pint.UnitRegistry(cache_folder=None)
@@ -50,10 +51,10 @@ def factor(unit: str, si: str, where: str = "") -> float:
         raise InputError(where, f"{text!r} is no unit", right)
     import pint
 
-    registry = _registry()
+    units = registry()
     try:
-        parsed = registry.parse_units(_NEWTON_METRE.sub("N*m", text).replace("·", "*"))
-        return float(registry.Quantity(1.0, parsed).to(_pint_si(si)).magnitude)
+        parsed = units.parse_units(_NEWTON_METRE.sub("N*m", text).replace("·", "*"))
+        return float(units.Quantity(1.0, parsed).to(_pint_si(si)).magnitude)
     except pint.DimensionalityError:
         raise InputError(where, f"unit {text!r} does not fit", right) from None
     except Exception:  # pint raises many kinds for text it cannot read
@@ -62,7 +63,7 @@ def factor(unit: str, si: str, where: str = "") -> float:
 
 @functools.cache
 def _pint_si(si: str) -> Any:
-    return _registry().parse_units(si if si != "1" else "dimensionless")
+    return registry().parse_units(si if si != "1" else "dimensionless")
 
 
 def to_si(value: object, si: str, where: str) -> float:

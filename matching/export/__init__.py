@@ -1,0 +1,1 @@
+"""Results for other programs: the tuned residual vehicle, or any model, as an FMU."""

@@ -1,0 +1,128 @@
+"""What a user names for export → an FMU's block: a match's directory or result, a case, or a model."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matching.frequency.case import Case, load_case
+from matching.frequency.tuned import apply
+from modelling.errors import InputError
+from modelling.files import from_dict, read_toml
+from modelling.fmu.block import Block, block
+from modelling.system import System, unknown
+
+STEP = 1e-3  # s, suggested for a model, which has no loop
+
+
+@dataclass(frozen=True)
+class Given:
+    """What to export: ``kind`` is ``residual vehicle`` or ``model``, ``step`` (s) the communication step to suggest."""
+
+    block: Block
+    kind: str
+    step: float
+    tuned: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def given(path: str | Path) -> Given:
+    """Read what is to be exported.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory that ``rigmatch match`` wrote, its ``result.json``, a case file or a model file.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _result(path / "result.json")
+    if path.suffix == ".json":
+        return _result(path)
+    data = read_toml(path)
+    if "inertias" in data or not {"vehicle", "rig"} & set(data):
+        system = from_dict(data, str(path))
+        return Given(_block([system], system.title or path.stem, path.stem, {}, path), "model", STEP, (), ())
+    case = load_case(path)
+    return _residual(case, {move.name: move.start for move in case.moves}, ())
+
+
+def _result(path: Path) -> Given:
+    """The residual vehicle of a match: the case it wrote, with the values that its result states."""
+    result = _json(path)
+    case_file = path.with_name("case.toml")
+    if not case_file.exists():
+        raise InputError(str(case_file), "does not exist", "leave result.json beside the files that the match wrote")
+    case = load_case(case_file)
+    known = [move.name for move in case.moves]
+    values = {}
+    for number, own in enumerate(result["parameters"]):
+        name, value = (own.get(key) if isinstance(own, dict) else None for key in ("name", "tuned"))
+        if name not in known:
+            raise unknown(str(name), known, f"{path}: parameters[{number}].name")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+            raise InputError(
+                f"{path}: parameters[{number}].tuned", "is no finite number", "leave it as the match wrote it"
+            )
+        values[name] = float(value)
+    notes = []
+    if result.get("status") != "matched":
+        notes.append(f"the match is {str(result.get('status'))!r}, not 'matched': see its limits in {path}")
+    return _residual(case, values, tuple(notes))
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
+    except OSError as fault:
+        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
+    except (ValueError, RecursionError) as fault:
+        raise InputError(str(path), f"is not JSON: {fault}", "give the result.json of a match") from None
+    if not isinstance(found, dict) or not isinstance(found.get("parameters"), list):
+        raise InputError(str(path), "holds no result of a match", "give the result.json of a match")
+    return found
+
+
+def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> Given:
+    moves = {move.name: move for move in case.moves}
+    spread = {name: value for key, value in values.items() for name in moves[key].together}
+    tuned = apply(case, spread)
+    names = tuple(name for name in spread if name.startswith("residual_vehicle."))
+    about = {
+        name.removeprefix("residual_vehicle."): f"tuned within {move.lower:g} … {move.upper:g} {move.unit}"
+        for move in moves.values()
+        for name in move.together
+        if name in names
+    }
+    for cut in tuned.residual_vehicle.interfaces:
+        about[cut.torque] = f"what the shaft {cut.shaft} brings in on the rig" + (
+            "" if cut.factor == 1 else f", {cut.factor:g} times what its sensor reads"
+        )
+        about[cut.speed] = "what the dynamometer has to follow"
+    parts = list(tuned.residual_vehicle.parts)
+    title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
+    made = _block(parts, title, "residual_vehicle", about, Path(case.path))
+    return Given(
+        made,
+        "residual vehicle",
+        case.loop["sample_time"],
+        tuple(n.removeprefix("residual_vehicle.") for n in names),
+        notes,
+    )
+
+
+def _block(systems: list[System], title: str, name: str, notes: dict[str, str], path: Path) -> Block:
+    try:
+        return block(systems, title, name, notes)
+    except InputError as fault:
+        raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None

@@ -1,0 +1,221 @@
+"""One or several systems side by side as what an FMU holds: variables with units, and three CasADi functions."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from modelling.assembly import CONTACT_TIME, SIMULATION_DEFAULTS, STICK_SPEED
+from modelling.compiled import Model, compiled
+from modelling.effects import EFFECTS
+from modelling.errors import InputError
+from modelling.simulation.functions import functions
+from modelling.simulation.plan import steps_per_second
+from modelling.system import System
+
+STEPS = "simulation.steps_per_second"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU, SI: ``causality`` as FMI says it; ``nonzero`` where 0 itself is impossible."""
+
+    name: str
+    causality: str
+    unit: str
+    start: float = 0.0
+    description: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+    nonzero: bool = False
+
+
+@dataclass(frozen=True)
+class Block:
+    """What an FMU holds.
+
+    Attributes
+    ----------
+    title, name : str
+        What it is, for a reader and as a file name.
+    inputs, outputs, parameters, states : tuple of Variable
+        The last parameter is :data:`STEPS`.
+    constants, field, reading : Function
+        (p, contact time) → c; (x, u, c) → ẋ; (x, u, c, t) → y: those of :mod:`modelling.simulation.functions`.
+    contact : float
+        s, contact time at the start; NaN where no lash closes.
+    """
+
+    title: str
+    name: str
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    constants: ca.Function
+    field: ca.Function
+    reading: ca.Function
+    contact: float
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """All, in the order of their value references, which begin at 1; 0 is the time."""
+        return (*self.inputs, *self.outputs, *self.parameters, *self.states)
+
+    @property
+    def steps_per_second(self) -> float:
+        """Internal steps a second, at least."""
+        return self.parameters[-1].start
+
+
+def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, str] | None = None) -> Block:
+    """Put systems that share no name side by side.
+
+    Parameters
+    ----------
+    systems : sequence of System
+    title, name : str
+    notes : mapping, optional
+        What to say of a variable, by name, after what it is.
+
+    Raises
+    ------
+    InputError
+        If a name is taken twice, an input or a reading is delayed, or a model needs too many steps.
+    """
+    notes = notes or {}
+    models = [compiled(system) for system in systems]
+    for model in models:
+        _undelayed(model)
+    inputs = [
+        Variable(part.name, "input", "N*m", 0.0, f"torque on {part.on}") for m in models for part in m.system.inputs
+    ]
+    outputs = [
+        Variable(part.name, "output", part.unit, 0.0, f"{part.measures} of {part.of}")
+        for m in models
+        for part in m.system.sensors
+    ]
+    parameters = {own.name: own for model in models for own in _parameters(model)}
+    steps = max(steps_per_second(model, _extremes(model)) for model in models)
+    parameters[STEPS] = Variable(
+        STEPS, "parameter", "1/s", steps, "least number of internal steps a second", 0.0, nonzero=True
+    )
+    states = [own for model in models for own in _states(model)]
+    groups = inputs, outputs, list(parameters.values()), states
+    _distinct([own.name for group in groups for own in group])
+    told = [tuple(_noted(own, notes) for own in group) for group in groups]
+    stacked = _functions(models, list(parameters))
+    return Block(title, name, told[0], told[1], told[2], told[3], *stacked, _contact(models))
+
+
+def _noted(own: Variable, notes: Mapping[str, str]) -> Variable:
+    return replace(own, description=f"{own.description}; {notes[own.name]}") if own.name in notes else own
+
+
+def _undelayed(model: Model) -> None:
+    delays = [np.array(part).ravel() for part in model.delays(model.p0)]
+    for names, own in ((model.inputs, delays[0]), (model.sensors, delays[1])):
+        for name, delay in zip(names, own, strict=True):
+            if delay:
+                raise InputError(
+                    name, f"is delayed by {delay:g} s, which an FMU written here does not hold", "take the effect out"
+                )
+
+
+def _parameters(model: Model) -> list[Variable]:
+    system, found = model.system, []
+    for name, value in zip(model.parameters, model.p0, strict=True):
+        place, _, key = name.rpartition(".")
+        if name == CONTACT_TIME:
+            continue
+        if name == STICK_SPEED:
+            meaning = "speed over which the sign of dry friction turns"
+            found.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
+            continue
+        low, high, nonzero = _bounds(system, name)
+        meaning = f"{key} of {place}"
+        found.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
+    return found
+
+
+def _bounds(system: System, name: str) -> tuple[float, float, bool]:
+    """Physical bounds of a parameter, and whether 0 is impossible."""
+    place, _, key = name.rpartition(".")
+    effect = next((own for own in system.effects if own.name == place), None)
+    if effect is None:
+        return (-math.inf if key == "ratio" else 0.0), math.inf, key in ("J", "ratio")
+    if effect.kind == "wrong_parameter":
+        return _bounds(system, effect.at)
+    own = EFFECTS[effect.kind].parameters[key]
+    return own.lower, own.upper, False
+
+
+def _extremes(model: Model) -> np.ndarray:
+    """The values, and with all uncertain quantities at either end of what makes the model fast: (b, p)."""
+    p = np.stack([model.p0, model.p0])
+    for i, name in enumerate(model.parameters):
+        own = model.system.parameters.get(name)
+        if own is not None and own.lower is not None and own.upper is not None:
+            p[1, i] = own.lower if name.endswith(".J") else own.upper
+    return p
+
+
+def _states(model: Model) -> list[Variable]:
+    found = []
+    for name in model.states:
+        kind, _, of = name.partition("(")
+        if of:
+            unit, meaning = ("rad" if kind == "angle" else "rad/s"), f"{kind} of {of[:-1]}"
+        else:
+            unit, meaning = _further(model.system, name)
+        found.append(Variable(name, "local", unit, 0.0, meaning))
+    return found
+
+
+def _further(system: System, name: str) -> tuple[str, str]:
+    """Unit and meaning of a state that an effect brings along."""
+    place, _, kind = name.rpartition(".")
+    if kind == "slip":
+        return "rad", f"deflection of the spring of {place}"
+    if kind == "lag":
+        sensors = {f"sensors.{part.name}": part.unit for part in system.sensors}
+        return sensors.get(place, "N*m"), f"{place} behind its lag"
+    return "1", f"{kind} of {place}, as a share of its torque"
+
+
+def _distinct(names: list[str]) -> None:
+    taken = [name for name, count in Counter(["time", *names]).items() if count > 1]
+    if taken:
+        raise InputError(taken[0], "the name would stand twice among the variables of the FMU", "rename one of the two")
+
+
+def _contact(models: list[Model]) -> float:
+    return SIMULATION_DEFAULTS[CONTACT_TIME] if any(CONTACT_TIME in model.parameters for model in models) else math.nan
+
+
+def _functions(models: list[Model], names: list[str]) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """The functions of all models, stacked."""
+    made = [functions(model) for model in models]
+    p, contact, t = ca.SX.sym("p", len(names)), ca.SX.sym("contact"), ca.SX.sym("t")
+    constants = []
+    for model, own in zip(models, made, strict=True):
+        mine = [contact if name == CONTACT_TIME else p[names.index(name)] for name in model.parameters]
+        constants.append(own.constants(ca.vertcat(*mine)))
+    x, u, c = (_stacked(what, [own.field.size1_in(i) for own in made]) for i, what in enumerate("xuc"))
+    rates = [own.field(*z) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
+    values = [own.reading(*z, t) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
+    xs, us, cs = (ca.vertcat(*part) for part in (x, u, c))
+    return (
+        ca.Function("constants", [p, contact], [ca.densify(ca.vertcat(*constants))]),
+        ca.Function("field", [xs, us, cs], [ca.densify(ca.vertcat(*rates))]),
+        ca.Function("reading", [xs, us, cs, t], [ca.densify(ca.vertcat(*values))]),
+    )
+
+
+def _stacked(name: str, sizes: list[int]) -> list[ca.SX]:
+    return [ca.SX.sym(f"{name}{i}", size) for i, size in enumerate(sizes)]

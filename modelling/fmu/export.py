@@ -1,0 +1,88 @@
+"""A block → the bytes of an FMU, the same for the same block, always."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import platform
+import re
+import zipfile
+from dataclasses import dataclass
+
+from modelling.fmu.block import Block
+from modelling.fmu.build import SUFFIX, binary, folder
+from modelling.fmu.description import description
+from modelling.fmu.source import FILES, sources
+
+LICENCE = """The files motion.c and fmi2.c or fmi3.c are part of rigmatch, MIT licence. model.c was written by CasADi's
+code generator from the model whose values model.h holds.
+"""
+
+
+@dataclass(frozen=True)
+class Fmu:
+    """An FMU: its bytes, GUID, identifier, the platform its binary is for (None without one) and why it has none."""
+
+    content: bytes
+    token: str
+    identifier: str
+    platform: str | None
+    lacking: str
+
+
+def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
+    """Write a block as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    block : Block
+    fmi : str
+        ``"2.0"`` or ``"3.0"``.
+    step : float
+        s, communication step to suggest.
+    """
+    identifier = re.sub(r"[^A-Za-z0-9_]+", "_", block.name).strip("_") or "model"
+    identifier = identifier if identifier[0].isalpha() else f"model_{identifier}"
+    token = _token(block, identifier, fmi, step)
+    code = sources(block, identifier, fmi, token)
+    files: dict[str, bytes] = {
+        "modelDescription.xml": description(block, identifier, fmi, token, step, FILES[fmi]).encode(),
+        "documentation/licenses/license.txt": LICENCE.encode(),
+    }
+    made, lacking = binary(code, FILES[fmi])
+    if made is not None:
+        files[f"binaries/{folder(fmi)}/{identifier}.{SUFFIX.get(platform.system().lower(), 'so')}"] = made
+    files |= {f"sources/{name}": text.encode() for name, text in code.items()}
+    if fmi == "3.0":
+        files["sources/buildDescription.xml"] = _build_description(identifier).encode()
+    return Fmu(_archive(files), token, identifier, folder(fmi) if made is not None else None, lacking)
+
+
+def _token(block: Block, identifier: str, fmi: str, step: float) -> str:
+    """A GUID that follows from all that is in the FMU but its binary."""
+    parts = [description(block, identifier, fmi, "", step, ""), *sources(block, identifier, fmi, "").values()]
+    digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    return "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
+
+
+def _build_description(identifier: str) -> str:
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{identifier}">
+    <SourceFileSet language="C99">
+      <SourceFile name="{FILES["3.0"]}"/>
+    </SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
+
+
+def _archive(files: dict[str, bytes]) -> bytes:
+    """A ZIP archive without a trace of when and where it was made."""
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+            archive.writestr(entry, files[name])
+    return target.getvalue()

@@ -1,0 +1,71 @@
+"""C sources of an FMU: the functions by CasADi, sizes and names, and the files of ``sources/`` round them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import casadi as ca
+
+from modelling.fmu.block import Block, Variable
+
+FILES = {"2.0": "fmi2.c", "3.0": "fmi3.c"}  # the file to be compiled; it includes the others
+
+
+def sources(block: Block, identifier: str, fmi: str, token: str) -> dict[str, str]:
+    """C files by name; ``token`` is the GUID or instantiation token."""
+    here = Path(__file__).with_name("sources")
+    fixed = {name: (here / name).read_text(encoding="utf-8") for name in ("motion.c", FILES[fmi])}
+    return fixed | {"model.c": _generated(block), "model.h": _header(block, identifier, token)}
+
+
+def _generated(block: Block) -> str:
+    generator = ca.CodeGenerator("model", {"with_header": False})
+    for function in (block.constants, block.field, block.reading):
+        generator.add(function)
+    return generator.dump()
+
+
+def _header(block: Block, identifier: str, token: str) -> str:
+    own = (block.constants, block.field, block.reading)
+    sizes = {
+        "N_INPUTS": len(block.inputs),
+        "N_OUTPUTS": len(block.outputs),
+        "N_PARAMETERS": len(block.parameters),
+        "N_STATES": len(block.states),
+        "N_CONSTANTS": block.field.size1_in(2),
+        "N_ARG": max(function.sz_arg() for function in own),
+        "N_RES": max(function.sz_res() for function in own),
+        "N_W": max(function.sz_w() for function in own) + 1,  # C knows no empty array
+        "N_IW": max(function.sz_iw() for function in own) + 1,
+        "HAS_CONTACT": int(not math.isnan(block.contact)),
+    }
+    time = Variable("time", "independent", "s")
+    variables = [time, *block.variables]
+    lines = [f"/* {json.dumps(block.title)}: sizes, names and start values, in the order of the value references */"]
+    lines += [f'#define IDENTIFIER "{identifier}"', f'#define TOKEN "{token}"']
+    lines += [f"#define {name} {value}" for name, value in sizes.items()]
+    lines += [f"#define CONTACT {0.0 if math.isnan(block.contact) else block.contact!r}"]
+    lines += _array("char *const NAME", (_text(own.name) for own in variables))
+    lines += _array("double START", (_real(own.start) for own in variables))
+    lines += _array("double LOWER", (_real(own.lower) for own in block.parameters))
+    lines += _array("double UPPER", (_real(own.upper) for own in block.parameters))
+    lines += _array("int NOT_ZERO", (str(int(own.nonzero)) for own in block.parameters))
+    return "\n".join(lines) + "\n"
+
+
+def _array(what: str, entries: Iterable[str]) -> list[str]:
+    return [f"static const {what}[] = {{", *(f"    {entry}," for entry in entries), "};"]
+
+
+def _text(name: str) -> str:
+    """A C string; names hold letters, digits, _, -, . and () only, letters of any alphabet as UTF-8."""
+    return f'"{name}"'
+
+
+def _real(value: float) -> str:
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+    return repr(float(value))

@@ -1,0 +1,124 @@
+"""What is in the file, and what happens where it cannot be made."""
+
+import json
+import platform
+
+import fmpy
+import pytest
+from fmpy.validation import validate_fmu
+
+from matching.cli import main
+from modelling.fmu.units import exponents
+from modelling.simulation import build
+
+
+@pytest.fixture(params=["reference_case", "lashed_model"])
+def source(request):
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    monkeypatch.setenv("RIGMATCH_COMPILE", "0")
+    build.compiler.cache_clear()
+    yield
+    build.compiler.cache_clear()
+
+
+def test_valid_without_a_message(export, source):
+    assert validate_fmu(str(export(source))) == []
+
+
+def test_variables_keep_names_values_and_units(export, reference_case):
+    about = fmpy.read_model_description(str(export(reference_case)))
+    found = {own.name: own for own in about.modelVariables}
+    assert {name for name, own in found.items() if own.causality == "input"} == {
+        "side_left_torque", "side_right_torque", "road_left", "road_right",
+    }  # fmt: skip
+    stiffness = found["shafts.wheel_tyre_left.stiffness"]
+    assert (stiffness.causality, stiffness.variability, stiffness.unit) == ("parameter", "tunable", "N*m/rad")
+    assert float(stiffness.start) == 1.18e5
+    assert "tuned within 60000 … 240000" in stiffness.description
+    assert found["wheel_left_interface_speed"].causality == "output"
+    unit = next(own for own in about.unitDefinitions if own.name == "N*m/rad").baseUnit
+    assert (unit.kg, unit.m, unit.s, unit.rad) == (1, 2, -2, -1)
+
+
+@pytest.mark.parametrize(("unit", "powers"), [
+    ("N*m*s^2/rad^2", {"kg": 1, "m": 2, "rad": -2}),
+    ("kg*m^2", {"kg": 1, "m": 2}),
+    ("rad/s^2", {"rad": 1, "s": -2}),
+    ("1", {}),
+])  # fmt: skip
+def test_units_as_powers(unit, powers):
+    assert exponents(unit) == powers
+
+
+def test_same_input_same_bytes(export, reference_case, tmp_path):
+    again = tmp_path / "other name.fmu"
+    assert main(["export", str(reference_case), "--fmu", str(again)]) == 0
+    assert again.read_bytes() == export(reference_case).read_bytes()
+
+
+def test_another_model_has_another_guid(export, reference_case, lashed_model):
+    one, other = (fmpy.read_model_description(str(export(source))).guid for source in (reference_case, lashed_model))
+    assert one != other
+
+
+@pytest.mark.skipif(platform.system() != "Linux" or platform.machine() != "x86_64", reason="names of another platform")
+def test_binary_for_this_platform_and_sources(export, reference_case):
+    assert set(fmpy.supported_platforms(str(export(reference_case)))) == {"linux64", "c-code"}
+
+
+def test_without_a_compiler_the_sources(no_compiler, reference_case, tmp_path, capsys):
+    target = tmp_path / "rvm.fmu"
+    assert main(["export", str(reference_case), "--fmu", str(target)]) == 0
+    assert "no C compiler was found: the FMU holds C sources only" in capsys.readouterr().out
+    assert fmpy.supported_platforms(str(target)) == ["c-code"]
+    assert validate_fmu(str(target)) == []
+
+
+def test_result_object(export, reference_case, tmp_path, capsys):
+    assert main(["export", str(reference_case), "--fmu", str(tmp_path / "a.fmu"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["of"] == "residual vehicle"
+    assert found["communication_step"] == 0.001
+    tuned = [own["name"] for own in found["parameters"] if own["tuned"]]
+    assert "inertias.body_left.J" in tuned
+    assert "inertias.body_right.J" in tuned
+
+
+BAD = {
+    "no such file": (["{t}/none.toml", "--fmu", "{t}/a.fmu"], "none.toml: does not exist"),
+    "directory without a result": (["{t}/empty", "--fmu", "{t}/a.fmu"], "result.json: does not exist"),
+    "other name": (["{t}/model.toml", "--fmu", "{t}/a.zip"], "let it end in .fmu"),
+    "not a result": (["{t}/result.json", "--fmu", "{t}/a.fmu"], "holds no result of a match"),
+    "not JSON": (["{t}/broken.json", "--fmu", "{t}/a.fmu"], "is not JSON"),
+    "alone": (["{t}/alone/result.json", "--fmu", "{t}/a.fmu"], "case.toml: does not exist"),
+    "a bad model": (["{t}/bad.toml", "--fmu", "{t}/a.fmu"], "inertias.a.J"),
+    "delayed": (["{t}/delayed.toml", "--fmu", "{t}/a.fmu"], "torque: is delayed by 0.01 s"),
+    "target in a file": (["{t}/model.toml", "--fmu", "{t}/model.toml/a.fmu"], "cannot be written"),
+    "version": (["{t}/model.toml", "--fmu", "{t}/a.fmu", "--fmi", "1.0"], "invalid choice: '1.0'"),
+}
+MODEL = '[inertias.a]\nJ = 1\n[inputs.torque]\non = "a"\n'
+
+
+@pytest.mark.parametrize(("words", "line"), BAD.values(), ids=BAD)
+def test_bad_input_is_one_line_and_nothing_is_written(words, line, tmp_path, capsys):
+    (tmp_path / "model.toml").write_text(MODEL)
+    (tmp_path / "bad.toml").write_text(MODEL.replace("J = 1", "J = 0"))
+    (tmp_path / "delayed.toml").write_text(
+        MODEL + '[[effects]]\nkind = "dead_time"\nat = "inputs.torque"\ndelay = 0.01\n'
+    )
+    (tmp_path / "result.json").write_text("{}")
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "result.json").write_text('{"status": "matched", "parameters": []}')
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["export", *(word.format(t=tmp_path) for word in words)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    assert line in said.err
+    assert sorted(tmp_path.rglob("*")) == before
