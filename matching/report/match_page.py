@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from matching.report.environment import embedded, environment
 from matching.report.match_checks import checks, needs
 from matching.report.match_fidelity import fidelity_rows
 from matching.report.match_figures import CAPTIONS
 from matching.report.match_text import answer, content
-from matching.report.words import change, handy, hertz, number, plain, sentence, unit
+from matching.report.words import change, number, sentence
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
-
     from matching.frequency.result import MatchResult
     from modelling.system import System
 
@@ -33,7 +31,7 @@ def page(result: MatchResult, drawn: Mapping[str, bytes]) -> str:
     drawn : mapping of str to bytes
         Figures by the names of :func:`matching.report.match_figures.figures`, as SVG or PNG.
     """
-    return _environment().get_template("match.html").render(context(result, drawn))
+    return environment().get_template("match.html").render(context(result, drawn))
 
 
 def summary_html(result: MatchResult) -> str:
@@ -45,7 +43,7 @@ def summary_html(result: MatchResult) -> str:
         "<td>{{ row.rig|hertz }} Hz</td><td>{{ row.matched|hertz }} Hz</td></tr>{% endfor %}</table>"
     )
     values = {"status": result.status, "answer": answer(content(result)), "targets": result.targets}
-    return _environment().from_string(template).render(values)
+    return environment().from_string(template).render(values)
 
 
 def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
@@ -81,20 +79,6 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         "captions": CAPTIONS,
         **_equations(result),
     }
-
-
-def embedded(content: bytes) -> str:
-    """A figure as a data URI, so that the page needs no other file."""
-    kind = "png" if content.startswith(b"\x89PNG") else "svg+xml"
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    made = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
-    made.filters |= {"number": number, "unit": unit, "handy": handy, "hertz": hertz, "plain": plain}
-    return made
 
 
 def _announced(result: MatchResult) -> list[str]:

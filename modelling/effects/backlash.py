@@ -16,6 +16,7 @@ class Backlash(Kind):
     """Dead zone of width ``gap`` (rad, total) in the twist; no pull across it."""
 
     kind = "backlash"
+    words = "has {gap} of free play"
     tables = ("shafts",)
     parameters = {"gap": Parameter("rad", lower=0.0)}
     abrupt = True

@@ -19,6 +19,7 @@ class Compliance(Kind):
     """Spring ``stiffness`` (N·m/rad) and inertia ``J`` (kg·m²) in series at the second end of the shaft."""
 
     kind = "compliance"
+    words = "has a further spring of {stiffness} with an inertia of {J} at its second end"
     tables = ("shafts",)
     parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "J": Parameter("kg*m^2", lower=1e-12)}
 

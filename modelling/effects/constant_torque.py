@@ -16,6 +16,7 @@ class ConstantTorque(Kind):
     """A constant ``torque`` against positive motion."""
 
     kind = "constant_torque"
+    words = "bears a resisting torque of {torque} that does not depend on motion"
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m")}
 

@@ -16,6 +16,7 @@ class CoulombFriction(Kind):
     """torque·sgn(speed); with ``torque_reverse`` unequal by direction."""
 
     kind = "coulomb_friction"
+    words = "has dry friction of {torque}"
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "torque_reverse": Parameter("N*m", lower=0.0, optional=True)}
 

@@ -16,6 +16,7 @@ class DeadTime(Kind):
     """Acts ``delay`` (s) later than recorded."""
 
     kind = "dead_time"
+    words = "acts {delay} later than recorded"
     tables = ("inputs",)
     parameters = {"delay": Parameter("s", lower=0.0)}
 

@@ -16,6 +16,7 @@ class Hardening(Kind):
     """Adds cubic·twist³ to the elastic torque; a negative value softens."""
 
     kind = "hardening"
+    words = "has a torque that grows by {cubic} with the cube of its twist"
     tables = ("shafts",)
     parameters = {"cubic": Parameter("N*m/rad^3")}
 

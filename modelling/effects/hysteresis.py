@@ -22,6 +22,7 @@ class Hysteresis(Kind):
     """
 
     kind = "hysteresis"
+    words = "has hysteresis of {torque} over an angle of {angle}"
     tables = ("shafts",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "angle": Parameter("rad", lower=1e-9)}
 

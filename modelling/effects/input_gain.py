@@ -16,6 +16,7 @@ class InputGain(Kind):
     """Acts with ``factor`` times the recorded value."""
 
     kind = "input_gain"
+    words = "acts with {factor} times the recorded value"
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
 

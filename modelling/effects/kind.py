@@ -32,6 +32,7 @@ class Kind:
     """One kind of effect. A subclass sets the class attributes and overrides the law of the tables it can sit at."""
 
     kind: ClassVar[str] = ""
+    words: ClassVar[str] = ""  # what is said of the place, parameters in braces: "has {gap} of free play"
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
     abrupt: ClassVar[bool] = False  # the torque jumps within a step: a fit needs finer steps

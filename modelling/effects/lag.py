@@ -16,6 +16,7 @@ class Lag(Kind):
     """First-order lag with ``time_constant`` (s)."""
 
     kind = "lag"
+    words = "follows with a first-order lag of {time_constant}"
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
 

@@ -16,6 +16,7 @@ class QuadraticDrag(Kind):
     """coefficient·speed·|speed|, resisting."""
 
     kind = "quadratic_drag"
+    words = "has drag that grows with the square of speed by {coefficient}"
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
 

@@ -16,6 +16,7 @@ class SensorDelay(Kind):
     """Reads what was ``delay`` (s) ago."""
 
     kind = "sensor_delay"
+    words = "reads {delay} late"
     tables = ("sensors",)
     parameters = {"delay": Parameter("s", lower=0.0)}
 

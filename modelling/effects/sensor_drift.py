@@ -16,6 +16,7 @@ class SensorDrift(Kind):
     """Offset that grows with ``rate`` per second from the start of the recording."""
 
     kind = "sensor_drift"
+    words = "drifts by {rate}"
     tables = ("sensors",)
     parameters = {"rate": Parameter("sensor/s")}
 

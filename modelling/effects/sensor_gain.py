@@ -16,6 +16,7 @@ class SensorGain(Kind):
     """Reads ``factor`` times the truth."""
 
     kind = "sensor_gain"
+    words = "reads {factor} times the truth"
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
 

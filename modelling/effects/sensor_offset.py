@@ -16,6 +16,7 @@ class SensorOffset(Kind):
     """Reads ``offset`` more."""
 
     kind = "sensor_offset"
+    words = "reads {offset} too much"
     tables = ("sensors",)
     parameters = {"offset": Parameter("sensor")}
 

@@ -19,6 +19,7 @@ class Slip(Kind):
     """A damper of ``coefficient`` (N·m·s/rad) in series: the spring relaxes (tyre slip, relaxation length)."""
 
     kind = "slip"
+    words = "slips by a damper of {coefficient} in series"
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s/rad", lower=1e-9)}
 

@@ -19,6 +19,7 @@ class StribeckFriction(Kind):
     """sgn(speed)·(torque + (breakaway − torque)·exp(−(speed/``speed``)²))."""
 
     kind = "stribeck_friction"
+    words = "has dry friction of {torque} that is {breakaway} from rest and falls off over {speed}"
     tables = ("inertias",)
     parameters = {
         "torque": Parameter("N*m", lower=0.0),

@@ -19,6 +19,7 @@ class TorqueRipple(Kind):
     """amplitude·sin(order·angle + phase), driving."""
 
     kind = "torque_ripple"
+    words = "has a torque ripple of {amplitude} with order {order} per turn"
     tables = ("inertias",)
     parameters = {"order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad")}
 

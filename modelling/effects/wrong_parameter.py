@@ -16,6 +16,7 @@ class WrongParameter(Kind):
     """The quantity at the place (e.g. ``inertias.body.J``) is ``value`` instead; the assembly reads it from here."""
 
     kind = "wrong_parameter"
+    words = "is {value}, not what the model gives"
     tables = ("inertias", "shafts", "gears")
     parameters = {"value": Parameter("quantity")}
 

@@ -1,0 +1,173 @@
+"""Where the residual sits: in time, over speed, torque and angle, in frequency and in orders of the turn."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.report.diagnosis_axes import (
+    AFTER,
+    BEFORE,
+    View,
+    broken,
+    legend,
+    line,
+    noise_band,
+    over_noise,
+    running,
+)
+from matching.report.style import LIMIT, figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.diagnosis.result import Pictures
+
+BINS = 48
+DOTS = 1200
+LEAST = 12  # readings in a bin
+TURNS = 8  # that an order spectrum needs
+ORDERS = 12
+
+
+def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
+    """Residuals over the fitted data, in times the noise."""
+    time = running(pictures)
+    with styled():
+        drawn = figure(11, 0.9 + 1.25 * len(shown))
+        rows = drawn.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+        for axes, view in zip(rows, shown, strict=True):
+            for residual, look in _both(pictures):
+                own = residual[:, view.index] / pictures.noise[view.index]
+                x, y = broken(time, pictures.before.parts, own) if len(own) == len(time) else (time[: len(own)], own)
+                line(axes, x, y, look)
+            noise_band(axes)
+            axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
+        rows[-1].set_xlabel("Time in s")
+        legend(drawn, rows[0])
+    return drawn
+
+
+def where_figure(pictures: Pictures, shown: list[View]) -> Figure:
+    """Residuals over the motion at the sensor's place: dots, and the mean of each bin."""
+    with styled():
+        drawn = figure(11, 0.9 + 2.1 * len(shown))
+        grid = drawn.subplots(len(shown), 3, squeeze=False)
+        for row, view in zip(grid, shown, strict=True):
+            for axes, (name, x) in zip(row, _motion(pictures, view).items(), strict=False):
+                for residual, look in _both(pictures):
+                    own = residual[:, view.index] / pictures.noise[view.index]
+                    if len(own) == len(x):
+                        _binned(axes, x, own, look)
+                noise_band(axes)
+                axes.set_xlabel(name)
+            row[0].set_ylabel(f"{view.sensor.name}\nin times the noise")
+            for axes in row[len(_motion(pictures, view)) :]:
+                axes.set_axis_off()
+        legend(drawn, grid[0, 0])
+    return drawn
+
+
+def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
+    """Amplitude spectra over frequency and over orders of the turn; white noise of the stated size is 1 everywhere."""
+    with styled():
+        drawn = figure(11, 0.9 + 2.1 * len(shown))
+        grid = drawn.subplots(len(shown), 2, squeeze=False)
+        for (left, right), view in zip(grid, shown, strict=True):
+            turning = _steady(pictures, view.inertia)
+            for residual, look in _both(pictures):
+                own = residual[:, view.index] / pictures.noise[view.index]
+                if len(own) != len(pictures.before.time):
+                    continue
+                part = max(pictures.before.parts, key=lambda part: part.stop - part.start)
+                x, y = _spectrum(own[part], pictures.before.step)
+                line(left, x[1:], y[1:], look)
+                if turning is not None:
+                    turns = pictures.before.angle[view.inertia][turning] / (2 * np.pi)
+                    line(right, *_orders(own[turning], turns), look)
+            over_noise(left)
+            left.set(xscale="log", yscale="log", ylabel=f"{view.sensor.name}\nin times the noise")
+            left.set_xlabel("Frequency in Hz")
+            if turning is None:
+                right.text(0.5, 0.5, f"{view.inertia} never turns {TURNS} times one way", ha="center", color=LIMIT)
+                right.set_axis_off()
+                continue
+            over_noise(right)
+            right.set(yscale="log", xlim=(0, ORDERS), xlabel=f"Order per turn of {view.inertia}")
+            right.set_xticks(range(ORDERS + 1))
+        legend(drawn, grid[0, 0])
+    return drawn
+
+
+def _both(pictures: Pictures) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
+    return (pictures.residual_before, BEFORE), (pictures.residual_after, AFTER)
+
+
+def _motion(pictures: Pictures, view: View) -> dict[str, np.ndarray]:
+    seen = pictures.before
+    out = {f"Speed of {view.inertia} in rad/s": seen.speed[view.inertia]}
+    if view.shaft is not None:
+        out[f"Torque of {view.shaft} in N·m"] = seen.torque[view.shaft]
+    angle = seen.angle[view.inertia]
+    if np.ptp(angle) > 2 * np.pi:
+        out[f"Angle of {view.inertia} within a turn in °"] = np.degrees(angle) % 360
+    else:
+        out[f"Angle of {view.inertia} in rad"] = angle
+    return out
+
+
+def _binned(axes: Any, x: np.ndarray, own: np.ndarray, look: dict[str, Any]) -> None:
+    there = np.isfinite(own)
+    x, own = x[there], own[there]
+    few = np.linspace(0, len(x) - 1, min(len(x), DOTS)).astype(int)
+    axes.plot(x[few], own[few], ".", color=look["color"], markersize=1.5, alpha=0.3, rasterized=True, zorder=1.5)
+    edges = np.linspace(x.min(), x.max(), BINS + 1)
+    bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    count = np.bincount(bins, minlength=BINS)
+    mean = np.where(count >= LEAST, np.bincount(bins, own, BINS) / np.maximum(count, 1), np.nan)
+    axes.plot((edges[1:] + edges[:-1]) / 2, mean, **look | {"linewidth": 1.8})
+
+
+def _spectrum(own: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0."""
+    from scipy.signal import welch
+
+    length = min(len(own), 4096)
+    frequency, power = welch(np.nan_to_num(own), 1 / step, nperseg=length, detrend=False)
+    return frequency, np.sqrt(power / (2 * step))
+
+
+def _steady(pictures: Pictures, inertia: str) -> slice | None:
+    """The longest stretch over which an inertia turns one way, if it is long enough."""
+    seen, most = pictures.before, float(TURNS)
+    best: slice | None = None
+    for part in seen.parts:
+        sign = np.sign(seen.speed[inertia][part])
+        edges = [0, *(np.flatnonzero(np.diff(sign)) + 1), len(sign)]
+        for a, b in pairwise(edges):
+            cut = slice(part.start + int(a), part.start + int(b))
+            turned = float(np.ptp(seen.angle[inertia][cut])) / (2 * np.pi)
+            if turned > most:
+                most, best = turned, cut
+    return best
+
+
+def _orders(own: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orders (f,) and amplitudes of a residual resampled over the angle, 1 for white noise."""
+    from scipy.signal import welch
+
+    turns = turns if turns[-1] > turns[0] else -turns
+    total = float(turns[-1] - turns[0])
+    even = np.linspace(turns[0], turns[-1], max(int(total * 4 * ORDERS), 64))
+    # white noise of the samples must stay white: mean over what falls between two angles, not a value in between
+    place = np.searchsorted((even[1:] + even[:-1]) / 2, turns)
+    count = np.bincount(place, minlength=len(even))
+    mean = np.bincount(place, np.nan_to_num(own), len(even)) / np.maximum(count, 1)
+    mean = np.where(count, mean, np.interp(even, turns, np.nan_to_num(own)))
+    scale = np.sqrt(np.mean(1 / np.maximum(count, 1)))
+    step = total / len(even)
+    order, power = welch(mean, 1 / step, nperseg=min(len(even), round(min(total / 2, 32) / step)), detrend=False)
+    inside = (order > 0) & (order <= ORDERS)
+    return order[inside], np.sqrt(power[inside] / (2 * step)) / scale

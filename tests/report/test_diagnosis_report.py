@@ -1,0 +1,167 @@
+"""Page, figures, terminal and JSON of a diagnosis, from one recording that SciPy made of a flywheel in thick air."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from matching.cli import main
+from matching.report.diagnosis_words import answer, measured
+
+INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
+MODEL = """title = "Flywheel"
+[inertias.wheel]
+J = 0.2
+drag = { value = 0.06, tolerance = 0.5 }
+[inputs.motor_torque]
+on = "wheel"
+[sensors.wheel_speed]
+measures = "speed"
+of = "wheel"
+uncertainty = 0.02
+"""
+
+
+def torque(time):
+    return 6 + 5 * np.sin(2 * np.pi * 0.4 * time) + 3 * np.sin(2 * np.pi * (0.2 * time + 0.15 * time**2))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flywheel")
+    time = np.arange(0, 10, 0.005)
+    given = torque(time)
+
+    def motion(t, speed):
+        return (np.interp(t, time, given) - DRAG * speed - AIR * speed * abs(speed)) / INERTIA
+
+    speed = solve_ivp(motion, (0, 10), [5.0], t_eval=time, rtol=1e-9, atol=1e-9, max_step=0.01).y[0]
+    speed = speed + NOISE * np.random.default_rng(1).standard_normal(len(time))
+    rows = np.column_stack([time, given, speed])
+    header = "time [s],motor_torque [N*m],wheel_speed [rad/s]"
+    np.savetxt(folder / "recording.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    (folder / "model.toml").write_text(MODEL)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def said(folder: Path) -> str:
+    import contextlib
+    import io
+
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        code = main(
+            ["diagnose", str(folder / "model.toml"), str(folder / "recording.csv"), "--out", str(folder / "out")]
+        )
+    assert code in (0, None)
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def result(folder: Path, said: str) -> dict:
+    return json.loads((folder / "out" / "diagnosis.json").read_text())
+
+
+def test_terminal_and_page_lead_with_the_same_sentence(folder: Path, said: str, result: dict) -> None:
+    first = said.splitlines()[0]
+    assert first == result["answer"] == answer(result)
+    found = re.fullmatch(
+        r"The inertia wheel has drag that grows with the square of speed by (\S+) ± (\S+) N·m·s²/rad²; with it the "
+        r"error of wheel_speed falls from (\S+) to (\S+) times the noise on unseen data\.",
+        first,
+    )
+    assert found is not None
+    value, u, before, after = (float(text) for text in found.groups())
+    assert abs(value - AIR) < 4 * u < 0.1 * AIR
+    assert before > 10
+    assert after < 1.1
+    page = (folder / "out" / "report.html").read_text()
+    assert page.index(first) < page.index("<h2")
+
+
+def test_result_holds_the_contract_and_the_gain_in_fidelity(result: dict) -> None:
+    assert set(result) >= {"verdict", "causes", "errors", "gain", "next_recording", "extended_model", "fidelity"}
+    assert set(result["gain"]) == {"nrmse_before", "nrmse_after", "noise_floor"}
+    fidelity = result["fidelity"]
+    assert fidelity["before"]["R_RVM"] < fidelity["after"]["R_RVM"] <= 1
+    assert fidelity["after"]["R_RVM"] == pytest.approx(fidelity["noise_floor"]["R_RVM"], abs=2e-3)
+    signal = fidelity["before"]["signals"][0]
+    assert signal["name"] == "wheel_speed"
+    assert {"R_NRMSE", "R_tau", "delay"} <= set(signal)
+    best = min(result["candidates"], key=lambda one: one["chi_square"])
+    assert (best["kind"], best["at"]) == ("quadratic_drag", "inertias.wheel")
+
+
+def test_terminal_tells_the_fidelity_and_every_sensor(said: str, result: dict) -> None:
+    assert f"R_RVM from {100 * result['fidelity']['before']['R_RVM']:.2f} %" in said
+    assert "wheel_speed: error on unseen data from" in said
+
+
+def test_page_is_whole_and_needs_nothing_else(folder: Path, said: str) -> None:
+    page = (folder / "out" / "report.html").read_text()
+    links: list[str] = []
+    closed: list[str] = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag, attributes):
+            given = dict(attributes)
+            links.extend(given[key] for key in ("src", "href") if key in given)
+
+        def handle_endtag(self, tag):
+            closed.append(tag)
+
+    Reader().feed(page)
+    assert links
+    assert all(link.startswith(("data:image/", "#")) for link in links)
+    anchors = [link[1:] for link in links if link.startswith("#")]
+    assert all(f'id="{name}"' in page for name in anchors)
+    assert closed[-1] == "html"
+    assert "nan" not in re.sub(r"data:image/[^\"]*", "", page).lower().split()
+    for word in ("Runner-up:", "Fitted quantities", "What was found in the recording", "What to record next"):
+        assert word in page
+    for name in ("errors", "unseen", "balance", "time", "where", "spectrum"):
+        own = folder / "out" / "figures" / f"{name}.svg"
+        assert own.read_text().lstrip().startswith("<?xml")
+        assert f'id="figure-{name}"' in page
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "said"),
+    [
+        (0.0213456, 0.0011, "0.0213 ± 0.0011 rad"),
+        (1234.5, 130.0, "1230 ± 130 rad"),
+        (-2.0, 0.0996, "−2.00 ± 0.10 rad"),
+        (6.285e7, 1.2e4, "(6.2850 ± 0.0012)·10^7 rad"),
+        (3.0, None, "3 rad"),
+    ],
+)
+def test_values_are_rounded_to_two_digits_of_their_uncertainty(value: float, u: float | None, said: str) -> None:
+    assert measured({"value": value, "standard_uncertainty": u, "unit": "rad"}) == said
+
+
+def errors(before: float, after: float) -> dict:
+    return {"torque": {"noise": 0.5, "before_holdout": 0.5 * before, "after_holdout": 0.5 * after}}
+
+
+def test_other_verdicts_in_a_sentence() -> None:
+    adequate = {"verdict": "adequate", "causes": [], "errors": errors(1.01, 1.01)}
+    assert answer(adequate).startswith("The model is adequate: on unseen data no sensor is off by more than 1.01 times")
+    nothing = {"verdict": "unexplained", "causes": [], "errors": errors(7.5, 7.5)}
+    assert "fits nothing in the vocabulary" in answer(nothing)
+    assert "7.5 times the noise" in answer(nothing)
+    play = {"kind": "backlash", "at": "shafts.side_left", "alternatives": [
+        {"kind": "hysteresis", "at": "shafts.side_left", "confidence": 0.3}],
+        "parameters": {"gap": {"value": 0.021, "standard_uncertainty": 0.001, "unit": "rad"}}}  # fmt: skip
+    wrong = {"kind": "wrong_parameter", "at": "inertias.body.J", "alternatives": [],
+             "parameters": {"value": {"value": 12.0, "standard_uncertainty": 0.5, "unit": "kg*m^2"}}}  # fmt: skip
+    two = answer({"verdict": "unexplained", "causes": [play, wrong], "errors": errors(71, 3.02)})
+    assert two == (
+        "The shaft side_left has 0.0210 ± 0.0010 rad of free play (these data do not rule out hysteresis at "
+        "shafts.side_left instead), and inertias.body.J is 12.00 ± 0.50 kg·m², not what the model gives; with them the "
+        "error of torque falls from 71 to 3.02 times the noise on unseen data, and something unexplained remains."
+    )
