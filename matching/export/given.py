@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from matching.frequency.tuned import apply
 from modelling.errors import InputError
 from modelling.files import from_dict, read_toml
 from modelling.fmu.block import Block, block
-from modelling.system import System, unknown
+from modelling.residual_vehicle import Interface, ResidualVehicle
+from modelling.system import Sensor, System, unknown
 
 STEP = 1e-3  # s, suggested for a model, which has no loop
 
@@ -109,7 +110,8 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> G
             "" if cut.factor == 1 else f", {cut.factor:g} times what its sensor reads"
         )
         about[cut.speed] = "what the dynamometer has to follow"
-    parts = list(tuned.residual_vehicle.parts)
+        about[acceleration(cut)] = "for the feed-forward of the dynamometer"
+    parts = [_with_accelerations(part, tuned.residual_vehicle) for part in tuned.residual_vehicle.parts]
     title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
     made = _block(parts, title, "residual_vehicle", about, Path(case.path))
     return Given(
@@ -119,6 +121,17 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> G
         tuple(n.removeprefix("residual_vehicle.") for n in names),
         notes,
     )
+
+
+def acceleration(cut: Interface) -> str:
+    """Name of the output with the acceleration behind a cut, which a feed-forward needs."""
+    return f"{cut.vehicle_end}_interface_acceleration"
+
+
+def _with_accelerations(part: System, residual: ResidualVehicle) -> System:
+    cuts = [cut for cut in residual.interfaces if residual.part_of(cut) == part]
+    more = tuple(Sensor(acceleration(cut), "acceleration", cut.vehicle_end) for cut in cuts)
+    return replace(part, sensors=(*part.sensors, *more))
 
 
 def _block(systems: list[System], title: str, name: str, notes: dict[str, str], path: Path) -> Block:

@@ -25,8 +25,9 @@ def no_compiler(monkeypatch):
     build.compiler.cache_clear()
 
 
-def test_valid_without_a_message(export, source):
-    assert validate_fmu(str(export(source))) == []
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_valid_without_a_message(export, source, fmi):
+    assert validate_fmu(str(export(source, fmi))) == []
 
 
 def test_variables_keep_names_values_and_units(export, reference_case):

@@ -1,19 +1,8 @@
 /* FMI 2.0 for co-simulation around motion.c. The declarations below are those that this FMU needs, written from the
  * specification of the interface (https://fmi-standard.org), so that it builds without any header of it. */
-#include <stdlib.h>
-
 #include "motion.c"
 
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORT __attribute__((visibility("default")))
-#else
-#define EXPORT
-#endif
 #ifdef FMI2_FUNCTION_PREFIX /* where several FMUs are linked into one program */
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 #define FMI(name) JOIN(FMI2_FUNCTION_PREFIX, fmi2##name)
 #else
 #define FMI(name) fmi2##name
@@ -32,13 +21,8 @@ typedef struct {
     void *environment;
 } Callbacks;
 
-typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
 typedef struct {
     Motion motion;
-    Phase phase;
-} State;
-typedef struct {
-    State state;
     Callbacks callbacks;
     char name[128];
 } Instance;
@@ -59,9 +43,7 @@ static Status tell(Instance *i, Status status, const char *message) {
     return status;
 }
 
-static Status done(Instance *i, int well) { return well ? OK : tell(i, ERROR, i->state.motion.message); }
-
-static Status unless(Instance *i, int right, const char *message) { return right ? OK : tell(i, ERROR, message); }
+static Status done(Instance *i, int well) { return well ? OK : tell(i, ERROR, i->motion.message); }
 
 EXPORT String FMI(GetTypesPlatform)(void) { return "default"; }
 EXPORT String FMI(GetVersion)(void) { return "2.0"; }
@@ -86,8 +68,7 @@ EXPORT void *FMI(Instantiate)(String name, Type type, String token, String resou
     }
     i->callbacks = own;
     snprintf(i->name, sizeof i->name, "%s", name ? name : "");
-    begin(&i->state.motion);
-    i->state.phase = INSTANTIATED;
+    begin(&i->motion);
     return i;
 }
 
@@ -99,50 +80,29 @@ EXPORT Status FMI(SetupExperiment)(void *c, Boolean has_tolerance, double tolera
                                    double stop) {
     Instance *i = c;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    if (!isfinite(start)) return tell(i, ERROR, "the start time is not a finite number");
-    i->state.motion.value[TIME] = start;
-    return unless(i, i->state.phase == INSTANTIATED, "the experiment is set up before initialisation");
+    return done(i, start_at(&i->motion, start));
 }
 
-EXPORT Status FMI(EnterInitializationMode)(void *c) {
-    Instance *i = c;
-    if (i->state.phase != INSTANTIATED) return tell(i, ERROR, "initialisation begins after instantiation or reset only");
-    i->state.phase = INITIALISING;
-    return OK;
-}
-
-EXPORT Status FMI(ExitInitializationMode)(void *c) {
-    Instance *i = c;
-    if (i->state.phase != INITIALISING) return tell(i, ERROR, "initialisation has not begun");
-    i->state.phase = STEPPING;
-    return OK;
-}
-
-EXPORT Status FMI(Terminate)(void *c) {
-    Instance *i = c;
-    if (i->state.phase != STEPPING) return tell(i, ERROR, "nothing runs that could be terminated");
-    i->state.phase = TERMINATED;
-    return OK;
-}
+EXPORT Status FMI(EnterInitializationMode)(void *c) { return done(c, enter_initialisation(&((Instance *)c)->motion)); }
+EXPORT Status FMI(ExitInitializationMode)(void *c) { return done(c, leave_initialisation(&((Instance *)c)->motion)); }
+EXPORT Status FMI(Terminate)(void *c) { return done(c, terminate(&((Instance *)c)->motion)); }
 
 EXPORT Status FMI(Reset)(void *c) {
-    Instance *i = c;
-    begin(&i->state.motion);
-    i->state.phase = INSTANTIATED;
+    begin(&((Instance *)c)->motion);
     return OK;
 }
 
 EXPORT Status FMI(GetReal)(void *c, const Reference reference[], size_t n, double value[]) {
     Instance *i = c;
     for (size_t k = 0; k < n; k++)
-        if (!get(&i->state.motion, reference[k], value + k)) return done(i, 0);
+        if (!get(&i->motion, reference[k], value + k)) return done(i, 0);
     return OK;
 }
 
 EXPORT Status FMI(SetReal)(void *c, const Reference reference[], size_t n, const double value[]) {
     Instance *i = c;
     for (size_t k = 0; k < n; k++)
-        if (!set(&i->state.motion, reference[k], value[k], i->state.phase >= STEPPING)) return done(i, 0);
+        if (!set(&i->motion, reference[k], value[k])) return done(i, 0);
     return OK;
 }
 
@@ -152,32 +112,28 @@ EXPORT Status FMI(SetRealInputDerivatives)(void *c, const Reference reference[],
     for (size_t k = 0; k < n; k++) {
         if (reference[k] < INPUTS || reference[k] >= OUTPUTS || order[k] != 1 || !isfinite(value[k]))
             return tell(i, ERROR, "only inputs have derivatives, of order 1, as finite numbers");
-        i->state.motion.slope[reference[k] - INPUTS] = value[k];
+        i->motion.slope[reference[k] - INPUTS] = value[k];
     }
     return OK;
 }
 
 EXPORT Status FMI(DoStep)(void *c, double now, double span, Boolean no_way_back) {
-    Instance *i = c;
     (void)no_way_back;
-    double own = i->state.motion.value[TIME];
-    if (i->state.phase != STEPPING) return tell(i, ERROR, "a step needs initialisation to be over");
-    if (!(fabs(now - own) <= 1e-9 * fmax(1, fabs(own)))) return tell(i, ERROR, "the step does not begin where the last one ended");
-    return done(i, advance(&i->state.motion, span));
+    return done(c, step(&((Instance *)c)->motion, now, span));
 }
 
 /* states of the FMU: copies of it */
 
 EXPORT Status FMI(GetFMUstate)(void *c, void **state) {
     Instance *i = c;
-    if (!*state) *state = take(&i->callbacks, sizeof(State));
+    if (!*state) *state = take(&i->callbacks, sizeof(Motion));
     if (!*state) return tell(i, ERROR, "no memory");
-    memcpy(*state, &i->state, sizeof(State));
+    memcpy(*state, &i->motion, sizeof(Motion));
     return OK;
 }
 
 EXPORT Status FMI(SetFMUstate)(void *c, void *state) {
-    memcpy(&((Instance *)c)->state, state, sizeof(State));
+    memcpy(&((Instance *)c)->motion, state, sizeof(Motion));
     return OK;
 }
 
@@ -189,21 +145,21 @@ EXPORT Status FMI(FreeFMUstate)(void *c, void **state) {
 
 EXPORT Status FMI(SerializedFMUstateSize)(void *c, void *state, size_t *size) {
     (void)c, (void)state;
-    *size = sizeof(State);
+    *size = sizeof(Motion);
     return OK;
 }
 
 EXPORT Status FMI(SerializeFMUstate)(void *c, void *state, char bytes[], size_t size) {
-    if (size < sizeof(State)) return tell(c, ERROR, "too little room for the state");
-    memcpy(bytes, state, sizeof(State));
+    if (size < sizeof(Motion)) return tell(c, ERROR, "too little room for the state");
+    memcpy(bytes, state, sizeof(Motion));
     return OK;
 }
 
 EXPORT Status FMI(DeSerializeFMUstate)(void *c, const char bytes[], size_t size, void **state) {
-    if (size != sizeof(State)) return tell(c, ERROR, "these bytes are no state of this FMU");
-    if (!*state) *state = take(&((Instance *)c)->callbacks, sizeof(State));
+    if (size != sizeof(Motion)) return tell(c, ERROR, "these bytes are no state of this FMU");
+    if (!*state) *state = take(&((Instance *)c)->callbacks, sizeof(Motion));
     if (!*state) return tell(c, ERROR, "no memory");
-    memcpy(*state, bytes, sizeof(State));
+    memcpy(*state, bytes, sizeof(Motion));
     return OK;
 }
 
@@ -211,13 +167,18 @@ EXPORT Status FMI(DeSerializeFMUstate)(void *c, const char bytes[], size_t size,
 
 static Status lacking(void *c, size_t n, const char *what) { return n ? tell(c, ERROR, what) : OK; }
 
-#define NO_VARIABLES "all variables of this FMU are of type Real"
-EXPORT Status FMI(GetInteger)(void *c, const Reference r[], size_t n, int v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
-EXPORT Status FMI(GetBoolean)(void *c, const Reference r[], size_t n, Boolean v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
-EXPORT Status FMI(GetString)(void *c, const Reference r[], size_t n, String v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
-EXPORT Status FMI(SetInteger)(void *c, const Reference r[], size_t n, const int v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
-EXPORT Status FMI(SetBoolean)(void *c, const Reference r[], size_t n, const Boolean v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
-EXPORT Status FMI(SetString)(void *c, const Reference r[], size_t n, const String v[]) { (void)r, (void)v; return lacking(c, n, NO_VARIABLES); }
+#define NONE_OF(type, get_type, set_type)                                                            \
+    EXPORT Status FMI(Get##type)(void *c, const Reference r[], size_t n, get_type v[]) {                \
+        (void)r, (void)v;                                                                               \
+        return lacking(c, n, "all variables of this FMU are of type Real");                             \
+    }                                                                                                   \
+    EXPORT Status FMI(Set##type)(void *c, const Reference r[], size_t n, set_type v[]) {                \
+        (void)r, (void)v;                                                                               \
+        return lacking(c, n, "all variables of this FMU are of type Real");                             \
+    }
+NONE_OF(Integer, int, const int)
+NONE_OF(Boolean, Boolean, const Boolean)
+NONE_OF(String, String, const String)
 
 EXPORT Status FMI(GetRealOutputDerivatives)(void *c, const Reference r[], size_t n, const int order[], double v[]) {
     (void)r, (void)order, (void)v;
@@ -240,7 +201,7 @@ EXPORT Status FMI(GetStringStatus)(void *c, int kind, String *value) { (void)c, 
 
 EXPORT Status FMI(GetRealStatus)(void *c, int kind, double *value) {
     if (kind != 2) return DISCARD; /* the last successful time */
-    *value = ((Instance *)c)->state.motion.value[TIME];
+    *value = ((Instance *)c)->motion.value[TIME];
     return OK;
 }
 

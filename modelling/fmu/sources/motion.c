@@ -8,11 +8,12 @@
  *
  * Classical Runge-Kutta of order four. A communication step is cut into the fewest equal steps that are none longer
  * than 1/simulation.steps_per_second, so it may have any length. Inputs are held over it, or follow their slopes.
- * Nothing is allocated here.
+ * Nothing is allocated here. Functions return 0 where they fail, and say why in the motion's message.
  */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "model.h"
@@ -34,8 +35,22 @@ enum {
 #define MOST_STEPS 1e7 /* in one communication step */
 #define MESSAGE 400
 
+/* what is seen outside the library; all else is static */
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define EXPORT __attribute__((visibility("default")))
+#else
+#define EXPORT
+#endif
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+
+typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
+
 /* Flat, so that copying it saves it. */
 typedef struct {
+    Phase phase;
     double value[N_VALUES];
     double slope[N_INPUTS + 1]; /* of the inputs, over the next communication step */
     double contact;             /* s over which the damping of a closing lash sets in: one internal step */
@@ -108,13 +123,13 @@ static int get(Motion *m, unsigned reference, double *value) {
 }
 
 /* states may be set before the motion begins, inputs and parameters at any time */
-static int set(Motion *m, unsigned reference, double value, int begun) {
+static int set(Motion *m, unsigned reference, double value) {
     if (!known(m, reference)) return 0;
     const char *name = NAME[reference];
     if (!isfinite(value)) return fail(m, "%s: the value is not a finite number", name);
     if (reference == TIME || (reference >= OUTPUTS && reference < PARAMETERS))
         return fail(m, "%s: is computed and cannot be set; inputs, parameters and start states can", name);
-    if (reference >= STATES && begun)
+    if (reference >= STATES && m->phase >= STEPPING)
         return fail(m, "%s: a state cannot be set once the motion has begun; reset first", name);
     if (reference >= PARAMETERS && reference < STATES) {
         double low = LOWER[reference - PARAMETERS], high = UPPER[reference - PARAMETERS];
@@ -159,4 +174,37 @@ static int advance(Motion *m, double span) {
     m->value[TIME] = begun + span;
     m->outputs_due = 1;
     return 1;
+}
+
+/* the phases of a slave's life */
+
+static int to_phase(Motion *m, Phase from, Phase to, const char *otherwise) {
+    if (m->phase != from) return fail(m, "%s", otherwise);
+    m->phase = to;
+    return 1;
+}
+
+static int enter_initialisation(Motion *m) {
+    return to_phase(m, INSTANTIATED, INITIALISING, "initialisation begins after instantiation or reset only");
+}
+
+static int leave_initialisation(Motion *m) {
+    return to_phase(m, INITIALISING, STEPPING, "initialisation has not begun");
+}
+
+static int terminate(Motion *m) { return to_phase(m, STEPPING, TERMINATED, "nothing runs that could be terminated"); }
+
+static int start_at(Motion *m, double time) {
+    if (m->phase != INSTANTIATED) return fail(m, "the start time is given before initialisation");
+    if (!isfinite(time)) return fail(m, "the start time is not a finite number");
+    m->value[TIME] = time;
+    return 1;
+}
+
+static int step(Motion *m, double now, double span) {
+    double own = m->value[TIME];
+    if (m->phase != STEPPING) return fail(m, "a step needs initialisation to be over, and no termination");
+    if (!(fabs(now - own) <= 1e-9 * fmax(1, fabs(own))))
+        return fail(m, "the step begins at %.9g s, but the last one ended at %.9g s", now, own);
+    return advance(m, span);
 }
