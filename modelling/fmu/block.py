@@ -46,9 +46,14 @@ class Block:
     inputs, outputs, parameters, states : tuple of Variable
         The last parameter is :data:`STEPS`.
     constants, field, reading : Function
-        (p, contact time) → c; (x, u, c) → ẋ; (x, u, c, t) → y: those of :mod:`modelling.simulation.functions`.
+        (p, contact time) → c, delays of inputs and outputs (s); (x, u, c) → ẋ; (x, u, c, t) → y: those of
+        :mod:`modelling.simulation.functions`.
     contact : float
         s, contact time at the start; NaN where no lash closes.
+    delay : float
+        s, by which readings look back at most as the model stands; 0 where nothing can be delayed.
+    speeds : tuple of int
+        For every state that is an angle, which one is its speed; −1 for others.
     """
 
     title: str
@@ -61,6 +66,8 @@ class Block:
     field: ca.Function
     reading: ca.Function
     contact: float
+    delay: float
+    speeds: tuple[int, ...]
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -86,12 +93,10 @@ def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, 
     Raises
     ------
     InputError
-        If a name is taken twice, an input or a reading is delayed, or a model needs too many steps.
+        If a name is taken twice, or a model needs too many steps.
     """
     notes = notes or {}
     models = [compiled(system) for system in systems]
-    for model in models:
-        _undelayed(model)
     inputs = [
         Variable(part.name, "input", "N*m", 0.0, f"torque on {part.on}") for m in models for part in m.system.inputs
     ]
@@ -110,21 +115,32 @@ def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, 
     _distinct([own.name for group in groups for own in group])
     told = [tuple(_noted(own, notes) for own in group) for group in groups]
     stacked = _functions(models, list(parameters))
-    return Block(title, name, told[0], told[1], told[2], told[3], *stacked, _contact(models))
+    return Block(
+        title, name, told[0], told[1], told[2], told[3], *stacked, _contact(models), _delay(models), _speeds(models)
+    )
 
 
 def _noted(own: Variable, notes: Mapping[str, str]) -> Variable:
     return replace(own, description=f"{own.description}; {notes[own.name]}") if own.name in notes else own
 
 
-def _undelayed(model: Model) -> None:
-    delays = [np.array(part).ravel() for part in model.delays(model.p0)]
-    for names, own in ((model.inputs, delays[0]), (model.sensors, delays[1])):
-        for name, delay in zip(names, own, strict=True):
-            if delay:
-                raise InputError(
-                    name, f"is delayed by {delay:g} s, which an FMU written here does not hold", "take the effect out"
-                )
+def _delay(models: list[Model]) -> float:
+    """Longest delays of an input and a reading together; a little even where they are 0 now but can be set."""
+    longest = 0.0
+    for model in models:
+        paths = [*model.equations.assembly.inputs.values(), *model.equations.assembly.sensors.values()]
+        if any(path.delay != 0 for path in paths):
+            parts = [np.array(part).max(initial=0.0) for part in model.delays(model.p0)]
+            longest = max(longest, 1e-3, float(sum(parts)))
+    return longest
+
+
+def _speeds(models: list[Model]) -> tuple[int, ...]:
+    found: list[int] = []
+    for model in models:
+        first = len(found) + model.n
+        found += [*range(first, first + model.n), *([-1] * (len(model.states) - model.n))]
+    return tuple(found)
 
 
 def _parameters(model: Model) -> list[Variable]:
@@ -202,16 +218,18 @@ def _functions(models: list[Model], names: list[str]) -> tuple[ca.Function, ca.F
     """The functions of all models, stacked."""
     made = [functions(model) for model in models]
     p, contact, t = ca.SX.sym("p", len(names)), ca.SX.sym("contact"), ca.SX.sym("t")
-    constants = []
+    constants, delays = [], []
     for model, own in zip(models, made, strict=True):
-        mine = [contact if name == CONTACT_TIME else p[names.index(name)] for name in model.parameters]
-        constants.append(own.constants(ca.vertcat(*mine)))
+        mine = ca.vertcat(*(contact if name == CONTACT_TIME else p[names.index(name)] for name in model.parameters))
+        constants.append(own.constants(mine))
+        delays.append(model.delays(mine))
+    delay = ca.vertcat(*(own[0] for own in delays), *(own[1] for own in delays))
     x, u, c = (_stacked(what, [own.field.size1_in(i) for own in made]) for i, what in enumerate("xuc"))
     rates = [own.field(*z) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
     values = [own.reading(*z, t) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
     xs, us, cs = (ca.vertcat(*part) for part in (x, u, c))
     return (
-        ca.Function("constants", [p, contact], [ca.densify(ca.vertcat(*constants))]),
+        ca.Function("constants", [p, contact], [ca.densify(ca.vertcat(*constants)), ca.densify(delay)]),
         ca.Function("field", [xs, us, cs], [ca.densify(ca.vertcat(*rates))]),
         ca.Function("reading", [xs, us, cs, t], [ca.densify(ca.vertcat(*values))]),
     )

@@ -14,6 +14,9 @@ from modelling.fmu.block import Block, Variable
 FILES = {"2.0": "fmi2.c", "3.0": "fmi3.c"}  # the file to be compiled; it includes the others
 
 
+LOOK_BACK = 4  # times the steps that the delays hold: parameters may grow, communication steps be short
+
+
 def sources(block: Block, identifier: str, fmi: str, token: str) -> dict[str, str]:
     """C files by name; ``token`` is the GUID or instantiation token."""
     here = Path(__file__).with_name("sources")
@@ -40,6 +43,7 @@ def _header(block: Block, identifier: str, token: str) -> str:
         "N_RES": max(function.sz_res() for function in own),
         "N_W": max(function.sz_w() for function in own) + 1,  # C knows no empty array
         "N_IW": max(function.sz_iw() for function in own) + 1,
+        "N_TAKEN": math.ceil(LOOK_BACK * block.delay * block.steps_per_second) + 8 if block.delay else 0,
         "HAS_CONTACT": int(not math.isnan(block.contact)),
     }
     time = Variable("time", "independent", "s")
@@ -52,6 +56,7 @@ def _header(block: Block, identifier: str, token: str) -> str:
     lines += _array("double START", (_real(own.start) for own in variables))
     lines += _array("double LOWER", (_real(own.lower) for own in block.parameters))
     lines += _array("double UPPER", (_real(own.upper) for own in block.parameters))
+    lines += _array("int SPEED", (str(own) for own in block.speeds))
     lines += _array("int NOT_ZERO", (str(int(own.nonzero)) for own in block.parameters))
     return "\n".join(lines) + "\n"
 

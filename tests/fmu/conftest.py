@@ -1,6 +1,5 @@
 """FMUs made once a session through the command line, and a hand on them through fmpy."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -57,6 +56,21 @@ at = "sensors.motor_speed"
 rate = 0.01
 """
 
+DELAYED = """
+[[effects]]
+kind = "dead_time"
+at = "inputs.motor_torque"
+delay = 0.0123
+[[effects]]
+kind = "sensor_delay"
+at = "sensors.motor_speed"
+delay = 0.0047
+[[effects]]
+kind = "sensor_delay"
+at = "sensors.load_acceleration"
+delay = 0.008
+"""
+
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory):
@@ -67,6 +81,13 @@ def folder(tmp_path_factory):
 def lashed_model(folder):
     path = folder / "lashed.toml"
     path.write_text(LASHED, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def delayed_model(folder):
+    path = folder / "delayed.toml"
+    path.write_text(LASHED + DELAYED, encoding="utf-8")
     return path
 
 
@@ -89,15 +110,3 @@ def export(folder):
 @pytest.fixture(scope="session")
 def reference_case():
     return EXAMPLES / "road_to_rig" / "case.toml"
-
-
-@pytest.fixture(scope="session")
-def matched(folder):
-    """What `rigmatch match` writes for the reference case, with feedback alone; one start is enough here."""
-    text = (EXAMPLES / "road_to_rig" / "case.toml").read_text(encoding="utf-8")
-    case = folder / "pi.toml"
-    for name in ("vehicle", "rig"):
-        text = text.replace(f'"{name}.toml"', json.dumps(str(EXAMPLES / "road_to_rig" / f"{name}.toml")))
-    case.write_text(text.replace('"model_based"', '"pi"', 1), encoding="utf-8")
-    assert main(["match", str(case), "--out", str(folder / "matched"), "--starts", "1", "--workers", "1"]) == 0
-    return folder / "matched"

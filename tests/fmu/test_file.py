@@ -97,7 +97,6 @@ BAD = {
     "not JSON": (["{t}/broken.json", "--fmu", "{t}/a.fmu"], "is not JSON"),
     "alone": (["{t}/alone/result.json", "--fmu", "{t}/a.fmu"], "case.toml: does not exist"),
     "a bad model": (["{t}/bad.toml", "--fmu", "{t}/a.fmu"], "inertias.a.J"),
-    "delayed": (["{t}/delayed.toml", "--fmu", "{t}/a.fmu"], "torque: is delayed by 0.01 s"),
     "target in a file": (["{t}/model.toml", "--fmu", "{t}/model.toml/a.fmu"], "cannot be written"),
     "version": (["{t}/model.toml", "--fmu", "{t}/a.fmu", "--fmi", "1.0"], "invalid choice: '1.0'"),
 }
@@ -108,9 +107,6 @@ MODEL = '[inertias.a]\nJ = 1\n[inputs.torque]\non = "a"\n'
 def test_bad_input_is_one_line_and_nothing_is_written(words, line, tmp_path, capsys):
     (tmp_path / "model.toml").write_text(MODEL)
     (tmp_path / "bad.toml").write_text(MODEL.replace("J = 1", "J = 0"))
-    (tmp_path / "delayed.toml").write_text(
-        MODEL + '[[effects]]\nkind = "dead_time"\nat = "inputs.torque"\ndelay = 0.01\n'
-    )
     (tmp_path / "result.json").write_text("{}")
     (tmp_path / "broken.json").write_text("{")
     (tmp_path / "empty").mkdir()

@@ -78,6 +78,11 @@ def test_a_saved_state_is_the_whole_state(path):
         one.fmu.freeFMUstate(again)
 
 
+def short_steps(one, count):
+    for _ in range(count):
+        one.step(1e-6)
+
+
 def set_to(name, value):
     return lambda one: one.set({name: value})
 
@@ -141,3 +146,31 @@ def test_more_internal_steps_on_demand(path):
     with slave(path) as one:
         one.begin(given=stiff | {"simulation.steps_per_second": 50e3})
         assert abs(run(one, 100)[0]) < 10
+
+
+def test_delays_that_look_back_too_far_are_told(export, delayed_model):
+    with slave(export(delayed_model)) as one:
+        one.begin()
+        one.set({"inputs.motor_torque.dead_time.delay": 0.012})
+        with pytest.raises(FMICallException):
+            short_steps(one, 30000)
+        assert "look back over more than the" in one.said[-1][2]
+
+
+def test_a_saved_state_holds_what_is_on_its_way(export, delayed_model):
+    with slave(export(delayed_model)) as one:
+        one.begin()
+        one.set({"motor_torque": 80.0})
+        for _ in range(20):
+            one.step(1e-3)
+        saved, then, ends = one.fmu.getFMUstate(), one.time, []
+        one.set({"motor_torque": -20.0})
+        for _ in range(2):
+            for _ in range(25):
+                one.step(1e-3)
+            ends.append(one.get(["motor_speed", "link_torque"]))
+            one.fmu.setFMUstate(saved)
+            one.time = then
+            one.set({"motor_torque": -20.0})
+        one.fmu.freeFMUstate(saved)
+    assert ends[0] == ends[1]

@@ -105,6 +105,29 @@ def test_bent_model(export, lashed_model, values, held):
     assert_equal(found, own(load(lashed_model), time, inputs, wanted.block, values, held=held))
 
 
+@pytest.mark.parametrize("change", [{}, {"inputs.motor_torque.dead_time.delay": 0.02}], ids=["as exported", "longer"])
+def test_delayed_inputs_and_readings(export, delayed_model, change):
+    wanted = given(delayed_model)
+    time = np.arange(301) * 1e-3
+    inputs = torques(["motor_torque", "load_torque"], time)
+    found = linearly(export(delayed_model), time, inputs, change)
+    assert_equal(found, own(load(delayed_model), time, inputs, wanted.block, change))
+
+
+def test_a_held_input_arrives_a_dead_time_later(export, delayed_model):
+    """A torque acts 12.3 ms later, which is 41 steps of 0.3 ms, exactly from there on."""
+    with slave(export(delayed_model)) as one:
+        one.begin()
+        one.step(3e-4)
+        one.set({"motor_torque": 50.0})
+        speeds = []
+        for _ in range(80):
+            one.step(3e-4)
+            speeds.append(one.get(["speed(motor)"])[0])
+    assert speeds[40] == 0.0
+    assert speeds[41] == pytest.approx(50.0 / 0.1 * 3e-4, rel=1e-3)
+
+
 def test_an_overridden_parameter_matters(export, lashed_model):
     time = np.arange(301) * 1e-3
     inputs = torques(["motor_torque", "load_torque"], time)
