@@ -51,7 +51,7 @@ def given(path: str | Path) -> Given:
     data = read_toml(path)
     if "inertias" in data or not {"vehicle", "rig"} & set(data):
         system = from_dict(data, str(path))
-        return Given(_block([system], system.title or path.stem, path.stem, {}, path), "model", STEP, (), ())
+        return Given(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
     case = load_case(path)
     return _residual(case, {move.name: move.start for move in case.moves}, ())
 
@@ -98,13 +98,10 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> G
     moves = {move.name: move for move in case.moves}
     spread = {name: value for key, value in values.items() for name in moves[key].together}
     tuned = apply(case, spread)
-    names = tuple(name for name in spread if name.startswith("residual_vehicle."))
-    about = {
-        name.removeprefix("residual_vehicle."): f"tuned within {move.lower:g} … {move.upper:g} {move.unit}"
-        for move in moves.values()
-        for name in move.together
-        if name in names
-    }
+    mine = {name.removeprefix("residual_vehicle."): move for move in moves.values() for name in move.together}
+    mine = {name: move for name, move in mine.items() if move.name.startswith("residual_vehicle.")}
+    bounds = {name: (move.lower, move.upper) for name, move in mine.items()}
+    about = {name: f"tuned within {move.lower:g} … {move.upper:g} {move.unit}" for name, move in mine.items()}
     for cut in tuned.residual_vehicle.interfaces:
         about[cut.torque] = f"what the shaft {cut.shaft} brings in on the rig" + (
             "" if cut.factor == 1 else f", {cut.factor:g} times what its sensor reads"
@@ -113,14 +110,8 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> G
         about[acceleration(cut)] = "for the feed-forward of the dynamometer"
     parts = [_with_accelerations(part, tuned.residual_vehicle) for part in tuned.residual_vehicle.parts]
     title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
-    made = _block(parts, title, "residual_vehicle", about, Path(case.path))
-    return Given(
-        made,
-        "residual vehicle",
-        case.loop["sample_time"],
-        tuple(n.removeprefix("residual_vehicle.") for n in names),
-        notes,
-    )
+    made = _block(parts, title, "residual_vehicle", Path(case.path), about, bounds)
+    return Given(made, "residual vehicle", case.loop["sample_time"], tuple(mine), notes)
 
 
 def acceleration(cut: Interface) -> str:
@@ -134,8 +125,15 @@ def _with_accelerations(part: System, residual: ResidualVehicle) -> System:
     return replace(part, sensors=(*part.sensors, *more))
 
 
-def _block(systems: list[System], title: str, name: str, notes: dict[str, str], path: Path) -> Block:
+def _block(
+    systems: list[System],
+    title: str,
+    name: str,
+    path: Path,
+    notes: dict[str, str] | None = None,
+    bounds: dict[str, tuple[float, float]] | None = None,
+) -> Block:
     try:
-        return block(systems, title, name, notes)
+        return block(systems, title, name, notes, bounds)
     except InputError as fault:
         raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None

@@ -80,7 +80,13 @@ class Block:
         return self.parameters[-1].start
 
 
-def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, str] | None = None) -> Block:
+def block(
+    systems: Sequence[System],
+    title: str,
+    name: str,
+    notes: Mapping[str, str] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> Block:
     """Put systems that share no name side by side.
 
     Parameters
@@ -89,6 +95,8 @@ def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, 
     title, name : str
     notes : mapping, optional
         What to say of a variable, by name, after what it is.
+    bounds : mapping, optional
+        Between what parameters will be set, SI, where they have no range of their own: the steps suffice for all of it.
 
     Raises
     ------
@@ -106,7 +114,7 @@ def block(systems: Sequence[System], title: str, name: str, notes: Mapping[str, 
         for part in m.system.sensors
     ]
     parameters = {own.name: own for model in models for own in _parameters(model)}
-    steps = max(steps_per_second(model, _extremes(model)) for model in models)
+    steps = max(steps_per_second(model, _extremes(model, bounds or {})) for model in models)
     parameters[STEPS] = Variable(
         STEPS, "parameter", "1/s", steps, "least number of internal steps a second", 0.0, nonzero=True
     )
@@ -128,8 +136,9 @@ def _delay(models: list[Model]) -> float:
     """Longest delays of an input and a reading together; a little even where they are 0 now but can be set."""
     longest = 0.0
     for model in models:
-        paths = [*model.equations.assembly.inputs.values(), *model.equations.assembly.sensors.values()]
-        if any(path.delay != 0 for path in paths):
+        own = model.equations.assembly
+        delays = [path.delay for path in own.inputs.values()] + [path.delay for path in own.sensors.values()]
+        if any(delay != 0 for delay in delays):
             parts = [np.array(part).max(initial=0.0) for part in model.delays(model.p0)]
             longest = max(longest, 1e-3, float(sum(parts)))
     return longest
@@ -171,13 +180,15 @@ def _bounds(system: System, name: str) -> tuple[float, float, bool]:
     return own.lower, own.upper, False
 
 
-def _extremes(model: Model) -> np.ndarray:
-    """The values, and with all uncertain quantities at either end of what makes the model fast: (b, p)."""
+def _extremes(model: Model, bounds: Mapping[str, tuple[float, float]]) -> np.ndarray:
+    """The values, and with every quantity that has bounds at the end that makes the model fast: (b, p)."""
     p = np.stack([model.p0, model.p0])
     for i, name in enumerate(model.parameters):
         own = model.system.parameters.get(name)
-        if own is not None and own.lower is not None and own.upper is not None:
-            p[1, i] = own.lower if name.endswith(".J") else own.upper
+        known = (None, None) if own is None else (own.lower, own.upper)
+        low, high = bounds.get(name, known)
+        if low is not None and high is not None:
+            p[1, i] = low if name.endswith(".J") else high
     return p
 
 

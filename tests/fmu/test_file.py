@@ -8,6 +8,8 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from matching.cli import main
+from matching.frequency.case import load_case
+from matching.frequency.case_file import case_files
 from modelling.fmu.units import exponents
 from modelling.simulation import build
 
@@ -77,6 +79,48 @@ def test_without_a_compiler_the_sources(no_compiler, reference_case, tmp_path, c
     assert "no C compiler was found: the FMU holds C sources only" in capsys.readouterr().out
     assert fmpy.supported_platforms(str(target)) == ["c-code"]
     assert validate_fmu(str(target)) == []
+
+
+def test_a_compiler_that_fails_is_named(monkeypatch, reference_case, tmp_path, capsys):
+    monkeypatch.setenv("CC", "false")
+    build.compiler.cache_clear()
+    try:
+        assert main(["export", str(reference_case), "--fmu", str(tmp_path / "rvm.fmu")]) == 0
+    finally:
+        build.compiler.cache_clear()
+    assert "false failed" in capsys.readouterr().out
+    assert fmpy.supported_platforms(str(tmp_path / "rvm.fmu")) == ["c-code"]
+
+
+def result_folder(reference_case, folder, status, **tuned):
+    """What a match leaves, as far as an export reads it."""
+    for name, text in case_files(load_case(reference_case)).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    rows = [{"name": f"residual_vehicle.{name}", "tuned": value} for name, value in tuned.items()]
+    (folder / "result.json").write_text(json.dumps({"status": status, "parameters": rows}))
+    return folder
+
+
+def test_result_of_a_match(reference_case, tmp_path, capsys):
+    given = result_folder(reference_case, tmp_path, "limited", **{"inertias.body_left.J": 77.0})
+    for name in (given, given / "result.json"):
+        assert main(["export", str(name), "--fmu", str(tmp_path / "a.fmu"), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        values = {own["name"]: own["value"] for own in found["parameters"]}
+        assert values["inertias.body_left.J"] == values["inertias.body_right.J"] == 77.0
+        assert "the match is 'limited', not 'matched'" in found["notes"][0]
+
+
+@pytest.mark.parametrize(("tuned", "line"), [
+    ({"inertias.hull.J": 1.0}, "'residual_vehicle.inertias.hull.J' does not exist"),
+    ({"inertias.body_left.J": "77"}, "parameters[0].tuned: is no finite number"),
+    ({"inertias.body_left.J": -1.0}, "-1 is not possible"),
+])  # fmt: skip
+def test_a_result_that_was_meddled_with(reference_case, tmp_path, capsys, tuned, line):
+    given = result_folder(reference_case, tmp_path, "matched", **tuned)
+    assert main(["export", str(given), "--fmu", str(tmp_path / "a.fmu")]) == 2
+    assert line in capsys.readouterr().err
+    assert not (tmp_path / "a.fmu").exists()
 
 
 def test_result_object(export, reference_case, tmp_path, capsys):
