@@ -254,13 +254,14 @@ def test_wrong_gear_ratio():
     assert float(model.mass(model.p0)) == pytest.approx(0.4 * 9 + 1.5)
 
 
-def test_every_kind_of_the_vocabulary_is_there():
+def test_every_kind_of_the_specification_is_there():
+    """Kinds beyond it have a test file of their own."""
     table = (
         "backlash hardening hysteresis slip compliance coulomb_friction stribeck_friction quadratic_drag "
         "constant_torque torque_ripple dead_time lag input_gain sensor_offset "
         "sensor_gain sensor_drift sensor_delay wrong_parameter"
     )
-    assert sorted(table.split()) == sorted(EFFECTS)
+    assert set(table.split()) <= set(EFFECTS)
     for kind in EFFECTS.values():
         assert kind.__doc__
         assert kind.parameters
