@@ -1,0 +1,30 @@
+"""Damping of a shaft that grows with the square of its twist rate (hydraulic damper, oil between plates)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from modelling.effects.kind import Kind, Parameter
+from modelling.effects.seen import Guess, Seen, positive
+
+if TYPE_CHECKING:
+    from modelling.assembly import Assembly, ShaftLaw, Symbols
+
+
+class QuadraticDamping(Kind):
+    """Adds coefficient·rate·|rate| to a shaft's torque, rate that of the twist."""
+
+    kind = "quadratic_damping"
+    words = "has damping that grows with the square of the twist rate by {coefficient}"
+    tables = ("shafts",)
+    parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
+
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+        from sympy import Abs
+
+        law.parallel.append(p["coefficient"] * law.rate * Abs(law.rate))
+
+    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
+        rate = seen.rate[at.split(".")[1]]
+        yield Guess(({at: rate * abs(rate)},), positive("coefficient"))
