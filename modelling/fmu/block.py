@@ -10,29 +10,16 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME, SIMULATION_DEFAULTS, STICK_SPEED
+from modelling.assembly import CONTACT_TIME, SIMULATION_DEFAULTS
 from modelling.compiled import Model, compiled
-from modelling.effects import EFFECTS
 from modelling.errors import InputError
+from modelling.fmu import variables
+from modelling.fmu.variables import Variable
 from modelling.simulation.functions import functions
 from modelling.simulation.plan import steps_per_second
 from modelling.system import System
 
 STEPS = "simulation.steps_per_second"
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of an FMU, SI: ``causality`` as FMI says it; ``nonzero`` where 0 itself is impossible."""
-
-    name: str
-    causality: str
-    unit: str
-    start: float = 0.0
-    description: str = ""
-    lower: float = -math.inf
-    upper: float = math.inf
-    nonzero: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,20 +92,14 @@ def block(
     """
     notes = notes or {}
     models = [compiled(system) for system in systems]
-    inputs = [
-        Variable(part.name, "input", "N*m", 0.0, f"torque on {part.on}") for m in models for part in m.system.inputs
-    ]
-    outputs = [
-        Variable(part.name, "output", part.unit, 0.0, f"{part.measures} of {part.of}")
-        for m in models
-        for part in m.system.sensors
-    ]
-    parameters = {own.name: own for model in models for own in _parameters(model)}
+    parameters = {own.name: own for model in models for own in variables.parameters(model)}
     steps = max(steps_per_second(model, _extremes(model, bounds or {})) for model in models)
     parameters[STEPS] = Variable(
         STEPS, "parameter", "1/s", steps, "least number of internal steps a second", 0.0, nonzero=True
     )
-    states = [own for model in models for own in _states(model)]
+    inputs, outputs, states = (
+        [own for model in models for own in of(model)] for of in (variables.inputs, variables.outputs, variables.states)
+    )
     groups = inputs, outputs, list(parameters.values()), states
     _distinct([own.name for group in groups for own in group])
     told = [tuple(_noted(own, notes) for own in group) for group in groups]
@@ -152,34 +133,6 @@ def _speeds(models: list[Model]) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _parameters(model: Model) -> list[Variable]:
-    system, found = model.system, []
-    for name, value in zip(model.parameters, model.p0, strict=True):
-        place, _, key = name.rpartition(".")
-        if name == CONTACT_TIME:
-            continue
-        if name == STICK_SPEED:
-            meaning = "speed over which the sign of dry friction turns"
-            found.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
-            continue
-        low, high, nonzero = _bounds(system, name)
-        meaning = f"{key} of {place}"
-        found.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
-    return found
-
-
-def _bounds(system: System, name: str) -> tuple[float, float, bool]:
-    """Physical bounds of a parameter, and whether 0 is impossible."""
-    place, _, key = name.rpartition(".")
-    effect = next((own for own in system.effects if own.name == place), None)
-    if effect is None:
-        return (-math.inf if key == "ratio" else 0.0), math.inf, key in ("J", "ratio")
-    if effect.kind == "wrong_parameter":
-        return _bounds(system, effect.at)
-    own = EFFECTS[effect.kind].parameters[key]
-    return own.lower, own.upper, False
-
-
 def _extremes(model: Model, bounds: Mapping[str, tuple[float, float]]) -> np.ndarray:
     """The values, and with every quantity that has bounds at the end that makes the model fast: (b, p)."""
     p = np.stack([model.p0, model.p0])
@@ -190,29 +143,6 @@ def _extremes(model: Model, bounds: Mapping[str, tuple[float, float]]) -> np.nda
         if low is not None and high is not None:
             p[1, i] = low if name.endswith(".J") else high
     return p
-
-
-def _states(model: Model) -> list[Variable]:
-    found = []
-    for name in model.states:
-        kind, _, of = name.partition("(")
-        if of:
-            unit, meaning = ("rad" if kind == "angle" else "rad/s"), f"{kind} of {of[:-1]}"
-        else:
-            unit, meaning = _further(model.system, name)
-        found.append(Variable(name, "local", unit, 0.0, meaning))
-    return found
-
-
-def _further(system: System, name: str) -> tuple[str, str]:
-    """Unit and meaning of a state that an effect brings along."""
-    place, _, kind = name.rpartition(".")
-    if kind == "slip":
-        return "rad", f"deflection of the spring of {place}"
-    if kind == "lag":
-        sensors = {f"sensors.{part.name}": part.unit for part in system.sensors}
-        return sensors.get(place, "N*m"), f"{place} behind its lag"
-    return "1", f"{kind} of {place}, as a share of its torque"
 
 
 def _distinct(names: list[str]) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree as ET
 
-from modelling.fmu.block import Block, Variable
+from modelling.fmu.block import Block
 from modelling.fmu.units import exponents
+from modelling.fmu.variables import Variable
 
 VARIABILITY = {
     "independent": "continuous", "input": "continuous", "output": "continuous", "parameter": "tunable",

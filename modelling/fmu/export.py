@@ -47,6 +47,7 @@ def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
     code = sources(block, identifier, fmi, token)
     files: dict[str, bytes] = {
         "modelDescription.xml": description(block, identifier, fmi, token, step, FILES[fmi]).encode(),
+        "documentation/index.html": _page(block, fmi).encode(),
         "documentation/licenses/license.txt": LICENCE.encode(),
     }
     made, lacking = binary(code, FILES[fmi])
@@ -63,6 +64,16 @@ def _token(block: Block, identifier: str, fmi: str, step: float) -> str:
     parts = [description(block, identifier, fmi, "", step, ""), *sources(block, identifier, fmi, "").values()]
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
     return "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
+
+
+def _page(block: Block, fmi: str) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("modelling.fmu", "sources"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    return made.get_template("index.html").render(block=block, fmi=fmi) + "\n"
 
 
 def _build_description(identifier: str) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import casadi as ca
 
-from modelling.fmu.block import Block, Variable
+from modelling.fmu.block import Block
+from modelling.fmu.variables import Variable
 
 FILES = {"2.0": "fmi2.c", "3.0": "fmi3.c"}  # the file to be compiled; it includes the others
 

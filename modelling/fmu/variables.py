@@ -1,0 +1,88 @@
+"""The variables of an FMU: a model's names, units, start values and physical bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from modelling.assembly import CONTACT_TIME, STICK_SPEED
+from modelling.compiled import Model
+from modelling.effects import EFFECTS
+from modelling.system import System
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU, SI: ``causality`` as FMI says it; ``nonzero`` where 0 itself is impossible."""
+
+    name: str
+    causality: str
+    unit: str
+    start: float = 0.0
+    description: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+    nonzero: bool = False
+
+
+def inputs(model: Model) -> list[Variable]:
+    """Torques."""
+    return [Variable(own.name, "input", "N*m", 0.0, f"torque on {own.on}") for own in model.system.inputs]
+
+
+def outputs(model: Model) -> list[Variable]:
+    """Readings of the sensors."""
+    return [Variable(own.name, "output", own.unit, 0.0, f"{own.measures} of {own.of}") for own in model.system.sensors]
+
+
+def parameters(model: Model) -> list[Variable]:
+    """Every quantity of the model; the contact time of a closing lash is the step's own affair."""
+    system, found = model.system, []
+    for name, value in zip(model.parameters, model.p0, strict=True):
+        place, _, key = name.rpartition(".")
+        if name == CONTACT_TIME:
+            continue
+        if name == STICK_SPEED:
+            meaning = "speed over which the sign of dry friction turns"
+            found.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
+            continue
+        low, high, nonzero = _bounds(system, name)
+        meaning = f"{key} of {place}"
+        found.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
+    return found
+
+
+def _bounds(system: System, name: str) -> tuple[float, float, bool]:
+    """Physical bounds of a parameter, and whether 0 is impossible."""
+    place, _, key = name.rpartition(".")
+    effect = next((own for own in system.effects if own.name == place), None)
+    if effect is None:
+        return (-math.inf if key == "ratio" else 0.0), math.inf, key in ("J", "ratio")
+    if effect.kind == "wrong_parameter":
+        return _bounds(system, effect.at)
+    own = EFFECTS[effect.kind].parameters[key]
+    return own.lower, own.upper, False
+
+
+def states(model: Model) -> list[Variable]:
+    """Angles, speeds and what effects bring along."""
+    found = []
+    for name in model.states:
+        kind, _, of = name.partition("(")
+        if of:
+            unit, meaning = ("rad" if kind == "angle" else "rad/s"), f"{kind} of {of[:-1]}"
+        else:
+            unit, meaning = _further(model.system, name)
+        found.append(Variable(name, "local", unit, 0.0, meaning))
+    return found
+
+
+def _further(system: System, name: str) -> tuple[str, str]:
+    """Unit and meaning of a state that an effect brings along."""
+    place, _, kind = name.rpartition(".")
+    if kind == "slip":
+        return "rad", f"deflection of the spring of {place}"
+    if kind == "lag":
+        sensors = {f"sensors.{part.name}": part.unit for part in system.sensors}
+        return sensors.get(place, "N*m"), f"{place} behind its lag"
+    return "1", f"{kind} of {place}, as a share of its torque"
