@@ -66,7 +66,7 @@ def summary(result: dict[str, Any]) -> str:
     lines = [
         f"{result['fmu']}: {result['title']}",
         f"FMI {result['fmi']} for co-simulation, {where}; internal steps of at most "
-        f"{1e6 / result['steps_per_second']:.3g} µs",
+        f"{1e3 / result['steps_per_second']:.4g} ms",
         f"inputs: {', '.join(result['inputs']) or 'none'}",
         f"outputs: {', '.join(result['outputs']) or 'none'}",
         f"{len(result['parameters'])} parameters, {len(tuned)} of them tuned"
