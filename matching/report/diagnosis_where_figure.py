@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,8 +27,9 @@ if TYPE_CHECKING:
 BINS = 48
 DOTS = 1200
 LEAST = 12  # readings in a bin
-TURNS = 8  # that an order spectrum needs
+TURNS = 2  # that an order spectrum needs
 ORDERS = 12
+SAMPLES = 12_000  # that an order spectrum takes; more are averaged
 
 
 def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
@@ -76,7 +76,8 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
         drawn = figure(11, 0.9 + 2.1 * len(shown))
         grid = drawn.subplots(len(shown), 2, squeeze=False)
         for (left, right), view in zip(grid, shown, strict=True):
-            turning = _steady(pictures, view.inertia)
+            angle = pictures.before.angle[view.inertia]
+            turns = float(np.ptp(angle)) / (2 * np.pi) > TURNS
             for residual, look in _both(pictures):
                 own = residual[:, view.index] / pictures.noise[view.index]
                 if len(own) != len(pictures.before.time):
@@ -84,14 +85,13 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
                 part = max(pictures.before.parts, key=lambda part: part.stop - part.start)
                 x, y = _spectrum(own[part], pictures.before.step)
                 line(left, x[1:], y[1:], look)
-                if turning is not None:
-                    turns = pictures.before.angle[view.inertia][turning] / (2 * np.pi)
-                    line(right, *_orders(own[turning], turns), look)
+                if turns:
+                    line(right, *_orders(own, angle), look)
             over_noise(left)
             left.set(xscale="log", yscale="log", ylabel=f"{view.sensor.name}\nin times the noise")
             left.set_xlabel("Frequency in Hz")
-            if turning is None:
-                right.text(0.5, 0.5, f"{view.inertia} never turns {TURNS} times one way", ha="center", color=LIMIT)
+            if not turns:
+                right.text(0.5, 0.5, f"{view.inertia} turns less than {TURNS} times", ha="center", color=LIMIT)
                 right.set_axis_off()
                 continue
             over_noise(right)
@@ -139,35 +139,16 @@ def _spectrum(own: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     return frequency, np.sqrt(power / (2 * step))
 
 
-def _steady(pictures: Pictures, inertia: str) -> slice | None:
-    """The longest stretch over which an inertia turns one way, if it is long enough."""
-    seen, most = pictures.before, float(TURNS)
-    best: slice | None = None
-    for part in seen.parts:
-        sign = np.sign(seen.speed[inertia][part])
-        edges = [0, *(np.flatnonzero(np.diff(sign)) + 1), len(sign)]
-        for a, b in pairwise(edges):
-            cut = slice(part.start + int(a), part.start + int(b))
-            turned = float(np.ptp(seen.angle[inertia][cut])) / (2 * np.pi)
-            if turned > most:
-                most, best = turned, cut
-    return best
+def _orders(own: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orders (f,) and amplitudes of a residual over an angle, 1 for white noise.
 
+    Lomb (1976) and Scargle (1982): the angle need not grow evenly, nor always one way.
+    """
+    from scipy.signal import lombscargle
 
-def _orders(own: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orders (f,) and amplitudes of a residual resampled over the angle, 1 for white noise."""
-    from scipy.signal import welch
-
-    turns = turns if turns[-1] > turns[0] else -turns
-    total = float(turns[-1] - turns[0])
-    even = np.linspace(turns[0], turns[-1], max(int(total * 4 * ORDERS), 64))
-    # white noise of the samples must stay white: mean over what falls between two angles, not a value in between
-    place = np.searchsorted((even[1:] + even[:-1]) / 2, turns)
-    count = np.bincount(place, minlength=len(even))
-    mean = np.bincount(place, np.nan_to_num(own), len(even)) / np.maximum(count, 1)
-    mean = np.where(count, mean, np.interp(even, turns, np.nan_to_num(own)))
-    scale = np.sqrt(np.mean(1 / np.maximum(count, 1)))
-    step = total / len(even)
-    order, power = welch(mean, 1 / step, nperseg=min(len(even), round(min(total / 2, 32) / step)), detrend=False)
-    inside = (order > 0) & (order <= ORDERS)
-    return order[inside], np.sqrt(power[inside] / (2 * step)) / scale
+    orders = np.arange(0.1, ORDERS + 0.05, 0.05)
+    there = np.isfinite(own)
+    block = max(-(-there.sum() // SAMPLES), 1)
+    count = there.sum() // block
+    angle, own = (one[there][: count * block].reshape(count, block).mean(axis=1) for one in (angle, own))
+    return orders, np.sqrt(block * lombscargle(angle, own, orders))  # a mean of n has 1/n of the noise's power
