@@ -19,10 +19,10 @@ from matching.diagnosis.next_recording import propose
 from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.result import Candidate, CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.several import Search, search
-from matching.diagnosis.uncertainty import estimates
+from matching.diagnosis.uncertainty import Estimate, discretisation, estimates
 from matching.diagnosis.unseen import Unseen, fidelity
 from matching.diagnosis.unseen import unseen as laid_out
-from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated
+from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated, spread
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
 from modelling.system import System
@@ -74,7 +74,8 @@ def diagnose(
     tell("final fit")
     if not at_noise(state.best):
         _drop_overfitted(state, unseen)
-    state.best, coarse = polished(state.best)
+    state.best = polished(state.best)
+    _drop_idle(state)
     rivals = []
     for index in range(len(state.best.causes)):
         tell("rivals")
@@ -88,9 +89,9 @@ def diagnose(
         verdict = "adequate" if white else "unexplained"
     else:
         verdict = "explained" if white and good_holdout else "unexplained"
+    numbers = estimates(final.fit, discretisation(final.fit))
     without = [_without(state, index) for index in range(len(final.causes))]
-    causes, proposal = _causes(system, final, rivals, without, verdict == "explained", coarse)
-    numbers = estimates(final.fit, coarse)
+    causes, proposal = _causes(system, final, numbers, rivals, without, verdict == "explained")
     segments = [
         list(other.segments) if holdout is not None else rest_segments(named.fit, whole, counts)
         for named in (state.base, final)
@@ -119,6 +120,19 @@ def _drop_overfitted(state: Search, unseen: Callable[[Named], list[np.ndarray]])
         state.rivals = [[state.best, *others]]
 
 
+def _drop_idle(state: Search) -> None:
+    """Drop causes of several without which the polished fit is as good, e.g. free play of no width."""
+    index = 0
+    while len(state.best.causes) > 1 and index < len(state.best.causes):
+        rest = polished(_without(state, index))
+        price = len(state.best.causes[index].keys) * float(np.log(state.best.fit.problem.data.samples.sum()))
+        if rest.fit.cost < state.best.fit.cost + max(state.null, price) * spread(state.best):
+            state.best = rest
+            del state.rivals[index : index + 1]
+        else:
+            index += 1
+
+
 def _without(state: Search, index: int) -> Named:
     if len(state.best.causes) == 1:
         return state.base
@@ -129,15 +143,14 @@ def _without(state: Search, index: int) -> Named:
 def _causes(
     system: System,
     final: Named,
+    numbers: Mapping[str, Estimate],
     rivals: Sequence[Sequence[Rated]],
     without: Sequence[Named],
     explained: bool,
-    coarse: Fit | None,
 ) -> tuple[list[CauseFound], str | None]:
     """Each cause with values, confidence, evidence and rivals, strongest first; and what to record next."""
     found: list[CauseFound] = []
     proposals: list[tuple[float, str]] = []
-    numbers = estimates(final.fit, coarse)
     count = float(final.fit.problem.data.samples.sum())
     for cause, own, rest in zip(final.causes, rivals, without, strict=True):
         taken = (rest.fit.cost - final.fit.cost) / max(rest.fit.cost - count, 1.0)

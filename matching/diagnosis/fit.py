@@ -114,12 +114,22 @@ class Problem:
     def _value(self, name: str) -> float:
         return float(self.model.p0[self.model.parameters.index(name)])
 
-    def jacobian(self, v: np.ndarray, r: np.ndarray, columns: np.ndarray | None = None, chunk: int = 8) -> np.ndarray:
-        """Derivatives (r, c) of the residuals by the variables in ``columns`` (default all)."""
+    def jacobian(
+        self,
+        v: np.ndarray,
+        r: np.ndarray,
+        columns: np.ndarray | None = None,
+        chunk: int = 8,
+        central: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Derivatives (r, c) of the residuals by the variables in ``columns`` (default all), by forward differences or
+        by central ones with steps of at most ``central`` (v,)."""
         columns = np.arange(self.size) if columns is None else columns
         h = self.differences.copy()
         k = len(self.free)
         h[:k] = np.where(v[:k] != 0, 1e-3 * np.minimum(np.abs(v[:k]), self.upper[:k] - self.lower[:k]), h[:k])
+        if central is not None:
+            h = np.minimum(np.abs(h), central)
         h = np.where(v + h > self.upper, -h, h)
         out = np.zeros((len(r), len(columns)))
         # a start state moves its own segment only: the same state of all segments is moved in one run
@@ -133,12 +143,21 @@ class Problem:
             batch = np.repeat(v[None], len(own), axis=0)
             for row, members in zip(batch, own, strict=True):
                 row[columns[members]] += h[columns[members]]
-            for moved, members in zip(self.residuals(batch), own, strict=True):
+            after = self.residuals(batch)
+            before = (
+                self.residuals(np.clip(2 * v - batch, self.lower, self.upper))
+                if central is not None
+                else [r] * len(own)
+            )
+            for moved, back, members in zip(after, before, own, strict=True):
                 for c in members:
                     j = columns[c]
                     segment = (j - k) // len(self._open) if j >= k else None
                     part = slice(None) if segment is None else slice(ends[segment], ends[segment + 1])
-                    out[part, c] = (moved[part] - r[part]) / h[j]
+                    width = h[j]
+                    if central is not None:
+                        width = v[j] + h[j] - np.clip(v[j] - h[j], self.lower[j], self.upper[j])
+                    out[part, c] = (moved[part] - back[part]) / width
         out[~np.isfinite(out)] = 0.0
         return out
 
@@ -214,7 +233,7 @@ def solve(
         raise FloatingPointError("the simulation diverges at the start of the fit")
     cost, fresh, radius = float(r @ r), jacobian is None, np.inf
     J = problem.jacobian(v, r) if jacobian is None else jacobian
-    quadratic = _Quadratic(J)
+    quadratic = Quadratic(J)
     for iteration in range(iterations):
         step, predicted = quadratic.step(J.T @ r, problem.lower - v, problem.upper - v, radius)
         enough = predicted < max(0.02, 2e-6 * cost)
@@ -242,13 +261,13 @@ def solve(
                     break
         if (not fresh and not 0.7 < gain < 1.5) or (moved and fresh and gain < 0.5):
             J, fresh = problem.jacobian(v, r), True
-            quadratic = _Quadratic(J)
+            quadratic = Quadratic(J)
         elif moved:
             fresh = False
     return Fit(problem, v, r, J, cost)
 
 
-class _Quadratic:
+class Quadratic:
     """The normal equations of a Jacobian, columns scaled to length 1."""
 
     def __init__(self, J: np.ndarray):

@@ -75,7 +75,10 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
             if any(at_noise(one) for one in grown[:1]):
                 break
         grown = _distinct(sorted(grown, key=lambda own: own.cost))
-        if not grown or grown[0].fit.cost > state.best.fit.cost - null * _inflation(grown[0]):
+        if not grown:
+            break
+        least = max(null, _price(grown[0]) - _price(state.best))
+        if grown[0].fit.cost > state.best.fit.cost - least * _inflation(grown[0]):
             break
         if taken(state.best, grown[0]) < SLIGHT:
             break
@@ -91,6 +94,12 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
 
 def _repeats(node: Named, kind: str, at: str) -> bool:
     return any(cause.kind == kind and cause.at == at for cause in node.causes)
+
+
+def _price(named: Named) -> float:
+    """What the parameters of a fit cost in χ² (Schwarz 1978): a refit finds more in noise than a screening does."""
+    problem = named.fit.problem
+    return len(problem.free) * float(np.log(problem.data.samples.sum()))
 
 
 def _inflation(named: Named) -> float:

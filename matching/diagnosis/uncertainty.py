@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.statistics import effective_share
+
+NARROWED = 0.5  # of the uniform distribution's: a larger standard uncertainty is the range's own
 
 
 @dataclass(frozen=True)
@@ -37,39 +39,65 @@ def inflation(fit: Fit) -> float:
     return worst
 
 
-def estimates(fit: Fit, coarse: Fit | None = None) -> dict[str, Estimate]:
+def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
     """Values and standard uncertainties of the free parameters, from the Jacobian at the end.
 
-    Bounds act as they are: a parameter at its bound is held there for the others; its own uncertainty is what the bound
-    leaves. With a fit of coarser steps, half of what the steps change is added in quadrature.
+    A range is knowledge: it enters as the variance of a uniform distribution over it, a third of its width squared
+    for a parameter at a bound, which then is as uncertain for the others as it is itself.
+
+    Parameters
+    ----------
+    shift : ndarray (v,), optional
+        What finer steps of the integration change (:func:`discretisation`); added in quadrature.
     """
     problem, v = fit.problem, fit.v
-    scale = np.linalg.norm(fit.jacobian, axis=0)
-    k = len(problem.free)
-    width = problem.upper - problem.lower
-    near = 1e-6 * np.where(np.isfinite(width), width, np.abs(v) + 1.0)
-    at_bound = (v - problem.lower < near) | (problem.upper - v < near)
-    used = np.flatnonzero((scale > 0) & ~at_bound)
-    unit = fit.jacobian[:, used] / scale[used]
-    covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-12, hermitian=True) * inflation(fit)
-    sigma = np.full(problem.size, np.inf)
-    sigma[used] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale[used]
+    width, at_bound = _ranges(fit)
+    sigma = np.sqrt(np.diag(covariance(fit, inflation(fit))))
     out = {}
-    for i in range(k):
-        name, own, note = problem.free[i], float(sigma[i]), ""
+    for i, name in enumerate(problem.free):
+        own, note = float(sigma[i]), ""
         uniform = float(width[i]) / np.sqrt(12) if np.isfinite(width[i]) else np.inf
         if at_bound[i]:
-            own, note = _alone(fit, i), "at the bound of its range"
-        if own > 0.6 * uniform:
+            note = "at the bound of its range"
+        if own > NARROWED * uniform:
             own, note = min(own, uniform), "not identifiable: the data do not narrow its range"
-        if coarse is not None and name in coarse.values:
-            own = float(np.hypot(own, 0.5 * (float(v[i]) - coarse.values[name])))
+        if shift is not None:
+            own = float(np.hypot(own, shift[i]))
         out[name] = Estimate(float(v[i]), own, note)
     return out
 
 
-def _alone(fit: Fit, i: int) -> float:
-    length = float(np.linalg.norm(fit.jacobian[:, i]))
-    width = float(fit.problem.upper[i] - fit.problem.lower[i])
-    uniform = width / np.sqrt(12) if np.isfinite(width) else np.inf
-    return min(1 / length if length > 0 else np.inf, uniform)
+def covariance(fit: Fit, factor: float = 1.0) -> np.ndarray:
+    """Covariance (v, v) of the variables: information of the data, divided by ``factor``, and of the ranges.
+
+    By singular values of the Jacobian itself: directions that only the ranges tell must not be lost to rounding.
+    Variables without any influence on the readings have the variance 0 where nothing bounds them.
+    """
+    width, at_bound = _ranges(fit)
+    prior = np.where(np.isfinite(width), np.sqrt(np.where(at_bound, 3.0, 12.0)) / np.maximum(width, 1e-300), 0.0)
+    rows = np.linalg.qr(fit.jacobian, mode="r") / np.sqrt(factor)
+    rows = np.vstack([rows, np.diag(prior)])
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = np.inf
+    _, values, directions = np.linalg.svd(rows / scale, full_matrices=False)
+    keep = values > 1e-10 * values.max(initial=0.0)
+    half = directions[keep].T / values[keep] / scale[:, None]
+    return half @ half.T
+
+
+def discretisation(fit: Fit) -> np.ndarray:
+    """How far the variables (v,) move, to first order, when the integration takes half its steps."""
+    problem = fit.problem
+    half = replace(problem, steps=2 * problem.steps, stick=problem.stick / 2)
+    residual = half.residuals(fit.v[None])[0]
+    if not np.isfinite(residual).all():
+        return np.zeros(problem.size)
+    return covariance(fit) @ (fit.jacobian.T @ (residual - fit.residual))
+
+
+def _ranges(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Widths (v,) of the ranges, infinite without one, and whether a variable is at an end of it."""
+    problem, v = fit.problem, fit.v
+    width = problem.upper - problem.lower
+    near = 1e-6 * np.where(np.isfinite(width), width, np.abs(v) + 1e-9)
+    return width, (v - problem.lower < near) | (problem.upper - v < near)

@@ -9,8 +9,8 @@ import numpy as np
 
 from matching.diagnosis.candidates import fitted
 from matching.diagnosis.compare import Named, at_noise
-from matching.diagnosis.fit import Fit
 from matching.diagnosis.several import Search
+from matching.diagnosis.sharpen import sharpened
 from matching.diagnosis.statistics import effective_share
 
 TEMPER = 1.0  # divides differences of the logarithm of evidence; learned from campaigns, see the documentation
@@ -28,11 +28,10 @@ class Rated:
     named: Named
 
 
-def polished(named: Named) -> tuple[Named, Fit | None]:
-    """A fit with causes again with finer steps, ending on its own Jacobian; and the coarser one, if the finer one is
-    used."""
+def polished(named: Named) -> Named:
+    """A fit again with finer steps, ending on its own Jacobian, if that is no worse."""
     if not named.causes:
-        return named, None
+        return replace(named, fit=sharpened(named.fit))
     trial = replace(
         named.trial,
         bounds=named.fit.problem.bounds,
@@ -40,11 +39,10 @@ def polished(named: Named) -> tuple[Named, Fit | None]:
         starts=tuple(named.fit.starts),
     )
     try:
-        fine = fitted(trial, named.fit, 12, True, 6.0)
+        fine = sharpened(fitted(trial, named.fit, 12, True, 6.0))
     except (FloatingPointError, np.linalg.LinAlgError):
-        return named, None
-    better = fine.cost < 1.01 * named.fit.cost + 10
-    return (replace(named, fit=fine), named.fit) if better else (named, None)
+        return named
+    return replace(named, fit=fine) if fine.cost < 1.01 * named.fit.cost + 10 else named
 
 
 def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]) -> list[Rated]:
@@ -63,7 +61,7 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     ]
     factor = spread(state.best) * TEMPER
     near = [one for one in others if one.cost - state.best.cost < CLEAR * factor][:4]
-    finer = [polished(one)[0] for one in near] if at_noise(state.best) else near
+    finer = [polished(one) for one in near] if at_noise(state.best) else near
     names = [(here.kind, here.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in finer]
     fits = [state.best, *finer]
     scores = np.array([one.cost + held_out(one, unseen) for one in fits]) if finer else np.zeros(1)

@@ -130,7 +130,7 @@ def confusion(rows: list[dict[str, Any]]) -> tuple[list[str], list[str], np.ndar
     return rows_, columns, np.array([[cells.get((h, n), 0) for n in columns] for h in rows_])
 
 
-def report(rows: list[dict[str, Any]], out: Path, seed: int) -> None:
+def report(rows: list[dict[str, Any]], out: Path, seed: int, planned: int, seconds: float) -> None:
     """Write ``campaign.json`` and ``campaign.png``."""
     figures = summary(rows) | {"seed": seed, "date": datetime.date.today().isoformat()}
     (out / "campaign.json").write_text(json.dumps(figures, indent=1) + "\n")
