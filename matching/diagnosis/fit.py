@@ -278,6 +278,7 @@ class Quadratic:
         self.chol = np.linalg.cholesky(self.H + 1e-9 * np.eye(len(H)))
 
     def length(self, step: np.ndarray) -> float:
+        """How far a step moves the residual."""
         moved = np.where(np.isfinite(self.scale), step * np.where(np.isfinite(self.scale), self.scale, 0.0), 0.0)
         return float(np.linalg.norm(self.chol.T @ moved))
 

@@ -57,10 +57,10 @@ def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
     for i, name in enumerate(problem.free):
         own, note = float(sigma[i]), ""
         uniform = float(width[i]) / np.sqrt(12) if np.isfinite(width[i]) else np.inf
-        if at_bound[i]:
-            note = "at the bound of its range"
         if own > NARROWED * uniform:
             own, note = min(own, uniform), "not identifiable: the data do not narrow its range"
+        if at_bound[i]:
+            note = f"at the bound of its range{'; ' * bool(note)}{note}"
         if shift is not None:
             own = float(np.hypot(own, shift[i]))
         out[name] = Estimate(float(v[i]), own, note)

@@ -54,42 +54,67 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     """
     here = state.best.causes[index]
     same = {(one.kind, one.at) for one in state.best.causes}
-    others = [
-        one
-        for one in (state.rivals[index] if index < len(state.rivals) else [])
-        if {(c.kind, c.at) for c in one.causes} != same
-    ]
+    beside = same - {(here.kind, here.at)}
+    others = []
+    for one in state.rivals[index] if index < len(state.rivals) else []:
+        own = {(c.kind, c.at) for c in one.causes}
+        if own != same and beside < own and len(one.causes) == len(state.best.causes):
+            others.append(one)
     factor = spread(state.best) * TEMPER
     near = [one for one in others if one.cost - state.best.cost < CLEAR * factor][:4]
     finer = [polished(one) for one in near] if at_noise(state.best) else near
     names = [(here.kind, here.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in finer]
     fits = [state.best, *finer]
-    scores = np.array([one.cost + held_out(one, unseen) for one in fits]) if finer else np.zeros(1)
-    shares = np.exp(-0.5 * (scores - scores.min()) / factor)
+    scores = np.zeros(1)
+    if finer:
+        left = [_left(one, unseen) for one in fits]
+        coarse = TEMPER * min((_spread(own) for own in left if own), default=1.0)
+        scores = np.array([one.cost / factor + _square(own) / coarse for one, own in zip(fits, left, strict=True)])
+    shares = np.exp(-0.5 * (scores - scores.min()))
     shares /= shares.sum()
     out = [Rated(*name, float(share), one) for name, share, one in zip(names, shares, fits, strict=True)]
     out += [Rated(one.causes[-1].kind, one.causes[-1].at, 0.0, one) for one in others if one not in near]
     out.sort(key=lambda one: -one.share)
-    if len(state.best.causes) == 1:
-        state.best = out[0].named
+    if out[0].named is not state.best:
+        state.best = _in_place(out[0].named, index)
     return out
+
+
+def _in_place(named: Named, index: int) -> Named:
+    """The same fit with its last cause told at a place among the others."""
+    *rest, last = named.causes
+    return replace(named, trial=replace(named.trial, causes=(*rest[:index], last, *rest[index:])))
 
 
 def held_out(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> float:
     """χ² of a fit on unseen data; huge where it does not simulate."""
+    return _square(_left(named, unseen))
+
+
+def _left(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> list[np.ndarray]:
+    """Residuals (t, y) on unseen data, in times the noise; none where it does not simulate."""
     try:
-        return float(sum(np.nansum(own**2) for own in unseen(named)))
+        return unseen(named)
     except (FloatingPointError, np.linalg.LinAlgError):
-        return 1e30
+        return []
+
+
+def _square(residuals: list[np.ndarray]) -> float:
+    return float(sum(np.nansum(own**2) for own in residuals)) if residuals else 1e30
 
 
 def spread(named: Named) -> float:
     """Mean square of a residual over the share of independent samples in it, at least 1."""
-    fit = named.fit
-    square = fit.cost / max(float(fit.problem.data.samples.sum()), 1.0)
+    segments = named.fit.problem.data.segments
+    return _spread([np.where(s.counts, own, np.nan) for s, own in zip(segments, named.fit.by_sensor(), strict=True)])
+
+
+def _spread(residuals: list[np.ndarray]) -> float:
+    count = sum(int(np.isfinite(own).sum()) for own in residuals)
+    square = _square(residuals) / max(count, 1)
     if square < 1.05:
         return max(square, 1.0)
-    shares = [effective_share(own[:, j]) for own in fit.by_sensor() for j in range(own.shape[1]) if own[:, j].any()]
+    shares = [effective_share(own[:, j]) for own in residuals for j in range(own.shape[1]) if np.nansum(own[:, j] ** 2)]
     return square / min(shares, default=1.0)
 
 

@@ -53,10 +53,18 @@ def main() -> None:
 def run(task: Callable[..., Any], orders: list[tuple[int, Any]], workers: int) -> Iterator[Any]:
     """Results of a task for every order, as they come."""
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, fresh, max_tasks_per_child=20) as pool:  # memory is given back
-        jobs = [pool.submit(task, number, order) for number, order in orders]
-        for job in tqdm(as_completed(jobs), total=len(jobs), disable=not sys.stderr.isatty()):
-            yield job.result()
+    bar = tqdm(total=len(orders), disable=not sys.stderr.isatty())
+    for some in batched(orders, 20 * workers):  # then new processes, which gives memory back
+        with ProcessPoolExecutor(workers, fresh) as pool:
+            jobs = [pool.submit(task, number, order) for number, order in some]
+            for job in as_completed(jobs):
+                bar.update()
+                yield job.result()
+
+
+def batched(items: list[Any], size: int) -> Iterator[list[Any]]:
+    """Stretches of a list."""
+    return (items[first : first + size] for first in range(0, len(items), size))
 
 
 if __name__ == "__main__":
