@@ -68,8 +68,10 @@ def noise_band(axes: Any) -> None:
 
     axes.axhspan(-2, 2, color=BAND, zorder=1, label="95 % of noise")
     axes.set_yscale("symlog", linthresh=10)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -6.0), max(high, 6.0))
     decades = [sign * 10.0**k for sign in (-1, 1) for k in range(1, 10)]
-    axes.yaxis.set_major_locator(FixedLocator([0.0, *decades]))
+    axes.yaxis.set_major_locator(FixedLocator([-5.0, 0.0, 5.0, *decades]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 

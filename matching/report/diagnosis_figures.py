@@ -19,7 +19,7 @@ CAPTIONS = {
     "errors": "Free simulation on data that no fit saw. At 1 nothing but the sensor's stated noise is left.",
     "unseen": "Unseen data. Left: the moment at which the model as given is off most. Right: measured minus simulated "
     "over all unseen data, linear near zero and logarithmic beyond.",
-    "time": "Fitted data: measured minus simulated over time.",
+    "time": "Fitted data: measured minus simulated over time, pale, and its running mean.",
     "where": "Measured minus simulated over the motion at the sensor's place; dots are samples, lines the mean of a "
     "bin. A step at zero speed speaks for dry friction, a bend in the twist for free play or hardening, a wave over "
     "the angle for torque ripple.",

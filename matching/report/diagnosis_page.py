@@ -99,9 +99,9 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
         groups.setdefault(one["instead_of"], []).append(one)
     out = []
     for cause, rows in groups.items():
-        best = min(row["chi_square"] for row in rows)
+        named = next(row["chi_square"] for row in rows if f"{row['kind']} at {row['at']}" == cause)
         shown = [
-            row | {"kind": row["kind"].replace("_", " "), "margin": row["chi_square"] - best,
+            row | {"kind": row["kind"].replace("_", " "), "margin": row["chi_square"] - named,
                    "confidence": f"{row['confidence']:.2g}"}
             for row in rows
         ]  # fmt: skip
@@ -109,11 +109,12 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
         words = "No other candidate was worth a fit."
         if others:
             runner = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
+            margin = number(runner["chi_square"] - named, 3)
             words = (
                 f"Runner-up: {runner['kind'].replace('_', ' ')} at {runner['at']}, which leaves "
-                f"{number(runner['misfit'], 3)} times the noise; margin in χ² {number(runner['chi_square'] - best, 3)}."
+                f"{number(runner['misfit'], 3)} times the noise; the χ² of its fit less that of the cause is {margin}."
             )
-        out.append({"cause": cause.replace("_", " "), "rows": shown, "words": words})
+        out.append({"cause": cause, "rows": shown, "words": words})
     return out
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matching.diagnosis.result import Pictures
 
 BINS = 48
+RUNNING = 25  # samples of the mean that stands out of the noise
 DOTS = 1200
 LEAST = 12  # readings in a bin
 TURNS = 2  # that an order spectrum needs
@@ -41,8 +42,10 @@ def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
         for axes, view in zip(rows, shown, strict=True):
             for residual, look in _both(pictures):
                 own = residual[:, view.index] / pictures.noise[view.index]
-                x, y = broken(time, pictures.before.parts, own) if len(own) == len(time) else (time[: len(own)], own)
-                line(axes, x, y, look)
+                if len(own) != len(time):
+                    continue
+                line(axes, *broken(time, pictures.before.parts, own), look | {"alpha": 0.35, "label": None})
+                line(axes, *broken(time, pictures.before.parts, _running_mean(own)), look | {"zorder": 3})
             noise_band(axes)
             axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
@@ -99,6 +102,12 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
             right.set_xticks(range(ORDERS + 1))
         legend(drawn, grid[0, 0])
     return drawn
+
+
+def _running_mean(own: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import uniform_filter1d
+
+    return np.where(np.isfinite(own), uniform_filter1d(np.nan_to_num(own), RUNNING), np.nan)
 
 
 def _both(pictures: Pictures) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:

@@ -41,7 +41,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     speed = solve_ivp(motion, (0, 10), [5.0], t_eval=time, rtol=1e-9, atol=1e-9, max_step=0.01).y[0]
     speed = speed + NOISE * np.random.default_rng(1).standard_normal(len(time))
-    rows = np.column_stack([time, given, speed])
+    speed[400:440] = speed[400]  # a channel that stood still for 0.2 s
+    rows = np.delete(np.column_stack([time, given, speed]), slice(900, 912), axis=0)  # and a short gap
     header = "time [s],motor_torque [N*m],wheel_speed [rad/s]"
     np.savetxt(folder / "recording.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
     (folder / "model.toml").write_text(MODEL)
@@ -100,6 +101,14 @@ def test_result_holds_the_contract_and_the_gain_in_fidelity(result: dict) -> Non
 def test_terminal_tells_the_fidelity_and_every_sensor(said: str, result: dict) -> None:
     assert f"R_RVM from {100 * result['fidelity']['before']['R_RVM']:.2f} %" in said
     assert "wheel_speed: error on unseen data from" in said
+
+
+def test_page_and_terminal_tell_what_was_mended(folder: Path, said: str, result: dict) -> None:
+    assert any("stuck from 2 to 2.195 s" in note for note in result["notes"])
+    page = (folder / "out" / "report.html").read_text()
+    for note in result["notes"]:
+        assert note in page
+        assert f"note: {note}" in said
 
 
 def test_page_is_whole_and_needs_nothing_else(folder: Path, said: str) -> None:
