@@ -70,8 +70,10 @@ def noise_band(axes: Any) -> None:
     axes.set_yscale("symlog", linthresh=10)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -6.0), max(high, 6.0))
+    low, high = axes.get_ylim()
     decades = [sign * 10.0**k for sign in (-1, 1) for k in range(1, 10)]
-    axes.yaxis.set_major_locator(FixedLocator([-5.0, 0.0, 5.0, *decades]))
+    shown = [tick for tick in (-5.0, 0.0, 5.0, *decades) if low <= tick <= high]
+    axes.yaxis.set_major_locator(FixedLocator(shown))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 

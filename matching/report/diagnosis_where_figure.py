@@ -30,7 +30,7 @@ DOTS = 1200
 LEAST = 12  # readings in a bin
 TURNS = 2  # that an order spectrum needs
 ORDERS = 12
-SAMPLES = 12_000  # that an order spectrum takes; more are averaged
+SAMPLES = 4_000  # that an order spectrum takes; more are averaged
 
 
 def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
