@@ -24,8 +24,10 @@ def test_a_wave_over_the_angle_shows_at_its_order_though_the_shaft_reverses() ->
     residual[100:300] = np.nan
     order, amplitude = _orders(residual, angle)
     assert order[np.argmax(amplitude)] == pytest.approx(3, abs=0.03)
-    assert amplitude.max() > 8
-    assert np.median(amplitude) < 1.5
+    expected = 0.5 * np.sqrt(np.isfinite(residual).sum()) / 2  # of a sine of amplitude ½ among so many readings
+    assert amplitude.max() == pytest.approx(expected, rel=0.1)
+    far = np.abs(order - 3) > 1  # the angle is not sampled evenly, so the wave leaks to the sides
+    assert np.median(amplitude[far]) < 0.1 * expected
 
 
 def test_a_wave_over_time_shows_at_its_frequency() -> None:
