@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from matching.frequency.case import Case
-from matching.frequency.problem import Goal
+from matching.frequency.terms import Goal
 from modelling.damped_modes import damped_modes
 from modelling.errors import InputError
 from modelling.modes import Mode, modes

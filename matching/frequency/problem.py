@@ -24,12 +24,21 @@ from matching.frequency.case import Case, Move
 from matching.frequency.closed_loop import ClosedLoop, closed_loop
 from matching.frequency.demands import Demands
 from matching.frequency.objective import Aim
+from matching.frequency.terms import Goal, eigenpair, margins, response_error
 from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
 PRICE = 2e-3  # of a change over the whole range of a quantity of weight 1
 RESERVE = 1.002  # on the modulus margin, for what lies between grid points
 IN_BAND = 48  # frequencies of the response error
+WIDE = np.concatenate(
+    [
+        np.geomspace(0.02, 5, 18, endpoint=False),
+        np.geomspace(5, 150, 64, endpoint=False),
+        np.geomspace(150, 500, 12),
+    ]
+)  # Hz, where the modulus margin is held
+RAY = np.geomspace(0.3, 150, 30)  # Hz, where no root may have less damping
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
 
@@ -41,14 +50,6 @@ _FAST = {
     "max_iter": 130,
 }
 _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A target for the optimiser: eigenvalue wanted, rad/s, and pattern of speeds over the dynamometers (u,)."""
-
-    eigenvalue: complex
-    pattern: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -136,121 +137,81 @@ def build(
         The fidelity over the manoeuvre to take in place of the response error.
     """
     loop = closed_loop(case, [move.together for move in moves])
-    k, h = len(case.loop.dynamometers), len(case.compared)
-    size = len(moves)
-    v = ca.MX.sym("v", size + len(goals) * (2 + 2 * k))
-    parts = [unscaled(v[i], move) for i, move in enumerate(moves)]
-    p = ca.vertcat(*parts)
+    width = 2 + 2 * len(case.loop.dynamometers)
+    size, count = len(moves), len(moves) + len(goals) * width
+    v, symbols = ca.MX.sym("v", count), ca.SX.sym("v", count)
+    p = ca.vertcat(*(unscaled(symbols[i], move) for i, move in enumerate(moves)))
+    free, point = symbols[:size], v[:size]
 
-    f = grid(case)
+    start = np.array([scaled(move.start, move) for move in moves])
+    price = PRICE * ca.dot(ca.DM(weights), (free - start) ** 2) if size else ca.SX(0.0)
+    rows = ca.SX(0, 1)
+    for number in range(len(goals)):
+        own = symbols[size + number * width : size + (number + 1) * width]
+        zero, distance = eigenpair(loop, goals[number], own, p)
+        rows, price = ca.vertcat(rows, zero), price + EIGEN * distance
+    multipliers, factor = ca.SX.sym("multipliers", rows.numel()), ca.SX.sym("factor")
+    lagrangian = factor * price + ca.dot(multipliers, rows)
+    plain = ca.Function("plain", [symbols], ca.cse([price, ca.gradient(price, symbols), rows]))
+    slopes = ca.Function("slopes", [symbols], ca.cse([ca.jacobian(rows, symbols)]))
+    bend = ca.Function("bend", [symbols, factor, multipliers], ca.cse([ca.hessian(lagrangian, symbols)[0]]))
+
+    near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
+    least, zeta = case.limits["modulus_margin"] * RESERVE, case.limits["damping_ratio"]
+    band = np.concatenate([WIDE, *(near * part for part in (0.96, 1.0, 1.04)), () if extra is None else extra])
+    stable = margins(loop, free, p, point, [(band, 0.0, least), (RAY, zeta, least / 2)])
+    fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
+    moved = {name: unscaled(v[i], move) for i, move in enumerate(moves) for name in move.together}
+    asked = demands.constraints(fixed | moved)
+    asked_rows = ca.vertcat(*(one for one, _ in asked)) if asked else ca.MX(0, 1)
+
+    cost, cost_slope, zero_rows = plain(v)
+    held = stable.column()
+    g = ca.vertcat(held, zero_rows, asked_rows)
+    jac_g = ca.vertcat(_wide(stable.jacobian(), count), slopes(v), ca.jacobian(asked_rows, v))
+    nothing = ca.MX.sym("p", 0)
+    options: Any = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
     if aim is None:
-        H = _evaluate(loop.response, np.zeros(len(f)), 2 * np.pi * f, p)
-        objective = _response_error(H[0], H[1], reference, h)
+        error = response_error(loop, free, p, point, grid(case), reference)
+        f, grad_f = cost + error.value, cost_slope + _tall(error.gradient(), count)
+        options["grad_f"] = ca.Function("nlp_grad_f", [v, nothing], [f, grad_f], ["x", "p"], ["f", "grad_f_x"])
+        if exact:
+            many, few = held.numel(), zero_rows.numel()
+            lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
+            inner = lam_f * error.hessian() + stable.hessian(lam_g[:many])
+            hessian = bend(v, lam_f, lam_g[many : many + few])
+            hessian += ca.diagcat(inner, ca.MX(count - size, count - size))
+            hessian += ca.hessian(ca.dot(lam_g[many + few :], asked_rows), v)[0]
+            options["hess_lag"] = ca.Function(
+                "nlp_hess_l", [v, nothing, lam_f, lam_g], [ca.triu(hessian)],
+                ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+            )  # fmt: skip
     else:
         whole = closed_loop(aim.case, [move.together for move in moves])
-        objective = aim.loss(*_evaluate(whole.response, aim.s.real, aim.s.imag, p))
-    start = np.array([scaled(move.start, move) for move in moves])
-    if size:
-        objective = objective + PRICE * ca.sum1(ca.DM(weights) * (v[:size] - start) ** 2)
-
-    g, low, high = [], [], []
-    margin = case.limits["modulus_margin"] * RESERVE
-    near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
-    wide = np.concatenate(
-        [
-            np.geomspace(0.02, 5, 18, endpoint=False),
-            np.geomspace(5, 150, 64, endpoint=False),
-            np.geomspace(150, 500, 12),
-        ]
-    )
-    band = np.concatenate([wide, *(near * part for part in (0.96, 1.0, 1.04)), () if extra is None else extra])
-    ray = np.geomspace(0.3, 150, 30)
-    zeta = case.limits["damping_ratio"]
-    for frequencies, damping, least in ((band, 0.0, margin), (ray, zeta, margin / 2)):
-        omega = 2 * np.pi * frequencies
-        re, im = _evaluate(loop.difference, -damping * omega, omega * np.sqrt(1 - damping**2), p)
-        for row in _definite(re, im, k, least):
-            g.append(row.T)
-            low += [0.0] * len(frequencies)
-            high += [np.inf] * len(frequencies)
-
-    lower, upper = [0.0] * size, [1.0] * size
-    for number, goal in enumerate(goals):
-        at = size + number * (2 + 2 * k)
-        size_of = abs(goal.eigenvalue)
-        x_re, x_im = v[at + 2 : at + 2 + k], v[at + 2 + k : at + 2 + 2 * k]
-        re, im = loop.difference(v[at] * size_of, v[at + 1] * size_of, p)
-        D_re, D_im = ca.reshape(re, k, k).T, ca.reshape(im, k, k).T
-        scale = 1 / (1 + ca.sqrt(ca.sumsqr(re) + ca.sumsqr(im)))
-        pattern = ca.DM(goal.pattern / np.linalg.norm(goal.pattern))
-        rows = ca.vertcat(
-            (D_re @ x_re - D_im @ x_im) * scale,
-            (D_re @ x_im + D_im @ x_re) * scale,
-            pattern.T @ x_re - 1,
-            pattern.T @ x_im,
-        )
-        g.append(rows)
-        low += [0.0] * (2 * k + 2)
-        high += [0.0] * (2 * k + 2)
-        natural = ca.sqrt(v[at] ** 2 + v[at + 1] ** 2)
-        ratio = -goal.eigenvalue.real / size_of
-        objective = objective + EIGEN * ((natural - 1) ** 2 + (-v[at] / natural - ratio) ** 2)
-        lower += [-8.0, 0.05] + [-5.0] * (2 * k)
-        upper += [0.5, 12.0] + [5.0] * (2 * k)
-    fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
-    for rows, bound in demands.constraints(
-        fixed | {name: p[i] for i, move in enumerate(moves) for name in move.together}
-    ):
-        g.append(rows)
-        low += [-np.inf] * rows.shape[0]
-        high += [bound] * rows.shape[0]
-    constraints = ca.vertcat(*g)
-    options: Any = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
-    programme: Any = {"x": v, "f": objective, "g": constraints}  # CasADi's stubs know no dict of MX
+        values = ca.vertcat(*(unscaled(v[i], move) for i, move in enumerate(moves)))
+        f = cost + aim.loss(*_evaluate(whole.response, aim.s.real, aim.s.imag, values))
+    options["jac_g"] = ca.Function("nlp_jac_g", [v, nothing], [g, jac_g], ["x", "p"], ["g", "jac_g_x"])
+    programme: Any = {"x": v, "f": f, "g": g}  # CasADi's stubs know no dict of MX
     solver = ca.nlpsol("match", "ipopt", programme, options)
-    check = ca.Function("objective", [v], [objective, constraints], ["v"], ["f", "g"])
-    return Problem(
-        case, loop, moves, goals, solver, check, np.array(lower), np.array(upper), np.array(low), np.array(high)
-    )
+    check = ca.Function("objective", [v], [f, g], ["v"], ["f", "g"])
+    pair_lower, pair_upper = [-8.0, 0.05] + [-5.0] * (width - 2), [0.5, 12.0] + [5.0] * (width - 2)
+    lower, upper = np.array([0.0] * size + pair_lower * len(goals)), np.array([1.0] * size + pair_upper * len(goals))
+    exactly, open_end = np.zeros(zero_rows.numel()), np.full(held.numel(), np.inf)
+    g_lower = np.concatenate([np.zeros(held.numel()), exactly, np.full(asked_rows.numel(), -np.inf)])
+    g_upper = np.concatenate([open_end, exactly, *(np.full(one.numel(), bound) for one, bound in asked)])
+    return Problem(case, loop, moves, goals, solver, check, lower, upper, g_lower, g_upper)
+
+
+def _wide(part: ca.MX, count: int) -> ca.MX:
+    """A Jacobian with columns of zeros for the eigenpairs."""
+    return ca.horzcat(part, ca.MX(part.shape[0], count - part.shape[1]))
+
+
+def _tall(part: ca.MX, count: int) -> ca.MX:
+    return ca.vertcat(part, ca.MX(count - part.shape[0], 1))
 
 
 def _evaluate(function: ca.Function, sigma: np.ndarray, omega: np.ndarray, p: ca.MX) -> tuple[ca.MX, ...]:
     """A function of the loop at many s: each output with one column a frequency."""
-    mapped: Any = function.map(len(omega))  # in CasADi's stubs a call gives one output
-    return mapped(ca.DM(sigma).T, ca.DM(omega).T, ca.repmat(p, 1, len(omega)))
-
-
-def _response_error(re: ca.MX, im: ca.MX, reference: np.ndarray, functions: int) -> ca.MX:
-    """Mean square of |log(H/reference)|, phase unwrapped along the frequencies, functions (h, f)."""
-    wanted = reference.T
-    ratio_re = (re * wanted.real + im * wanted.imag) / np.abs(wanted) ** 2
-    ratio_im = (im * wanted.real - re * wanted.imag) / np.abs(wanted) ** 2
-    square = ratio_re**2 + ratio_im**2 + 1e-12
-    step_re = ratio_re[:, 1:] * ratio_re[:, :-1] + ratio_im[:, 1:] * ratio_im[:, :-1]
-    step_im = ratio_im[:, 1:] * ratio_re[:, :-1] - ratio_re[:, 1:] * ratio_im[:, :-1]
-    steps = ca.horzcat(ca.atan2(ratio_im[:, 0], ratio_re[:, 0]), ca.atan2(step_im, step_re))
-    phase = ca.cumsum(steps, 1)
-    return (ca.sumsqr(ca.log(square) / 2) + ca.sumsqr(phase)) / (functions * wanted.shape[1])
-
-
-def _definite(re: ca.MX, im: ca.MX, k: int, least: float) -> list[ca.MX]:
-    """Leading minors of DᴴD − least²·I, each (1, f), scaled by its diagonal: all positive where σ_min > least."""
-
-    def entry(i: int, j: int) -> tuple[ca.MX, ca.MX]:
-        a, b = ca.MX(0.0), ca.MX(0.0)
-        for row in range(k):
-            di, dj = row * k + i, row * k + j
-            a = a + re[di, :] * re[dj, :] + im[di, :] * im[dj, :]
-            b = b + re[di, :] * im[dj, :] - im[di, :] * re[dj, :]
-        return a, b
-
-    gram = [[entry(i, j) for j in range(k)] for i in range(k)]
-    diagonal = [gram[i][i][0] - least**2 for i in range(k)]
-    size = [1 + gram[i][i][0] for i in range(k)]
-    minors = [diagonal[0] / size[0]]
-    if k >= 2:
-        a, b = gram[0][1]
-        minors.append((diagonal[0] * diagonal[1] - a**2 - b**2) / (size[0] * size[1]))
-    if k > 2:
-        raise NotImplementedError("more than two dynamometers")
-    return minors
+    each: Any = function.map(len(omega))  # in CasADi's stubs a call gives one output
+    return each(ca.DM(sigma).T, ca.DM(omega).T, ca.repmat(p, 1, len(omega)))

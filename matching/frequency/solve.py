@@ -12,7 +12,8 @@ import numpy as np
 from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands
 from matching.frequency.objective import Aim
-from matching.frequency.problem import Goal, Problem, build, scaled
+from matching.frequency.problem import Problem, build, scaled
+from matching.frequency.terms import Goal
 from matching.frequency.tuned import apply
 from matching.frequency.verification.encirclements import encirclements
 from matching.frequency.verification.parts import parts_of

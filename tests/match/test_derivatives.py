@@ -56,3 +56,18 @@ def test_against_differences(problem, functions, point, which):
     assert np.isfinite(product).all()
     assert gradient @ direction == pytest.approx(slope, rel=1e-5)
     np.testing.assert_allclose(product, bend, rtol=1e-4, atol=1e-5 * np.abs(bend).max())
+
+
+def test_compact_derivatives_against_casadis_own(problem, point):
+    """What IPOPT is given, term by term mapped over frequencies, against CasADi's own of the same expressions."""
+    v = ca.MX.sym("v", len(point))
+    f, g = problem.objective(v)
+    weights = np.random.default_rng(5).normal(size=g.shape[0])
+    lagrangian = 0.7 * f + ca.dot(ca.DM(weights), g)
+    own = ca.Function("own", [v], [ca.gradient(f, v), ca.jacobian(g, v), ca.triu(ca.hessian(lagrangian, v)[0])])
+    gradient, jacobian, hessian = (part.full() for part in own(point))
+    oracle = problem.solver.get_function
+    np.testing.assert_allclose(oracle("nlp_grad_f")(point, [])[1].full(), gradient, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(oracle("nlp_jac_g")(point, [])[1].full(), jacobian, rtol=1e-8, atol=1e-8)
+    found = oracle("nlp_hess_l")(point, [], 0.7, weights).full()
+    np.testing.assert_allclose(found, hessian, rtol=1e-7, atol=1e-7 * np.abs(hessian).max())
