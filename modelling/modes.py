@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from modelling.compiled import Model, compiled
 from modelling.elements import Elements, elements
 from modelling.errors import InputError
+from modelling.shown import Shown, labelled
 from modelling.symmetry import images, labels, split
 from modelling.system import System
 
@@ -40,9 +42,14 @@ class Mode:
         keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
         return {key: getattr(self, key) for key in keys}
 
+    def animate(self) -> Shown:
+        """The chain swinging in this mode, slowed, as an animated drawing for a notebook."""
+        drawn: Shown = import_module("matching.report.mode_animation").ModeAnimation(self)
+        return drawn
+
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Shown):
     """Modes of a model, in order of frequency; every array may have leading batch axes (b, …).
 
     Attributes
@@ -79,6 +86,7 @@ class Modes:
     coordinates: tuple[str, ...]
     eigenvalues: np.ndarray
 
+    _view = "matching.report.views.modes"
     _ARRAYS = (
         "frequencies", "damping_ratios", "symmetries", "shapes", "modal_mass", "modal_stiffness", "kinetic",
         "potential", "turns", "eigenvalues",
@@ -113,6 +121,29 @@ class Modes:
     def to_dict(self) -> dict[str, Any]:
         """The content of ``modes.json``."""
         return {"modes": [mode.to_dict() for mode in self]}
+
+    def to_xarray(self) -> Any:
+        """Frequencies, damping ratios, energy shares and shapes over mode and component (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return labelled(
+            {
+                "frequency": (["mode"], self.frequencies, "Hz"),
+                "damping_ratio": (["mode"], self.damping_ratios, "1"),
+                "kinetic": (["mode", "mass"], self.kinetic, "1"),
+                "potential": (["mode", "spring"], self.potential, "1"),
+                "shape": (["mass", "mode"], self.turns, "1"),
+            },
+            {
+                "mode": (np.arange(1, len(self) + 1), ""),
+                "mass": (list(self.masses), ""),
+                "spring": (list(self.springs), ""),
+            },
+        )
 
 
 def modes(system: System, values: Mapping[str, float] | None = None, state: np.ndarray | None = None) -> Modes:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
+from modelling.channels import Channel, renamed
 from modelling.errors import InputError
 from modelling.readers import Table, read_table
 from modelling.system import System, listed, unknown
@@ -89,11 +91,11 @@ class Recording:
         return replace(self, time=time, channels=channels, notes=(*self.notes, *notes))
 
 
-def read_recording(path: str | Path, system: System) -> Recording:
+def read_recording(path: str | Path, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
     """Read the channels of a system from a file.
 
     Every input of the system must be there; sensors that are missing are simply unused, as are columns that the system
-    does not have.
+    does not have. ``channels`` says what they are called in the file, where that differs.
 
     Raises
     ------
@@ -101,7 +103,8 @@ def read_recording(path: str | Path, system: System) -> Recording:
         One line that names file, line or column: no header, no time, text among numbers, unknown unit, missing or
         incomplete input, time that does not rise, too few rows.
     """
-    return from_table(read_table(path), system, str(path))
+    table = read_table(path)
+    return from_table(renamed(table, channels, str(path)) if channels else table, system, str(path))
 
 
 def from_table(table: Table, system: System, source: str) -> Recording:
@@ -142,6 +145,10 @@ def from_table(table: Table, system: System, source: str) -> Recording:
     unused = [name for name in names[1:] if name not in wanted]
     if unused:
         notes.append(f"not in the model, unused: {listed(unused)}")
+        for sensor in system.sensors:
+            near = get_close_matches(sensor.name, unused, n=1, cutoff=0.75)
+            if sensor.name not in names and near:
+                notes.append(f"{sensor.name!r} was not recorded; is it column {near[0]!r}? A channel file can say so")
     return Recording(time, channels, tuple(notes), source)
 
 

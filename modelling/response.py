@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from modelling.elements import elements
 from modelling.errors import InputError
 from modelling.linear import Linear, deflated, linearise
+from modelling.shown import Shown, labelled
 from modelling.system import System, unknown
 
 _CHUNK = 4_000_000  # complex numbers at once
 
 
 @dataclass(frozen=True)
-class Response:
+class Response(Shown):
     """Complex frequency responses.
 
     Attributes
@@ -33,6 +35,8 @@ class Response:
     inputs: tuple[str, ...]
     values: np.ndarray
 
+    _view = "matching.report.views.response"
+
     def __getitem__(self, pair: tuple[str, str]) -> np.ndarray:
         """Response (f,) of a sensor to an input, ``response[sensor, input]``.
 
@@ -47,6 +51,23 @@ class Response:
     def to_dict(self) -> dict[str, dict[str, np.ndarray]]:
         """``{sensor: {input: (f,)}}``."""
         return {sensor: {source: self[sensor, source] for source in self.inputs} for sensor in self.sensors}
+
+    def to_xarray(self) -> Any:
+        """The responses over frequency, sensor and input (xarray Dataset, complex).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return labelled(
+            {"response": (["frequency", "sensor", "input"], self.values, "")},
+            {
+                "frequency": (self.frequencies, "Hz"),
+                "sensor": (list(self.sensors), ""),
+                "input": (list(self.inputs), ""),
+            },
+        )
 
 
 def response(

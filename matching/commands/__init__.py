@@ -20,7 +20,7 @@ ONE_LINE = {
     "fidelity": "partial and total XiL fidelity",
     "tolerance": "how manufacturing and identification tolerances spread a match",
     "export": "write the tuned residual vehicle as an FMU",
-    "new": "start a new model or case file",
+    "new": "write a commented case to start from",
 }
 
 

@@ -17,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF4, .mat, Parquet)"
     )
     parser.add_argument("--holdout", metavar="RECORDING", help="a recording that judges and is not fitted")
+    parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recordings (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
 
@@ -28,13 +29,15 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.diagnosis_figures import figures
     from matching.report.diagnosis_page import content, page
     from matching.report.style import image
+    from modelling.channels import read_channels
     from modelling.files import dumps, load
     from modelling.output import strict_json, write_all
     from modelling.recording import read_recording
 
     system = load(arguments.model)
-    recordings = [read_recording(path, system) for path in arguments.recordings]
-    holdout = read_recording(arguments.holdout, system) if arguments.holdout else None
+    channels = read_channels(arguments.channels) if arguments.channels else None
+    recordings = [read_recording(path, system, channels) for path in arguments.recordings]
+    holdout = read_recording(arguments.holdout, system, channels) if arguments.holdout else None
     with tqdm(disable=not sys.stderr.isatty(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
 
         def tell(step: str) -> None:

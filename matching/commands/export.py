@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Write the FMU; the result object tells what is in it."""
     from pathlib import Path
 
-    from matching.export.given import given
+    from matching.fmu.given import given
     from modelling.errors import InputError
     from modelling.fmu.export import fmu
     from modelling.output import write_all

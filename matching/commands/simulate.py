@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model, recording, start, place to write to."""
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument("recording", metavar="RECORDING", help="recording (CSV, MDF4, .mat or Parquet)")
+    parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recording (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
     parser.add_argument(
         "--start",
@@ -28,6 +29,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write files; the result object tells what was run, and the misfit by sensor."""
     import numpy as np
 
+    from modelling.channels import read_channels
     from modelling.compiled import compiled
     from modelling.files import load
     from modelling.output import write_all
@@ -36,7 +38,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.simulation.recorded_start import recorded_start
 
     system = load(arguments.model)
-    recording = read_recording(arguments.recording, system)
+    channels = read_channels(arguments.channels) if arguments.channels else None
+    recording = read_recording(arguments.recording, system, channels)
     model = compiled(system)
     inputs, start = recording.inputs(system), arguments.start
     if start == "recorded":

@@ -11,6 +11,7 @@ import numpy as np
 from matching.diagnosis.uncertainty import Estimate
 from matching.diagnosis.unseen import Unseen
 from modelling.effects.seen import Seen
+from modelling.shown import Shown
 from modelling.system import System
 
 
@@ -108,7 +109,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Shown):
     """The answer.
 
     Attributes
@@ -148,6 +149,8 @@ class Diagnosis:
     notes: list[str]
     extended: System = field(repr=False)
     pictures: Pictures = field(repr=False)
+
+    _view = "matching.report.views.diagnosis"
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""

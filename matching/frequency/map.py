@@ -14,6 +14,7 @@ from matching.frequency.case import Case, movable
 from matching.frequency.tuned import apply
 from modelling.errors import InputError
 from modelling.loop import HARDWARE, KNOBS
+from modelling.shown import Shown, labelled
 from modelling.system import unknown
 from modelling.units import to_si
 
@@ -58,7 +59,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Map:
+class Map(Shown):
     """Points (y, x) row by row over two axes."""
 
     title: str
@@ -66,6 +67,8 @@ class Map:
     x: Axis
     y: Axis
     points: tuple[tuple[Point, ...], ...]
+
+    _view = "matching.report.views.map"
 
     def errors(self) -> np.ndarray:
         """Response errors (y, x), NaN where there is none."""
@@ -76,6 +79,21 @@ class Map:
         axes = {key: {**vars(axis), "values": list(axis.values)} for key, axis in (("x", self.x), ("y", self.y))}
         points = [vars(own) for row in self.points for own in row]
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
+
+    def to_xarray(self) -> Any:
+        """Error and modulus margin over both quantities (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        margin = [[np.nan if own.modulus_margin is None else own.modulus_margin for own in row] for row in self.points]
+        names = [self.y.name, self.x.name]
+        return labelled(
+            {"error": (names, self.errors(), "1"), "modulus_margin": (names, np.array(margin), "1")},
+            {axis.name: (list(axis.values), axis.unit) for axis in (self.y, self.x)},
+        )
 
 
 def quantities(case: Case) -> dict[str, tuple[float, str, tuple[str, ...]]]:

@@ -9,7 +9,10 @@ from matching.report.environment import embedded, environment
 from matching.report.match_checks import checks, needs
 from matching.report.match_fidelity import fidelity_rows
 from matching.report.match_figures import CAPTIONS
+from matching.report.match_modes_figure import nearest
 from matching.report.match_text import answer, content
+from matching.report.mode_animation import ModeAnimation
+from matching.report.style import RIG, VEHICLE
 from matching.report.words import change, number, sentence
 
 if TYPE_CHECKING:
@@ -75,10 +78,22 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         "frozen": [own for own in result.parameters if own.frozen],
         "checks": checks(result),
         "found": _found(result),
+        "swinging": _swinging(result),
         "figures": {name: embedded(content) for name, content in drawn.items()},
         "captions": CAPTIONS,
         **_equations(result),
     }
+
+
+def _swinging(result: MatchResult) -> list[str]:
+    """Target modes of the vehicle, and the modes of the free rig that come nearest, as moving drawings."""
+    drawn = []
+    for target in result.targets:
+        own = next(mode for mode in result.vehicle_modes if mode.number == target.vehicle_mode)
+        there = None if target.rig is None else nearest(result.rig_modes, target.rig, own.symmetry)
+        pairs = [("Vehicle", own, VEHICLE), ("Rig", there, RIG)]
+        drawn += [ModeAnimation(mode, colour, title).svg for title, mode, colour in pairs if mode and mode.shape]
+    return drawn
 
 
 def _announced(result: MatchResult) -> list[str]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from modelling.errors import InputError
+from modelling.shown import Shown, labelled
 
 
 class SimulationError(InputError):
@@ -15,7 +17,7 @@ class SimulationError(InputError):
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Shown):
     """Readings and states over time, all SI.
 
     Attributes
@@ -41,6 +43,8 @@ class Simulation:
     steps_per_second: float
     stick_speed: float
 
+    _view = "matching.report.views.simulation"
+
     def __getitem__(self, name: str) -> np.ndarray:
         """A reading or a state by name, (t,)."""
         return self.readings[name] if name in self.readings else self.states[:, self.state_names.index(name)]
@@ -48,6 +52,17 @@ class Simulation:
     def to_dict(self) -> dict[str, list[float]]:
         """Time and readings as plain lists."""
         return {"time": self.time.tolist()} | {name: value.tolist() for name, value in self.readings.items()}
+
+    def to_xarray(self) -> Any:
+        """The readings over time (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        readings = {name: (["time"], value, self.units[name]) for name, value in self.readings.items()}
+        return labelled(readings, {"time": (self.time, "s")})
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 from fmu.slave import slave
 from scipy.signal import cont2discrete
 
-from matching.export.given import acceleration
+from matching.fmu.given import acceleration
 from matching.frequency.case import load_case
 from matching.frequency.case_file import case_files
 from matching.frequency.tuned import apply

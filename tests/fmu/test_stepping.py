@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fmu.slave import slave
 
-from matching.export.given import given
+from matching.fmu.given import given
 from matching.frequency.case import load_case
 from modelling.compiled import compiled
 from modelling.files import load

@@ -1,0 +1,170 @@
+"""What the commands do, as functions: the same names, paths or loaded objects in, results out.
+
+Every result has ``to_dict()`` (what the command writes as JSON), ``plot()`` and shows itself in a notebook.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from matching.diagnosis.result import Diagnosis
+    from matching.frequency.case import Case
+    from matching.frequency.map import Map
+    from matching.frequency.result import MatchResult
+    from matching.validity.answers import Uncertainty, XilFidelity
+    from modelling.modes import Modes
+    from modelling.recording import Recording
+    from modelling.response import Response
+    from modelling.simulation.result import Simulation
+    from modelling.system import System
+
+File = str | PathLike[str]
+
+
+def load(path: File) -> System:
+    """A model file as a System, which shows its equations in a notebook.
+
+    Raises
+    ------
+    InputError
+        One line: file, key, what is wrong, what would be right. So do all functions here.
+    """
+    from modelling.files import load as read
+
+    return read(Path(path))
+
+
+def load_case(path: File) -> Case:
+    """A case file with all that it names."""
+    from matching.frequency.case import load_case as read
+
+    return read(Path(path))
+
+
+def read_recording(path: File, model: System | File, channels: File | None = None) -> Recording:
+    """The channels of a model from CSV, MDF4, ``.mat`` or Parquet, SI.
+
+    Parameters
+    ----------
+    channels : path, optional
+        A file that says what the channels are called there (:func:`modelling.channels.read_channels`).
+    """
+    from modelling.channels import read_channels
+    from modelling.recording import read_recording as read
+
+    return read(Path(path), _system(model), None if channels is None else read_channels(channels))
+
+
+def modes(model: System | File, values: Mapping[str, float] | None = None, *, damped: bool = False) -> Modes:
+    """Modes with energy shares and symmetry (Eqs. 1–8); ``values`` (SI) replace those of the model, by name."""
+    from modelling.damped_modes import damped_modes
+    from modelling.modes import modes as undamped
+
+    return (damped_modes if damped else undamped)(_system(model), values)
+
+
+def response(model: System | File, frequencies: np.ndarray) -> Response:
+    """Frequency responses (f, y, u) of all sensors to all inputs at frequencies (f,) in Hz."""
+    from modelling.response import response as of
+
+    return of(_system(model), frequencies)
+
+
+def simulate(model: System | File, recording: Recording | File, *, start: Any = None) -> Simulation:
+    """The model's answer to the inputs of a recording; ``start`` as in :func:`modelling.simulate.simulate`."""
+    from modelling.simulate import simulate as run
+
+    system = _system(model)
+    measured = _recording(recording, system)
+    return run(system, measured.time, measured.inputs(system), start=start)
+
+
+def match(
+    case: Case | File, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None
+) -> MatchResult:
+    """Tune what the case lets move until the rig answers like the vehicle, and verify it by other means.
+
+    See :func:`matching.frequency.match.match`.
+    """
+    from matching.frequency.match import match as run
+
+    return run(_case(case), seed, starts, progress, workers)
+
+
+def map(  # noqa: A001
+    case: Case | File, x: str, y: str, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
+    workers: int | None = None, progress: Callable[[int, int], None] | None = None,
+) -> Map:  # fmt: skip
+    """The achievable error over two quantities, each ``NAME`` or ``NAME=LOW:HIGH[:N]``.
+
+    See :func:`matching.frequency.map.map_case`.
+    """
+    from matching.frequency.map import map_case
+
+    return map_case(_case(case), x, y, executor, seed=seed, starts=starts, workers=workers, progress=progress)
+
+
+def diagnose(
+    model: System | File, recordings: Sequence[Recording | File] | Recording | File,
+    holdout: Recording | File | None = None, *, channels: File | None = None, tell: Callable[[str], None] | None = None,
+) -> Diagnosis:  # fmt: skip
+    """Find out what a model lacks against recordings; see :func:`matching.diagnosis.diagnosis.diagnose`."""
+    from matching.diagnosis.diagnosis import diagnose as run
+    from modelling.recording import Recording
+
+    system = _system(model)
+    single = isinstance(recordings, str | PathLike | Recording)
+    several = [recordings] if single else list(recordings)  # type: ignore[arg-type, list-item]
+    read = [_recording(one, system, channels) for one in several]  # type: ignore[arg-type]
+    judge = None if holdout is None else _recording(holdout, system, channels)
+    return run(system, read, judge, tell or (lambda _: None))
+
+
+def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:
+    """A budget file evaluated after the GUM, first order and by Monte Carlo."""
+    from matching.validity.answers import Uncertainty
+    from matching.validity.uncertainty.evaluate import as_json, evaluate
+    from matching.validity.uncertainty.files import read_budget
+
+    read = read_budget(str(budget))
+    return Uncertainty(as_json(read, *evaluate(read, seed=seed, draws=draws, digits=digits)))
+
+
+def fidelity(
+    case: File, *, arithmetic: str | None = None, nrmse: str | None = None, draws: int = 2000, seed: int = 0
+) -> XilFidelity:
+    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23); ``arithmetic`` and ``nrmse`` as the command."""
+    from matching.validity.answers import XilFidelity
+    from matching.validity.fidelity.files import read_case
+    from matching.validity.fidelity.result import as_json
+
+    return XilFidelity(as_json(*read_case(str(case), arithmetic, nrmse), draws, seed))
+
+
+def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
+    """Write the tuned residual vehicle of a match, or any model, as an FMU for co-simulation; returns its path."""
+    from argparse import Namespace
+
+    from matching.commands.export import run
+
+    run(Namespace(result=str(result), fmu=str(fmu), fmi=fmi))
+    return Path(fmu)
+
+
+def _system(model: System | File) -> System:
+    return load(model) if isinstance(model, str | PathLike) else model
+
+
+def _case(case: Case | File) -> Case:
+    return load_case(case) if isinstance(case, str | PathLike) else case
+
+
+def _recording(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
+    return read_recording(recording, system, channels) if isinstance(recording, str | PathLike) else recording

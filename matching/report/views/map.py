@@ -1,0 +1,23 @@
+"""A map: the achievable error over two quantities."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from matching.frequency.map import Map
+from matching.report.map_figure import map_figure
+from matching.report.views.table import table
+
+
+def plot(found: Map) -> Figure:
+    """Response error over both quantities."""
+    return map_figure(found)
+
+
+def html(found: Map) -> str:
+    """Response errors, one row a value of the upright axis."""
+    rows = []
+    for y, errors in zip(found.y.values, found.errors(), strict=True):
+        rows.append({f"{found.y.name} \\ {found.x.name}": f"{y:.4g} {found.y.unit}"})
+        rows[-1] |= {f"{x:.4g} {found.x.unit}": f"{own:.3g}" for x, own in zip(found.x.values, errors, strict=True)}
+    return table(rows, found.title)

@@ -1,0 +1,19 @@
+"""Modes: energy shares as a picture, the mode table."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from matching.report.modal_figures import mode_table, shares_figure
+from matching.report.views.table import table
+from modelling.modes import Modes
+
+
+def plot(modes: Modes) -> Figure:
+    """Energy shares of all modes, %."""
+    return shares_figure(modes)
+
+
+def html(modes: Modes) -> str:
+    """The mode table."""
+    return table(mode_table(modes.to_dict()["modes"]))

@@ -1,0 +1,98 @@
+"""The functions behind the commands: same names, results that show themselves, nothing heavy before it is needed."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import matching as rm
+from matching.commands import available
+from modelling.errors import InputError
+from modelling.output import strict_json
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+VEHICLE = EXAMPLES / "road_to_rig" / "vehicle.toml"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    system = rm.load(EXAMPLES / "compact_bev" / "rig.toml")
+    time = np.arange(0, 0.5, 1e-3)
+    columns = {"time [s]": time} | {f"{part.name} [N*m]": 5.0 * (time > 0.1) for part in system.inputs}
+    path = tmp_path_factory.mktemp("recording") / "step.csv"
+    np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=",".join(columns), comments="")
+    return path
+
+
+RESULTS = {
+    "modes": lambda recording: rm.modes(VEHICLE),
+    "damped modes": lambda recording: rm.modes(VEHICLE, damped=True),
+    "response": lambda recording: rm.response(VEHICLE, np.geomspace(0.5, 30, 40)),
+    "simulate": lambda recording: rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", recording),
+    "uncertainty": lambda recording: rm.uncertainty(EXAMPLES / "gum" / "end_gauge.toml", draws=20_000),
+    "fidelity": lambda recording: rm.fidelity(EXAMPLES / "fidelity" / "tab2.toml"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_are_frozen_and_show_themselves(name, recording):
+    result = RESULTS[name](recording)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(result, dataclasses.fields(result)[0].name, None)
+    assert isinstance(result.plot(), Figure)
+    assert result._repr_html_().startswith(("<p>", "<table>", "<pre>"))
+    content = result.to_dict()
+    if name != "response":  # complex numbers, which JSON has not
+        assert json.loads(strict_json(content))
+
+
+def test_every_command_has_its_function_and_every_function_is_offered():
+    hidden = {"new", "tolerance"}  # one only writes files; the other is called by its study
+    assert set(available()) - hidden <= set(rm.__all__)
+    assert set(rm.__all__) <= set(dir(rm))
+    assert all(callable(getattr(rm, name)) and getattr(rm, name).__doc__ for name in rm.__all__)
+    with pytest.raises(AttributeError, match="it has diagnose"):
+        getattr(rm, "matches")  # noqa: B009
+
+
+def test_labelled_arrays():
+    found = rm.modes(VEHICLE)
+    labelled = found.to_xarray()
+    assert float(labelled.frequency.sel(mode=2)) == found[1].frequency
+    np.testing.assert_allclose(labelled.kinetic.sum("mass"), 1.0)
+    assert labelled.frequency.units == "Hz"
+    responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
+    own = responses.to_xarray().response.sel(sensor=responses.sensors[0], input=responses.inputs[0])
+    np.testing.assert_array_equal(own, responses[responses.sensors[0], responses.inputs[0]])
+
+
+def test_without_xarray_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed"):
+        rm.modes(VEHICLE).to_xarray()
+
+
+def test_nothing_heavy_is_imported_before_it_is_asked_for():
+    heavy = "{'sympy', 'casadi', 'scipy', 'matplotlib', 'pint', 'numpy', 'jinja2'}"
+    for statement in ("import modelling, matching", "from matching.cli import main; main(['--help'])"):
+        words = f"import sys; {statement}; print(sorted({heavy} & set(sys.modules)), file=sys.stderr)"
+        done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+        assert done.stderr.strip() == "[]"
+
+
+def test_mode_animation():
+    mode = rm.modes(VEHICLE)[1]
+    drawn = mode.animate()
+    assert drawn.svg.count("<circle") == len(mode.shape)
+    assert drawn._repr_html_() == drawn.svg
+    assert "http" not in drawn.svg.replace("http://www.w3.org/2000/svg", "")
+    largest = max(abs(float(part.split(";")[0])) for part in drawn.svg.split('values="')[1:])
+    assert largest == pytest.approx(70.0)
+    damped = rm.modes(VEHICLE, damped=True)[2].animate()
+    assert "damping ratio" in damped.svg
+    assert isinstance(drawn.plot(), Figure)
