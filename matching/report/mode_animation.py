@@ -32,7 +32,7 @@ class ModeAnimation(Shown):
 
     @property
     def svg(self) -> str:
-        """The drawing."""
+        """The drawing, to stand in a page."""
         mode = self.mode
         largest = max(mode.shape.values(), key=abs, default=1.0) or 1.0
         discs = []
@@ -49,14 +49,18 @@ class ModeAnimation(Shown):
             )  # fmt: skip
         rows = (len(discs) + A_ROW - 1) // A_ROW
         damping = f", damping ratio {mode.damping_ratio:.3g}" if mode.damping_ratio else ""
-        title = f"{self.of + ', ' if self.of else ''}mode {mode.number}: {mode.frequency:.4g} Hz{damping}, slowed; darker holds more kinetic energy"
+        title = f"mode {mode.number}: {mode.frequency:.4g} Hz{damping}, slowed; darker holds more kinetic energy"
+        title = f"{self.of}, {title}" if self.of else title
         height, width = 30 + HEIGHT * rows, max(WIDTH * min(len(discs), A_ROW), 560)
         template = environment().get_template("mode_animation.svg")
         return template.render(discs=discs, width=width, height=height, title=title, period=PERIOD, colour=self.colour)
 
     def save(self, path: str | Path) -> None:
         """Write the drawing to a file; any browser shows it."""
-        Path(path).write_text(self.svg, encoding="utf-8")
+        alone = self.svg.replace(
+            "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
+        )  # inside a page it goes without
+        Path(path).write_text(alone, encoding="utf-8")
 
 
 def html(animation: ModeAnimation) -> str:

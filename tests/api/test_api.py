@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -85,14 +86,16 @@ def test_nothing_heavy_is_imported_before_it_is_asked_for():
         assert done.stderr.strip() == "[]"
 
 
-def test_mode_animation():
+def test_mode_animation(tmp_path):
     mode = rm.modes(VEHICLE)[1]
     drawn = mode.animate()
     assert drawn.svg.count("<circle") == len(mode.shape)
     assert drawn._repr_html_() == drawn.svg
-    assert "http" not in drawn.svg.replace("http://www.w3.org/2000/svg", "")
+    assert "http" not in drawn.svg
     largest = max(abs(float(part.split(";")[0])) for part in drawn.svg.split('values="')[1:])
     assert largest == pytest.approx(70.0)
     damped = rm.modes(VEHICLE, damped=True)[2].animate()
     assert "damping ratio" in damped.svg
     assert isinstance(drawn.plot(), Figure)
+    drawn.save(tmp_path / "mode.svg")
+    assert ElementTree.parse(tmp_path / "mode.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
