@@ -1,0 +1,102 @@
+"""Every notebook runs from top to bottom in a fresh kernel; its own assertions hold its key numbers."""
+
+import re
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+TIMEOUT = 400  # s a cell, on a busy machine
+LARGEST = 300_000  # bytes
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder beside the examples, as notebooks/ is, that may be written to; nothing of the user's own set-up."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
+    folder = tmp_path / "notebooks"
+    folder.mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    return folder
+
+
+def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
+    """The notebook run in a kernel of its own; raises where a cell does."""
+    for cell in code(notebook):
+        cell.outputs, cell.execution_count = [], None
+    resources = {"metadata": {"path": str(folder)}}
+    return NotebookClient(notebook, timeout=TIMEOUT, kernel_name="python3", resources=resources).execute()
+
+
+def code(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def figures(notebook: nbformat.NotebookNode) -> int:
+    return sum("image/png" in output.get("data", {}) for cell in code(notebook) for output in cell.outputs)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_runs(path: Path, place: Path) -> None:
+    committed = nbformat.read(path, as_version=4)
+    shown = figures(committed)
+    found = executed(nbformat.read(path, as_version=4), place)
+    assert figures(found) == shown
+    assert shown >= 3
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_is_a_story_with_key_numbers(path: Path) -> None:
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    prose = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    assert re.match(r"# .+\n(.+\n)*?.*\bteaches\b", prose[0] + "\n", re.DOTALL)
+    assert "## What to try" in prose[-1]
+    assert sum(line.startswith("assert ") for cell in code(notebook) for line in cell.source.splitlines()) >= 5
+    assert f"]({path.name})" in (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_is_small_clean_and_whole(path: Path) -> None:
+    assert path.stat().st_size < LARGEST
+    notebook = nbformat.read(path, as_version=4)
+    cells = code(notebook)
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert not [output for output in outputs if output.output_type == "error" or output.get("name") == "stderr"]
+    assert not re.search(r"/(home|tmp|root|work|Users)/", "".join(str(output) for output in outputs))
+    assert "widgets" not in notebook.metadata
+
+
+def test_links_lead_somewhere() -> None:
+    for path in (*NOTEBOOKS, ROOT / "notebooks" / "README.md"):
+        for link in re.findall(r"\]\(([\w./-]+)\)", path.read_text(encoding="utf-8")):
+            assert (path.parent / link).exists(), f"{path.name} links to {link}"
+
+
+def test_sliders_are_optional(place: Path) -> None:
+    """Without ipywidgets the figures stand and a sentence says what to call."""
+    path = ROOT / "notebooks" / "02_sizing_adapters.ipynb"
+    notebook = nbformat.read(path, as_version=4)
+    last = next(i for i, cell in enumerate(notebook.cells) if "ipywidgets import" in cell.source)
+    blocked = nbformat.v4.new_code_cell("import sys\nsys.modules['ipywidgets'] = None")
+    notebook.cells = [blocked, *notebook.cells[: last + 1]]
+    said = executed(notebook, place).cells[-1].outputs
+    assert [output.get("name") for output in said] == ["stdout"]
+    assert "no ipywidgets" in said[0].text
+
+
+def test_a_false_number_fails(place: Path) -> None:
+    """The runner does notice: a notebook with a wrong number does not pass."""
+    from nbclient.exceptions import CellExecutionError
+
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("assert abs(1.6 - 16.7) < 0.1")])
+    with pytest.raises(CellExecutionError):
+        executed(notebook, place)
+    shutil.rmtree(place)
