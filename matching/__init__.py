@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
-    "simulate", "uncertainty",
+    "simulate", "tolerance", "uncertainty",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         read_recording,
         response,
         simulate,
+        tolerance,
         uncertainty,
     )
 

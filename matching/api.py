@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matching.frequency.case import Case
     from matching.frequency.map import Map
     from matching.frequency.result import MatchResult
+    from matching.frequency.tolerance import Tolerance
     from matching.validity.answers import Uncertainty, XilFidelity
     from modelling.modes import Modes
     from modelling.recording import Recording
@@ -109,6 +110,24 @@ def map(  # noqa: A001
     from matching.frequency.map import map_case
 
     return map_case(_case(case), x, y, executor, seed=seed, starts=starts, workers=workers, progress=progress)
+
+
+def tolerance(
+    case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
+    added: Mapping[str, float] | None = None, workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Tolerance:  # fmt: skip
+    """Spread of margin, modes and response errors of a match over tolerances of the bed.
+
+    See :func:`matching.frequency.tolerance.tolerance`; without an executor it runs on ``workers`` processes.
+    """
+    from contextlib import nullcontext
+
+    from matching.frequency.tolerance import tolerance as run
+    from matching.studies import executor_of
+
+    with nullcontext(executor) if executor else executor_of(workers) as own:
+        return run(_case(case), draws, own, seed=seed, added=added, progress=progress)
 
 
 def diagnose(

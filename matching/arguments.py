@@ -23,6 +23,13 @@ def count(least: int) -> Callable[[str], int]:
     return whole
 
 
+def scale_out(parser: argparse.ArgumentParser) -> None:
+    """Where a study runs: processes here, or a cluster."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, e.g. tcp://host:8786")
+
+
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error while a terminal watches; yields a function of (done, of how many)."""

@@ -6,12 +6,12 @@ from typing import Any
 HELP = """Match the case at every pair of values of two quantities and draw the response error that is reached. A
 quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and the
 number of values: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms:8 ms". Mirror images go along. Writes map.json
-and map.svg."""
+and map.svg. Points are kept in map.partial.jsonl as they come; started again, a map that was stopped goes on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, both quantities, place to write to, and how hard to work."""
-    from matching.arguments import count
+    from matching.arguments import count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     for name in ("x", "y"):
@@ -21,32 +21,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", metavar="N", type=count(0), default=0, help="seed of the starting points (default: 0)"
     )
     parser.add_argument("--starts", metavar="N", type=count(1), default=2, help="starting points a match (default: 2)")
-    parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
+    scale_out(parser)
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Draw the map; the result object is the content of ``map.json``."""
+    from pathlib import Path
+
     from matching.arguments import cores, progress
     from matching.frequency.case import load_case
     from matching.frequency.map import axis, map_case
     from matching.report.map_figure import map_figure
     from matching.report.style import image
+    from matching.studies import executor_of
     from modelling.output import strict_json, write_all
 
     case = load_case(arguments.case)
     x, y = (axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y"))
-    with progress("map") as advance:
+    record = Path(arguments.out) / "map.partial.jsonl"
+    with (
+        executor_of(arguments.workers or cores(), arguments.scheduler) as executor,
+        progress("map") as advance,
+    ):
         found = map_case(
-            case,
-            x,
-            y,
-            seed=arguments.seed,
-            starts=arguments.starts,
-            workers=arguments.workers or cores(),
-            progress=advance,
+            case, x, y, executor, seed=arguments.seed, starts=arguments.starts, record=record, progress=advance
         )
     result = found.to_dict()
     write_all(arguments.out, {"map.json": strict_json(result), "map.svg": image(map_figure(found))})
+    record.unlink(missing_ok=True)
     return result
 
 

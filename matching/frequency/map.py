@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from matching import __version__
 from matching.frequency.case import Case, movable
+from matching.frequency.case_file import case_files
 from matching.frequency.tuned import apply
+from matching.studies import executor_of, run
 from modelling.errors import InputError
 from modelling.loop import HARDWARE, KNOBS
 from modelling.shown import Shown, labelled
@@ -143,6 +147,7 @@ def map_case(
     seed: int = 0,
     starts: int = 2,
     workers: int | None = None,
+    record: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Map:
     """Match a case at every pair of values of two quantities.
@@ -157,6 +162,8 @@ def map_case(
         Of every match.
     workers : int, optional
         Processes, where no executor is given.
+    record : Path, optional
+        File for finished points, from which a map that was stopped goes on.
     progress : callable, optional
         Called with (points done, all points).
 
@@ -169,25 +176,30 @@ def map_case(
     together = quantities(case)[x.name][2]
     if y.name in together:
         raise InputError(y.name, "is on both axes", "name two quantities")
-    own = executor or ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    try:
-        tasks: dict[Future, tuple[int, int]] = {}
-        for row, b in enumerate(y.values):
-            for column, a in enumerate(x.values):
-                tasks[own.submit(match_at, case, (x.name, a), (y.name, b), seed, starts)] = row, column
-        found: dict[tuple[int, int], Point] = {}
-        for done, task in enumerate(as_completed(tasks), 1):
-            found[tasks[task]] = task.result()
-            if progress:
-                progress(done, len(tasks))
-    except BaseException:
-        if executor is None:
-            own.shutdown(wait=False, cancel_futures=True)
-        raise
-    if executor is None:
-        own.shutdown()
-    rows = tuple(tuple(found[row, column] for column in range(len(x.values))) for row in range(len(y.values)))
-    return Map(case.title, case.band, x, y, rows)
+    chunks = [{x.name: a, y.name: b} for b in y.values for a in x.values]
+    content = "\n".join(
+        [__version__, *(f"{key}: {text}" for key, text in case_files(case).items()), f"{seed} {starts}"]
+    )
+    with nullcontext(executor) if executor else executor_of(workers) as own:
+        rows = run(
+            _match_chunk, _prepare, (case, (x.name, y.name), seed, starts), chunks, own,
+            content=content, record=record, progress=progress,
+        )  # fmt: skip
+    points = [Point(**{**row, "limits": tuple(row["limits"])}) for row in rows]
+    width = len(x.values)
+    return Map(case.title, case.band, x, y, tuple(tuple(points[i : i + width]) for i in range(0, len(points), width)))
+
+
+Prepared = tuple[Case, tuple[str, str], int, int]
+
+
+def _prepare(given: Prepared) -> Prepared:
+    return given
+
+
+def _match_chunk(given: Prepared, chunk: dict[str, float]) -> dict[str, Any]:
+    case, (x, y), seed, starts = given
+    return vars(match_at(case, (x, chunk[x]), (y, chunk[y]), seed, starts))
 
 
 def held_at(case: Case, name: str, value: float) -> Case:

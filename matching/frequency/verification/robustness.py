@@ -81,11 +81,11 @@ def _judged(
     loop = ExactLoop(true, dead_time)
     grid = np.geomspace(1e-2, 1e3, 300)
     margin = np.linalg.svd(loop.return_difference(2j * np.pi * grid), compute_uv=False)[:, -1].min()
-    error = response_error(*_compared(loop, told, vehicle, frequencies))
+    error = response_error(*compared(loop, told, vehicle, frequencies))
     return Deviation(name, float(change), right == 0, float(poles.real.max()), float(margin), error)
 
 
-def _compared(
+def compared(
     loop: ExactLoop, told: Twin | None, vehicle: Body, frequencies: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Responses (f, h) of the compared functions, rig and vehicle, the twin working with what it believes."""

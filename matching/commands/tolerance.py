@@ -1,0 +1,69 @@
+"""`rigmatch tolerance`: how tolerances of the bed spread a match."""
+
+import argparse
+from typing import Any
+
+HELP = """Draw the rig's quantities from the ranges in its file (and of --tolerance), keep the controller as it is,
+and give the spread of modulus margin, loop modes and response error, the yield, and what drives it. CASE is the
+case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json and tolerance.svg;
+finished chunks are kept in tolerance.partial.jsonl until the end: a study that was stopped goes on from there."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Case file, place to write to, what varies, and how many draws."""
+    from matching.arguments import count, scale_out
+
+    parser.add_argument("case", metavar="CASE", help="case file (TOML), as a match wrote it")
+    parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
+    parser.add_argument("-n", "--draws", metavar="N", type=count(100), default=10_000, help="draws (default: 10000)")
+    parser.add_argument(
+        "--tolerance", metavar="NAME=SHARE", action="append", default=[],
+        help="a further quantity of rig or loop and its relative tolerance, e.g. loop.dead_time=0.2; repeatable",
+    )  # fmt: skip
+    parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the draws (default: 0)")
+    scale_out(parser)
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Study and write; the result object is the content of ``tolerance.json``."""
+    from pathlib import Path
+
+    from matching.arguments import cores, progress
+    from matching.frequency.case import load_case
+    from matching.frequency.tolerance import tolerance
+    from matching.report.style import image
+    from matching.report.views.tolerance import plot
+    from matching.studies import executor_of
+    from modelling.output import strict_json, write_all
+
+    case = load_case(arguments.case)
+    added = dict(_tolerance(text) for text in arguments.tolerance)
+    record = Path(arguments.out) / "tolerance.partial.jsonl"
+    with (
+        executor_of(arguments.workers or cores(), arguments.scheduler) as executor,
+        progress("tolerance") as advance,
+    ):
+        found = tolerance(
+            case, arguments.draws, executor, seed=arguments.seed, added=added, record=record, progress=advance
+        )
+    result = found.to_dict()
+    write_all(arguments.out, {"tolerance.json": strict_json(result), "tolerance.svg": image(plot(found))})
+    record.unlink(missing_ok=True)
+    return result
+
+
+def summary(result: dict[str, Any]) -> str:
+    """Spread, yield and drivers in a few lines."""
+    from matching.report.views.tolerance import text
+
+    return text(result)
+
+
+def _tolerance(given: str) -> tuple[str, float]:
+    from modelling.errors import InputError
+
+    name, _, share = given.partition("=")
+    try:
+        return name.strip(), float(share)
+    except ValueError:
+        raise InputError("--tolerance", f"{given!r} is no NAME=SHARE", "write e.g. loop.dead_time=0.2") from None

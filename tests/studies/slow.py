@@ -1,0 +1,13 @@
+"""Work for the tests of studies: it takes a while, and counts how often a worker prepared itself."""
+
+import os
+import time
+
+
+def prepare(given):
+    return {"given": given, "prepared": time.monotonic_ns(), "pid": os.getpid()}
+
+
+def square(prepared, chunk):
+    time.sleep(prepared["given"])
+    return {"square": chunk**2, "prepared": prepared["prepared"], "pid": prepared["pid"]}

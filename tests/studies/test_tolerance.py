@@ -1,0 +1,120 @@
+"""Tolerance studies against the verification of single draws, and against answers known beforehand."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.cli import main
+from matching.frequency.case import load_case
+from matching.frequency.tolerance import Prepared, draw, tolerance, tuned, varied_of
+from matching.frequency.verification.encirclements import encirclements
+from matching.frequency.verification.loop_modes import feedback_modes
+from matching.spread import spread
+from modelling.errors import InputError
+
+STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
+# A loop that a match of the starter case found, rounded: what a study begins with.
+TUNED = {
+    "loop.proportional_gain": 260.0, "loop.integral_gain": 790.0, "loop.torque_feed_forward": 1.06,
+    "loop.lead_time": 0.002, "rig.shafts.flange.stiffness": 6.5e5,
+}  # fmt: skip
+ADDED = {"rig.inertias.rotor.J": 0.1, "rig.inertias.motor.J": 0.1, "loop.dead_time": 0.3}
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("starter")
+    for part in STARTER.parent.iterdir():
+        (folder / part.name).write_text(part.read_text())
+    text = STARTER.read_text()
+    for name, value in TUNED.items():
+        text = text.replace(f'"{name}" = {{ ', f'"{name}" = {{ start = {value!r}, ')
+    (folder / "case.toml").write_text(text)
+    return load_case(folder / "case.toml")
+
+
+@pytest.fixture(scope="module")
+def prepared(case):
+    own = tuned(case)
+    return Prepared((own, varied_of(own, ADDED), 5))
+
+
+def test_draws_against_the_verification_of_each(prepared):
+    x = draw(prepared.varied, 5, 0, 12)
+    least, determinants = prepared.margins(x)
+    stable, roots = prepared.stable(x, determinants), prepared.roots(x)
+    for i, row in enumerate(x):
+        true = prepared.true(row)
+        winding = encirclements(true, prepared.dead_time(row))
+        assert stable[i] == (winding.unstable == 0)
+        assert least[i] == pytest.approx(winding.modulus_margin, rel=0.01)
+        if prepared.dead_time(row) == true.case.loop["dead_time"]:
+            near = min((mode.eigenvalue for mode in feedback_modes(true)), key=lambda s: abs(s - roots[i, 0]))
+            assert abs(near - roots[i, 0]) < 1e-3 * abs(near)
+
+
+def test_unstable_draws_are_seen(prepared):
+    x = np.tile(prepared.center, (6, 1))
+    x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.006, 0.009, 0.012, 0.02, 0.03]
+    stable = prepared.stable(x, prepared.margins(x)[1])
+    exact = [encirclements(prepared.true(row), prepared.dead_time(row)).unstable == 0 for row in x]
+    assert stable.tolist() == exact
+    assert exact[0]
+    assert not exact[-1]
+
+
+def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
+    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
+        first = tolerance(case, 300, one, seed=2, added=ADDED)
+        assert first.to_dict() == tolerance(case, 300, two, seed=2, added=ADDED).to_dict()
+    margin = first.spreads[0]
+    assert margin.quantiles[0.05] < margin.nominal
+    swings = {}  # one at a time, by encirclements
+    for i, one in enumerate(prepared.varied):
+        ends = []
+        for value in (one.lower, one.upper):
+            x = prepared.center.copy()
+            x[i] = value
+            ends.append(encirclements(prepared.true(x), prepared.dead_time(x)).modulus_margin)
+        swings[one.name] = abs(ends[1] - ends[0])
+    assert margin.drivers[0][0] == max(swings, key=lambda name: swings[name])
+    assert first.shares["all"] <= min(first.shares[name] for name in ("stable", "modulus_margin"))
+
+
+def test_shares_of_a_sum_are_those_of_its_terms():
+    x = np.random.default_rng(1).random((20_000, 3))
+    bowl = spread("bowl", "", 0.0, (x[:, 2] - 0.5) ** 2, ["a", "b", "c"], x)
+    assert dict(bowl.drivers) == pytest.approx({"a": 0.0, "b": 0.0, "c": 1.0}, abs=0.01)
+    own = spread("sum", "", 1.5, 3 * x[:, 0] + x[:, 1], ["a", "b", "c"], x)
+    assert dict(own.drivers) == pytest.approx({"a": 0.9, "b": 0.1, "c": 0.0}, abs=0.01)
+    assert own.explained == pytest.approx(1.0)
+    assert own.standard_deviation == pytest.approx(np.sqrt(10 / 12), rel=0.02)
+    assert own.counts.sum() == 20_000
+
+
+@pytest.mark.parametrize(
+    ("added", "said"),
+    [
+        ({"rig.inertias.roto.J": 0.1}, "did you mean"),
+        ({"residual_vehicle.inertias.body.J": 0.1}, "is a number in the controller"),
+        ({"loop.dead_time": 1.5}, "give 0 < SHARE < 1"),
+    ],
+)
+def test_wrong_tolerances(case, added, said):
+    with pytest.raises(InputError, match=said):
+        varied_of(case, added)
+
+
+def test_command(case, tmp_path, capsys):
+    words = ["tolerance", case.path, "-n", "200", "--workers", "1", "--out", tmp_path, "--json"]
+    assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time=0.1"]]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert json.loads((tmp_path / "tolerance.json").read_text()) == result
+    assert result["draws"] == 200
+    assert (tmp_path / "tolerance.svg").exists()
+    assert not (tmp_path / "tolerance.partial.jsonl").exists()
+    assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2
+    assert "write e.g." in capsys.readouterr().err
