@@ -101,4 +101,4 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         first = names.index(channels["time"].name)
         order = [first, *(i for i in range(len(header)) if i != first)]
         header, values = [header[i] for i in order], values[:, order]
-    return Table(header, np.ascontiguousarray(values), table.place)
+    return Table(header, np.ascontiguousarray(values), table.place, table.notes)

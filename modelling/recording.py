@@ -127,7 +127,7 @@ def from_table(table: Table, system: System, source: str) -> Recording:
         raise InputError(
             source, f"has {len(values)} row{'s' * (len(values) != 1)} of numbers", "at least two are needed"
         )
-    notes: list[str] = []
+    notes = list(table.notes)
     rows, time = _time(values[:, 0] * factors["time"], table, source, notes)
     channels = {}
     for name, scale in factors.items():

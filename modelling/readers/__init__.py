@@ -27,12 +27,13 @@ READERS = {
 class Table:
     """Columns as a file holds them: ``header`` of texts ``name [unit]``, ``values`` (t, columns), NaN where missing.
 
-    ``place`` says where a row of values stands in the file, for error lines.
+    ``place`` says where a row of values stands in the file, for error lines; ``notes`` what the reader had to do.
     """
 
     header: list[str]
     values: np.ndarray = field(repr=False)
     place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
+    notes: tuple[str, ...] = ()
 
 
 def read_table(path: str | Path) -> Table:
