@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,6 +28,18 @@ def scale_out(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, e.g. tcp://host:8786")
+
+
+def completed(argument: argparse.Action, names: Callable[[argparse.Namespace], Iterable[str]]) -> None:
+    """Have the shell complete an argument with names, found from the arguments that stand before it."""
+
+    def completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+        try:
+            return [name for name in names(parsed_args) if name.startswith(prefix)]
+        except Exception:  # a file that is not there yet or not right: nothing to offer, and the prompt stays clean
+            return []
+
+    argument.completer = completer  # type: ignore[attr-defined]
 
 
 @contextmanager

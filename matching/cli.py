@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The front door: `rigmatch COMMAND …`. Exit 0: answered; 2: bad input, said in one line; 1: a fault of the program."""
 
 import argparse
@@ -66,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     """Parser for all commands, of which only the one that `words` call for is imported (help must be instant)."""
     about = "Tunes a powertrain test bed until it answers like the vehicle."
-    parser = Parser(prog="rigmatch", description=about, allow_abbrev=False)
+    tab = 'Tab completion in bash or zsh: eval "$(register-python-argcomplete rigmatch)"'
+    parser = Parser(prog="rigmatch", description=about, epilog=tab, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"rigmatch {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if not word.startswith("-")), None)

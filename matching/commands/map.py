@@ -11,17 +11,25 @@ and map.svg. Points are kept in map.partial.jsonl as they come; started again, a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, both quantities, place to write to, and how hard to work."""
-    from matching.arguments import count, scale_out
+    from matching.arguments import completed, count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     for name in ("x", "y"):
-        parser.add_argument(f"--{name}", metavar="QUANTITY", required=True, help="QUANTITY[=LOW:HIGH[:N]]")
+        axis = parser.add_argument(f"--{name}", metavar="QUANTITY", required=True, help="QUANTITY[=LOW:HIGH[:N]]")
+        completed(axis, _quantities)
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
     parser.add_argument(
         "--seed", metavar="N", type=count(0), default=0, help="seed of the starting points (default: 0)"
     )
     parser.add_argument("--starts", metavar="N", type=count(1), default=2, help="starting points a match (default: 2)")
     scale_out(parser)
+
+
+def _quantities(arguments: argparse.Namespace) -> list[str]:
+    from matching.frequency.case import load_case
+    from matching.frequency.map import quantities
+
+    return list(quantities(load_case(arguments.case)))
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

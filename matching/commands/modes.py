@@ -13,12 +13,14 @@ energy_shares.svg (all shares)."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model file, kind of modes, place to write to."""
+    from matching.arguments import completed
+
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument("--damped", action="store_true", help="damped modes with damping ratios")
     parser.add_argument(
         "--reduced", action="store_true", help="also give values reduced to the model's reference shaft"
     )
-    parser.add_argument(
+    change = parser.add_argument(
         "--change",
         metavar="NAME=VALUE",
         action="append",
@@ -26,7 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what a new value does to the frequencies: first-order prediction (Eq. 8) beside the exact solution; "
         'e.g. --change "inertias.rotor_left.J=1.8 kg*m^2", may be repeated',
     )
+    completed(change, _parameters)
     parser.add_argument("--out", metavar="DIR", default=".", help="directory to write to (default: here)")
+
+
+def _parameters(arguments: argparse.Namespace) -> list[str]:
+    from modelling.files import load
+
+    return [f"{name}=" for name in load(arguments.model).parameters]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
