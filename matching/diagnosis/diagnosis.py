@@ -22,6 +22,7 @@ from matching.diagnosis.several import Search, search
 from matching.diagnosis.uncertainty import Estimate, discretisation, estimates
 from matching.diagnosis.unseen import Unseen, fidelity
 from matching.diagnosis.unseen import unseen as laid_out
+from matching.diagnosis.valley import as_good, widened
 from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated, spread
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
@@ -80,7 +81,8 @@ def diagnose(
     for index in range(len(state.best.causes)):
         tell("rivals")
         rivals.append(rated(state, index, unseen))
-    final = state.best
+    valley = as_good(state.best.fit, state.best.causes)
+    state.best = final = replace(state.best, fit=valley[0])
     residual_after, residual_before = unseen(final), unseen(state.base)
     after, base_unseen = ratios(residual_after), ratios(residual_before)
     white = at_noise(final)
@@ -89,7 +91,7 @@ def diagnose(
         verdict = "adequate" if white else "unexplained"
     else:
         verdict = "explained" if white and good_holdout else "unexplained"
-    numbers = estimates(final.fit, discretisation(final.fit))
+    numbers = widened(estimates(final.fit, discretisation(final.fit)), valley)
     without = [_without(state, index) for index in range(len(final.causes))]
     causes, proposal = _causes(system, final, numbers, rivals, without, verdict == "explained")
     segments = [
