@@ -159,10 +159,10 @@ def _functions(equations: Equations) -> dict[str, ca.Function]:
         mass[i, j] = entry
     force = _column(to_casadi(equations.force, known))
     acceleration = _solve(mass, force)
-    rates = _column(to_casadi([rate for _, rate in a.states.values()], known))
     torques = _column(to_casadi([law.torque for law in a.shafts.values()], known))
     for i, symbol in enumerate(a.qdd):
         known[symbol] = acceleration[i]
+    rates = _column(to_casadi([rate for _, rate in a.states.values()], known))
     readings = _column(to_casadi([path.value for path in a.sensors.values()], known))
     input_delays = _column(to_casadi([path.delay for path in a.inputs.values()], known))
     sensor_delays = _column(to_casadi([path.delay for path in a.sensors.values()], known))

@@ -25,7 +25,11 @@ class Lag(Kind):
         path.value = assembly.state(f"{path.place}.lag", lambda lagged: (value - lagged) / p["time_constant"])
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
+        at_once = path.value.subs(assembly.time, 0)
+        ramp = path.value - at_once
+        path.value = at_once
         self.input(path, p, assembly)
+        path.value += ramp.subs(assembly.time, assembly.time - p["time_constant"])  # a drift, once it has settled
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         table, name = at.split(".")

@@ -233,6 +233,33 @@ def test_sensors():
         assert slope[0] == pytest.approx((truth[1] - 7.0) / 0.05)
 
 
+def test_lag_of_an_accelerometer_follows_the_acceleration():
+    at = {"kind": "lag", "at": "sensors.felt", "time_constant": 0.05}
+    made = {
+        "inertias": {"rotor": {"J": 2.0}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {"felt": {"measures": "acceleration", "of": "rotor"}},
+    }
+    model = compiled(from_dict(made | {"effects": [at]}))
+    rate = np.array(model.rates([0.0, 0.0, 0.7], [6.0], model.p0)).ravel()
+    assert rate[2] == pytest.approx((6.0 / 2.0 - 0.7) / 0.05)
+
+
+def test_lag_behind_a_drift_delays_the_ramp_by_its_time_constant():
+    effects = [
+        {"kind": "sensor_drift", "at": "sensors.seen", "rate": 3.0},
+        {"kind": "lag", "at": "sensors.seen", "time_constant": 0.05},
+    ]
+    made = {
+        "inertias": {"rotor": {"J": 2.0}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {"seen": {"measures": "speed", "of": "rotor"}},
+    }
+    model = compiled(from_dict(made | {"effects": effects}))
+    assert float(model.readings([0.0, 0.0, 0.7], [6.0], model.p0, 2.0)) == pytest.approx(0.7 + 3.0 * (2.0 - 0.05))
+
+
+
 @pytest.mark.parametrize(
     "name", ["inertias.b.J", "shafts.link.stiffness", "shafts.link.damping", "shafts.link.ratio", "inertias.a.drag"]
 )
