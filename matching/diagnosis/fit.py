@@ -240,7 +240,7 @@ def solve(
         if enough and (fresh or not exact):
             break
         if not enough:
-            tried = problem.residuals((v + step)[None])[0]
+            tried = problem.residuals(np.clip(v + step, problem.lower, problem.upper)[None])[0]
             new = float(tried @ tried) if np.isfinite(tried).all() else np.inf
             gain = (cost - new) / predicted
         else:

@@ -97,9 +97,9 @@ def _repeats(node: Named, kind: str, at: str) -> bool:
 
 
 def _price(named: Named) -> float:
-    """What the parameters of a fit cost in χ² (Schwarz 1978): a refit finds more in noise than a screening does."""
+    """What parameters and states of a fit cost in χ² (Schwarz 1978): a refit finds more in noise than a screening."""
     problem = named.fit.problem
-    return len(problem.free) * float(np.log(problem.data.samples.sum()))
+    return (len(problem.free) + len(problem.model.states)) * float(np.log(problem.data.samples.sum()))
 
 
 def _inflation(named: Named) -> float:
@@ -125,7 +125,11 @@ def _prune_and_swap(system: System, state: Search, budget: Budget, tell: Callabl
                     state.rivals = [[state.best]]
                 return
             trial = without_cause(state.best.trial, index, state.best.fit)
-            rest = Named(trial, fitted(trial, state.best.fit))
+            try:
+                rest = Named(trial, fitted(trial, state.best.fit))
+            except (FloatingPointError, np.linalg.LinAlgError):  # it does not even simulate without this cause
+                rivals.append([state.best])
+                continue
             if rest.fit.cost < state.best.fit.cost + state.null * _inflation(state.best):
                 state.best, changed = rest, True
                 break

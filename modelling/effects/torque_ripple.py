@@ -59,7 +59,10 @@ def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float =
     from scipy.signal import medfilt
 
     span = float(np.ptp(angle))
-    if not 2 * np.pi < span < 1e6:
+    if not 0.5 * np.pi < span < 1e6:
+        return
+    if span < 2 * np.pi:  # nothing stands out of a spectrum so coarse: all that have half a wave, half a line apart
+        yield from np.arange(np.pi / span, highest, np.pi / span).tolist()
         return
     # torque summed over bins of angle, then one FFT over angle; ten bins a turn of the highest order
     width = 2 * np.pi / (10 * highest)
