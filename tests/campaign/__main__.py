@@ -7,6 +7,7 @@ on where it was stopped.
 import argparse
 import json
 import multiprocessing
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -47,7 +48,9 @@ def main() -> None:
     if not given.make:
         from tests.campaign.score import report
 
-        report(rows, given.out, given.seed, given.cases, given.seconds)
+        told = ["git", "describe", "--always", "--dirty"]
+        commit = subprocess.run(told, capture_output=True, text=True).stdout.strip()
+        report(rows, given.out, given.seed, given.cases, given.seconds, commit)
 
 
 def run(task: Callable[..., Any], orders: list[tuple[int, Any]], workers: int) -> Iterator[Any]:

@@ -19,8 +19,8 @@ def picture(rows: list[dict[str, Any]], figures: dict[str, Any], path: Path) -> 
     made = [row for row in rows if "found" in row]
     figure = Figure(figsize=(16, 11), layout="constrained")
     figure.suptitle(
-        f"Diagnosis of {len(made)} recordings of the truth plant ({figures['seconds_each']:g} s each, seed "
-        f"{figures['seed']}, {figures['date']})"
+        f"Diagnosis of {len(made)} recordings of the truth plant, of {figures['planned']} planned "
+        f"({figures['seconds_each']:g} s each, seed {figures['seed']}, {figures['date']}, commit {figures['commit']})"
     )
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1), height_ratios=(1, 1, 0.8))
     _confusion(figure.add_subplot(grid[:, 0]), rows)
@@ -93,7 +93,7 @@ def _criteria(axes: Any, figures: dict[str, Any]) -> None:
         word, color = ("met", "black") if met else ("", GREY) if met is None else ("missed", VERMILLION)
         axes.text(0, y, word, fontsize=8.5, color=color, weight="bold", transform=axes.transAxes)
         axes.text(0.1, y, words, fontsize=8.5, color=color, transform=axes.transAxes)
-        axes.text(0.72, y, f"{got} (asked {asked})", fontsize=8.5, color=color, transform=axes.transAxes)
+        axes.text(0.75, y, f"{got} (asked {asked})", fontsize=8.5, color=color, transform=axes.transAxes)
     time = figures["seconds"]
     text = f"not answered: {len(figures['failed'])} of {figures['recordings']}"
     if time["median"] is not None:

@@ -166,11 +166,12 @@ def judged(figures: dict[str, Any]) -> list[tuple[str, str, str, bool | None]]:
     return out
 
 
-def report(rows: list[dict[str, Any]], out: Path, seed: int, planned: int, seconds: float) -> None:
+def report(rows: list[dict[str, Any]], out: Path, seed: int, planned: int, seconds: float, commit: str) -> None:
     """Write ``results.json`` and ``campaign.png``, and print the criteria."""
     from tests.campaign.picture import picture
 
-    told = {"seed": seed, "date": datetime.date.today().isoformat(), "planned": planned, "seconds_each": seconds}
+    told = {"seed": seed, "date": datetime.date.today().isoformat(), "commit": commit}
+    told |= {"planned": planned, "seconds_each": seconds}
     figures = told | summary(rows)
     hidden, named, counts = confusion(rows)
     figures["confusion"] = {h: {n: int(c) for n, c in zip(named, own, strict=True) if c} for h, own in
