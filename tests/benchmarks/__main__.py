@@ -12,7 +12,7 @@ from pathlib import Path
 from tests.benchmarks.row import HEAD
 
 HERE = Path(__file__).parent
-APART = {"row", "dead_times"}  # no timings
+APART = {"row", "dead_times", "diagnosis_growth"}  # no timings, or too long to be run with the others
 
 
 def main() -> int:

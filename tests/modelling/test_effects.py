@@ -259,7 +259,6 @@ def test_lag_behind_a_drift_delays_the_ramp_by_its_time_constant():
     assert float(model.readings([0.0, 0.0, 0.7], [6.0], model.p0, 2.0)) == pytest.approx(0.7 + 3.0 * (2.0 - 0.05))
 
 
-
 @pytest.mark.parametrize(
     "name", ["inertias.b.J", "shafts.link.stiffness", "shafts.link.damping", "shafts.link.ratio", "inertias.a.drag"]
 )
