@@ -42,10 +42,9 @@ class Mode:
         keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
         return {key: getattr(self, key) for key in keys}
 
-    def animate(self) -> Shown:
-        """The chain swinging in this mode, slowed, as an animated drawing for a notebook."""
-        drawn: Shown = import_module("matching.report.mode_animation").ModeAnimation(self)
-        return drawn
+    def animate(self) -> Any:
+        """The chain swinging in this mode, slowed: a drawing for a notebook, with ``save(path)`` for a file (SVG)."""
+        return import_module("matching.report.mode_animation").ModeAnimation(self)
 
 
 @dataclass(frozen=True)

@@ -9,21 +9,25 @@ from matching.report.style import figure, styled
 from matching.report.views.table import table
 from modelling.response import Response
 
+STROKES = ("-", "--", "-.", ":")  # told apart without colour
+
 
 def plot(response: Response) -> Figure:
-    """Amplitude and phase of every sensor to every input."""
+    """Amplitude and phase of every sensor, a column an input."""
+    many = len(response.inputs)
     with styled():
-        drawn = figure(7.0, 4.6)
-        amplitude, phase = drawn.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-        for sensor in response.sensors:
-            for source in response.inputs:
-                own = response[sensor, source]
-                amplitude.loglog(response.frequencies, np.abs(own), label=f"{sensor} to {source}".replace("_", " "))
-                phase.semilogx(response.frequencies, np.degrees(np.unwrap(np.angle(own))))
-        amplitude.set_ylabel("amplitude in SI unit\nof the sensor per N·m")
-        phase.set_ylabel("phase in °")
-        phase.set_xlabel("frequency in Hz")
-        amplitude.legend(fontsize=7)
+        drawn = figure(max(7.0, 3.4 * many), 5.4)
+        grid = drawn.subplots(2, many, sharex=True, sharey="row", height_ratios=[2, 1], squeeze=False)
+        for source, (amplitude, phase) in zip(response.inputs, grid.T, strict=True):
+            for place, sensor in enumerate(response.sensors):
+                own, look = response[sensor, source], {"color": f"C{place % 10}", "linestyle": STROKES[place % 4]}
+                amplitude.loglog(response.frequencies, np.abs(own), label=sensor.replace("_", " "), **look)
+                phase.semilogx(response.frequencies, np.degrees(np.unwrap(np.angle(own))), **look)
+            amplitude.set_title(f"to {source}".replace("_", " "), fontsize=9)
+            phase.set_xlabel("frequency in Hz")
+        grid[0, 0].set_ylabel("amplitude in SI unit\nof the sensor per N·m")
+        grid[1, 0].set_ylabel("phase in °")
+        drawn.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=7)
     return drawn
 
 
