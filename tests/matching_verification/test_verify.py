@@ -11,7 +11,7 @@ from matching.frequency.verification.body import body
 from matching.frequency.verification.exact_loop import ExactLoop
 from matching.frequency.verification.loop_modes import match_mode
 from matching.frequency.verification.parts import parts_of
-from matching.frequency.verification.robustness import _compared
+from matching.frequency.verification.robustness import compared
 from modelling.modes import modes
 from modelling.residual_vehicle import cut
 from modelling.twin import twin
@@ -62,7 +62,7 @@ def test_an_input_nobody_knows_is_answered_by_the_feedback(reference):
 def test_sidebands_left_out_cost_little(reference):
     parts, told = parts_of(reference), twin(reference.rig, cut(reference.vehicle, reference.rig), reference.loop)
     f = np.geomspace(*reference.band, 80)
-    nominal = response_error(*_compared(ExactLoop(parts), told, body(reference.vehicle), f))
+    nominal = response_error(*compared(ExactLoop(parts), told, body(reference.vehicle), f))
     assert nominal == pytest.approx(error_figures(reference, parts, told).after, rel=0.01)
 
 
