@@ -207,8 +207,8 @@ class Prepared:
         self.parts: Parts = parts_of(self.case)
         winding = encirclements(self.parts)
         corners = [mode.frequency for mode in modes(self.case.rig) if 0 < mode.frequency < 1000]
-        near = np.concatenate([own * np.linspace(0.9, 1.1, 21) for own in (winding.margin_frequency, *corners)])
-        self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 220), near]))
+        near = np.concatenate([own * np.linspace(0.92, 1.08, 9) for own in (winding.margin_frequency, *corners)])
+        self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 140), near]))
         self.center = np.array([one.value for one in self.varied])
         self.nominal = _determinant(self.returns(2j * np.pi * self.frequencies, self.center[None])[0])
         self.margin = float(self.margins(self.center[None])[0][0])
