@@ -6,7 +6,8 @@ Without it two rigs' fidelities cannot be compared. Each draw is what a repetiti
   a noncentral χ² with l degrees of freedom, exactly; the noncentrality is the deviation that is there without noise;
 - the sensor's U is mostly systematic: one offset of u = U/k a draw and signal, the same for all its samples;
 - extremes of the reference carry the noise of one sample each; delays are normal with their standard uncertainty, and
-  where the delay is not determined, R_τ is drawn evenly between nothing and what the nearest delay gives;
+  where the delay is not determined, R_τ is drawn evenly between nothing and what the nearest delay gives, which is the
+  best case and the value that is stated: the interval then reaches from a lower bound up to that value;
 - U itself scatters like a standard deviation with its degrees of freedom, as χ.
 """
 
@@ -29,11 +30,13 @@ class Spread:
     total: np.ndarray
     domains: dict[str, np.ndarray]
     coverage: float
+    best: dict[str, float]  # value of what holds a signal without determined delay: the best that could be
 
     def summary(self) -> dict[str, Any]:
         """Mean, standard uncertainty and shortest interval of each."""
         return {
-            name: _described(draws, self.coverage) for name, draws in (("total", self.total), *self.domains.items())
+            name: _described(draws, self.coverage, self.best.get(name))
+            for name, draws in (("total", self.total), *self.domains.items())
         }
 
 
@@ -50,7 +53,9 @@ def spread(fidelity: Fidelity, draws: int = 20_000, seed: int = 1, coverage: flo
         divisor = 6 if fidelity.arithmetic == "published" else len(ratios)
         squares[MEASUREMENT] = np.maximum(0.0, 1 - np.sqrt(np.sum(ratios**2, axis=0) / divisor)) ** 2
     total = np.sum([fidelity.weights[name] * square for name, square in squares.items()], axis=0)
-    return Spread(np.sqrt(total), {name: np.sqrt(square) for name, square in squares.items()}, coverage)
+    open_ended = [name for name, own in fidelity.signals.items() if any(one.delay.value is None for one in own)]
+    best = {name: fidelity.domains[name] for name in open_ended} | ({"total": fidelity.total} if open_ended else {})
+    return Spread(np.sqrt(total), {name: np.sqrt(square) for name, square in squares.items()}, coverage, best)
 
 
 def probability_better(first: Spread, second: Spread) -> float:
@@ -124,13 +129,16 @@ def _ratio(one: Sensor, generator: np.random.Generator, draws: int) -> np.ndarra
     return one.ratio * np.sqrt(generator.chisquare(one.degrees_of_freedom, draws) / one.degrees_of_freedom)
 
 
-def _described(draws: np.ndarray, coverage: float) -> dict[str, Any]:
+def _described(draws: np.ndarray, coverage: float, best: float | None) -> dict[str, Any]:
     ordered = np.sort(draws)
     held = min(round(coverage * len(ordered)), len(ordered) - 1)
     start = int(np.argmin(ordered[held:] - ordered[: len(ordered) - held]))
+    ends = [float(ordered[start]), float(ordered[start + held])]
+    if best is not None:  # the value itself is the best case: a bound below, the interval reaches up to it
+        ends = [float(ordered[-1 - held]), max(float(ordered[-1]), best)]
     return {
         "mean": float(draws.mean()),
         "standard_uncertainty": float(draws.std()),
-        "interval": [float(ordered[start]), float(ordered[start + held])],
+        "interval": ends,
         "coverage": coverage,
     }

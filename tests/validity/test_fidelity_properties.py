@@ -153,6 +153,18 @@ def test_uncertainty_of_fidelity_is_that_of_repetitions():
     assert np.mean(told) == pytest.approx(np.std(totals, ddof=1), rel=0.35)
 
 
+def test_a_value_with_an_undetermined_delay_is_the_upper_end_of_its_interval():
+    time = np.arange(0, 2, 1e-3)
+    wave = np.sin(2 * np.pi * 5 * time)  # every period later would do as well
+    pair = SignalPair(wave, 0.8 * wave, noise=(0.01, 0.01))
+    found = fidelity_of_signals(time, {"torque": pair}, f_max=30.0, weights={"system_dynamics": 1.0})
+    assert found.signals["system_dynamics"][0].delay.value is None
+    for one, value in (("total", found.total), ("system_dynamics", found.domains["system_dynamics"])):
+        low, high = spread(found, 4000).summary()[one]["interval"]
+        assert high == pytest.approx(value, rel=0.01)
+        assert low < value <= high
+
+
 def test_two_rigs_compared():
     reference = signal("step", 3)
     good, bad = (
