@@ -116,7 +116,11 @@ def from_table(table: Table, system: System, source: str) -> Recording:
     for part in system.inputs:
         if part.name not in names:
             wrong = unknown(part.name, [name for name in names[1:] if name not in wanted] or names[1:], source)
-            raise InputError(source, f"input {part.name!r} was not recorded", wrong.right)
+            raise InputError(
+                source,
+                f"input {part.name!r} was not recorded",
+                f"{wrong.right}; a channel file (--channels) maps names",
+            )
     factors = {
         name: factor(unit, wanted.get(name, "s"), f"{source}: column {name!r}")
         for name, unit in zip(names, units, strict=True)
