@@ -3,7 +3,8 @@
 A study is a module-level function ``work(prepared, chunk)`` and a module-level function ``prepare(given)`` that builds
 what all chunks share (solvers, compiled functions); a worker process calls ``prepare`` once. Results are plain values
 that JSON holds. With a ``record`` every finished chunk is appended to that file, and a study that is started anew with
-the same content takes what is there and does the rest; a line that a kill left half written is dropped.
+the same content takes what is there and does the rest; a line that a kill left half written is dropped. What keeps its
+results in a way of its own takes them from ``finished`` as they come.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from modelling.errors import InputError
@@ -23,6 +25,7 @@ from modelling.errors import InputError
 SECONDS = 10  # to wait for a scheduler to answer
 
 _prepared: dict[str, Any] = {}
+_preparing = Lock()  # of the threads of a worker
 
 
 @contextmanager
@@ -83,47 +86,79 @@ def run(
     progress : callable, optional
         Called with (chunks done, all chunks).
     """
-    token = hashlib.sha256(content.encode()).hexdigest()
+    token = _token(content)
     keys = [json.dumps(chunk, sort_keys=True) for chunk in chunks]
     found = {} if record is None else _on_record(record, token)
-    waiting: dict[Future, str] = {}
-    try:
-        for key, chunk in zip(keys, chunks, strict=True):
-            if key not in found:
-                waiting[executor.submit(_one, work, prepare, token, given, chunk)] = key
-        if progress and len(waiting) < len(keys):
-            progress(len(keys) - len(waiting), len(keys))
-        for future in as_completed(waiting):
-            found[waiting[future]] = future.result()
-            if record is not None:
-                _append(record, {"study": token, "chunk": waiting[future], "result": found[waiting[future]]})
-            if progress:
-                progress(len(keys) - len(waiting) + sum(one.done() for one in waiting), len(keys))
-    finally:
-        for future in waiting:
-            future.cancel()
+    open_chunks = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in found]
+    done = len(keys) - len(open_chunks)
+    if progress and done:
+        progress(done, len(keys))
+    for place, result in finished(work, prepare, given, [chunk for _, chunk in open_chunks], executor, content=content):
+        key = open_chunks[place][0]
+        found[key] = result
+        if record is not None:
+            _append(record, {"study": token, "chunk": key, "result": result})
+        done += 1
+        if progress:
+            progress(done, len(keys))
     return [found[key] for key in keys]
 
 
-def _one(work: Callable[[Any, Any], Any], prepare: Callable[[Any], Any], token: str, given: Any, chunk: Any) -> Any:
-    """One chunk in a worker, which keeps what the last study needed."""
-    if token not in _prepared:
-        _prepared.clear()
-        _prepared[token] = prepare(given)
-    return work(_prepared[token], chunk)
+def finished(
+    work: Callable[[Any, Any], Any],
+    prepare: Callable[[Any], Any],
+    given: Any,
+    chunks: Sequence[Any],
+    executor: Executor,
+    *,
+    content: str,
+) -> Iterator[tuple[int, Any]]:
+    """Place and result of every chunk, as they come; what has not begun is dropped when the iterator is closed.
+
+    Parameters as for :func:`run`; chunks are whatever pickles.
+    """
+    token = _token(content)
+    waiting: dict[Future, int] = {}
+    try:
+        for place, chunk in enumerate(chunks):
+            waiting[executor.submit(_one, work, prepare, token, given, chunk)] = place
+        for future in as_completed(waiting):
+            yield waiting[future], future.result()
+    finally:
+        for future in waiting:
+            future.cancel()
 
 
-def _on_record(record: Path, token: str) -> dict[str, Any]:
-    """Finished chunks of a study; the file is cut back to its whole lines."""
+def whole_lines(record: Path) -> list[str]:
+    """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too."""
     if not record.exists():
-        return {}
+        return []
     text = record.read_bytes()
     whole = text[: text.rfind(b"\n") + 1]
     if len(whole) < len(text):
         with record.open("r+b") as file:
             file.truncate(len(whole))
+    return whole.decode("utf-8", "replace").splitlines()
+
+
+def _token(content: str) -> str:
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def _one(work: Callable[[Any, Any], Any], prepare: Callable[[Any], Any], token: str, given: Any, chunk: Any) -> Any:
+    """One chunk in a worker, which keeps what the last study needed."""
+    with _preparing:
+        if token not in _prepared:
+            _prepared.clear()
+            _prepared[token] = prepare(given)
+        prepared = _prepared[token]
+    return work(prepared, chunk)
+
+
+def _on_record(record: Path, token: str) -> dict[str, Any]:
+    """Finished chunks of a study."""
     found = {}
-    for line in whole.decode("utf-8", "replace").splitlines():
+    for line in whole_lines(record):
         try:
             row = json.loads(line)
             if row["study"] == token:

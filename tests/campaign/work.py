@@ -1,4 +1,4 @@
-"""The work on one recording of a campaign, in a process of its own."""
+"""The work on one recording of a campaign, in a worker."""
 
 import contextlib
 import json
@@ -28,15 +28,25 @@ def made_in(number: int, order: Any, made: Path, seconds: float) -> Path:
     return folder
 
 
-def prepared(number: int, order: Any, made: Path, seconds: float) -> None:
+class Prepared:
+    """What a worker needs for every recording: what was ordered, and where to make it."""
+
+    def __init__(self, given: dict[str, Any]):
+        from plant.campaign import campaign_cases
+
+        self.orders = campaign_cases(given["cases"], given["seed"])
+        self.made, self.seconds = Path(given["made"]), given["seconds"]
+
+
+def prepared(given: Prepared, number: int) -> None:
     """Make a case, if it can be made."""
     from plant.calibrate import OutOfReach
 
     with contextlib.suppress(OutOfReach):
-        made_in(number, order, made, seconds)
+        made_in(number, given.orders[number], given.made, given.seconds)
 
 
-def diagnosed(number: int, order: Any, made: Path, seconds: float) -> dict[str, Any]:
+def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     """Make a case, diagnose it, keep what is scored."""
     from plant.calibrate import OutOfReach
 
@@ -44,9 +54,10 @@ def diagnosed(number: int, order: Any, made: Path, seconds: float) -> dict[str, 
     from modelling.files import load
     from modelling.recording import read_recording
 
+    order = given.orders[number]
     row: dict[str, Any] = {"number": number, "order": order.__dict__ | {"effects": list(order.effects)}}
     try:
-        folder = made_in(number, order, made, seconds)
+        folder = made_in(number, order, given.made, given.seconds)
     except OutOfReach as reason:
         return row | {"failed": f"not made: {reason}"}
     answer = json.loads((folder / "answer.json").read_text())
@@ -64,5 +75,7 @@ def diagnosed(number: int, order: Any, made: Path, seconds: float) -> dict[str, 
     row |= {"seconds": time.perf_counter() - begin, "found": found}
     first = found["causes"][0] if found["causes"] else None
     if order.category == "single" and first and (first["kind"], first["at"]) != (answer["kind"], answer["at"]):
-        answer = order.make(seconds).answer  # the same again, with the causes that no recording like it tells apart
+        answer = order.make(
+            given.seconds
+        ).answer  # the same again, with the causes that no recording like it tells apart
     return row | {"answer": answer}

@@ -1,0 +1,81 @@
+"""The diagnosis campaign on executors: rows as they come, resumed, the same from a cluster; one recording for real."""
+
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from matching.studies import executor_of
+from tests.campaign.run import Campaign, record_of, run
+
+ROOT = Path(__file__).parents[2]
+KEYS = {"number", "order", "seconds", "found", "answer"}
+
+
+class Quick:
+    """In place of a diagnosis, for what has nothing to do with it."""
+
+    def to_dict(self):
+        return {"causes": [], "verdict": "adequate"}
+
+
+def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monkeypatch):
+    asked, progress = [], []
+    monkeypatch.setattr("matching.diagnosis.diagnosis.diagnose", lambda *given: asked.append(given) or Quick())
+    campaign = Campaign(cases=6, seed=1, seconds=1.0)
+    record = record_of(campaign, tmp_path)
+    with ThreadPoolExecutor(2) as executor:
+        run(campaign, tmp_path, executor, first=3)
+        before = record.read_text()
+        record.write_text(before + '{"number": 3, "ord')
+        rows = run(campaign, tmp_path, executor, progress=lambda done, of: progress.append((done, of)))
+    kept = [json.loads(line) for line in record.read_text().splitlines()]
+    assert record.read_text().startswith(before)
+    assert kept == rows
+    assert sorted(row["number"] for row in kept) == list(range(6))
+    assert all(set(row) == KEYS for row in kept if "failed" not in row)
+    assert len(asked) == sum("found" in row for row in kept)
+    assert progress == [(4, 6), (5, 6), (6, 6)]
+
+
+def test_the_command_goes_on_where_a_python_user_stopped(tmp_path):
+    campaign = Campaign(cases=3, seed=1, seconds=2.0)
+    with ProcessPoolExecutor(1) as executor:
+        (row,) = run(campaign, tmp_path, executor, first=1)
+    assert set(row) == KEYS
+    assert row["found"]["causes"][0]["kind"] == row["answer"]["kind"] == "backlash"
+    words = [sys.executable, "-m", "tests.campaign", "--cases", "3", "--first", "2", "--seconds", "2"]
+    words += ["--workers", "1", "--out", str(tmp_path)]
+    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    rows = [json.loads(line) for line in record_of(campaign, tmp_path).read_text().splitlines()]
+    assert rows[0] == row
+    assert [own["number"] for own in rows] == [0, 1]
+    assert (tmp_path / "results.json").exists()
+
+
+def test_a_cluster_makes_the_same_recordings(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    campaign = Campaign(cases=2, seed=1, seconds=1.0)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        with executor_of(scheduler=cluster.scheduler_address) as executor:
+            run(campaign, tmp_path / "cluster", executor, make_only=True)
+        with ThreadPoolExecutor(1) as executor:
+            run(campaign, tmp_path / "here", executor, make_only=True)
+    made = sorted(path.relative_to(tmp_path / "here") for path in (tmp_path / "here").rglob("*.*") if path.is_file())
+    assert len(made) >= 3
+    assert all((tmp_path / "cluster" / own).read_bytes() == (tmp_path / "here" / own).read_bytes() for own in made)
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path):
+    words = [sys.executable, "-m", "tests.campaign", "--cases", "1", "--scheduler", "nowhere", "--out", str(tmp_path)]
+    told = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    assert told.returncode == 2
+    assert "does not answer" in told.stderr
+    assert "Traceback" not in told.stderr
