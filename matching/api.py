@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from matching.diagnosis.result import Diagnosis
     from matching.frequency.case import Case
-    from matching.frequency.map import Map
+    from matching.frequency.map import Axis, Map
     from matching.frequency.result import MatchResult
     from matching.frequency.tolerance import Tolerance
     from matching.validity.answers import Uncertainty, XilFidelity
@@ -100,26 +100,30 @@ def match(
 
 
 def map(  # noqa: A001
-    case: Case | File, x: str, y: str, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
-    workers: int | None = None, progress: Callable[[int, int], None] | None = None,
+    case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
+    workers: int | None = None, record: File | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Map:  # fmt: skip
     """The achievable error over two quantities, each ``NAME`` or ``NAME=LOW:HIGH[:N]``.
 
-    See :func:`matching.frequency.map.map_case`.
+    It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
+    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped goes on. See
+    :func:`matching.frequency.map.map_case`.
     """
     from matching.frequency.map import map_case
 
-    return map_case(_case(case), x, y, executor, seed=seed, starts=starts, workers=workers, progress=progress)
+    return map_case(
+        _case(case), x, y, executor, seed=seed, starts=starts, workers=workers, record=_path(record), progress=progress
+    )
 
 
 def tolerance(
     case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
-    added: Mapping[str, float] | None = None, workers: int | None = None,
+    added: Mapping[str, float] | None = None, workers: int | None = None, record: File | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
-    See :func:`matching.frequency.tolerance.tolerance`; without an executor it runs on ``workers`` processes.
+    Executor, ``workers`` and ``record`` as for :func:`map`; see :func:`matching.frequency.tolerance.tolerance`.
     """
     from contextlib import nullcontext
 
@@ -127,7 +131,7 @@ def tolerance(
     from matching.studies import executor_of
 
     with nullcontext(executor) if executor else executor_of(workers) as own:
-        return run(_case(case), draws, own, seed=seed, added=added, progress=progress)
+        return run(_case(case), draws, own, seed=seed, added=added, record=_path(record), progress=progress)
 
 
 def diagnose(
@@ -179,6 +183,10 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 
 def _system(model: System | File) -> System:
     return load(model) if isinstance(model, str | PathLike) else model
+
+
+def _path(path: File | None) -> Path | None:
+    return None if path is None else Path(path)
 
 
 def _case(case: Case | File) -> Case:

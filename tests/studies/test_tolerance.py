@@ -1,14 +1,17 @@
 """Tolerance studies against the verification of single draws, and against answers known beforehand."""
 
 import json
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import matching as rm
 from matching.cli import main
 from matching.frequency.case import load_case
+from matching.frequency.map import Axis
 from matching.frequency.tolerance import Prepared, draw, tolerance, tuned, varied_of
 from matching.frequency.verification.encirclements import encirclements
 from matching.frequency.verification.loop_modes import feedback_modes
@@ -118,3 +121,16 @@ def test_command(case, tmp_path, capsys):
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2
     assert "write e.g." in capsys.readouterr().err
+
+
+def test_python_users_bring_their_own_executor(case, tmp_path):
+    record = tmp_path / "tolerance.jsonl"
+    with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
+        first = rm.tolerance(case.path, 100, threads, seed=3, added=ADDED, record=record)
+        assert len(record.read_text().splitlines()) == 1
+        assert rm.tolerance(case.path, draws=100, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
+        small = replace(case, moves=tuple(move for move in case.moves if "gain" in move.name)[:1])
+        axes = (Axis("loop.dead_time", "s", (2e-3,), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3))
+        drawn = rm.map(small, *axes, executor=processes, starts=1, record=tmp_path / "map.jsonl")
+    assert np.isfinite(drawn.errors()).all()
+    assert len((tmp_path / "map.jsonl").read_text().splitlines()) == 1
