@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,6 +17,18 @@ from modelling.simulation.build import library
 from modelling.simulation.functions import functions
 from modelling.simulation.task import Task, make_task
 from modelling.system import System
+
+
+WORTH = 4000  # samples of a batch, below which threads cost more than they save
+
+
+@functools.cache
+def threads() -> int:
+    """How many threads share a batch: ``OMP_NUM_THREADS`` where that is set, as for any library, else all cores."""
+    told = os.environ.get("OMP_NUM_THREADS", "")
+    if told.isdecimal() and int(told) > 0:
+        return int(told)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def prepare(systems: Iterable[System]) -> None:
@@ -35,7 +49,8 @@ def states(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, ste
 
 
 def _run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:
-    done = native.run(task, states, readings)
+    long = len(task.p) * len(task.time) > WORTH
+    done = native.run(task, states, readings, threads() if long else 1)
     return done if done is not None else virtual.run(task, states, readings)
 
 

@@ -46,7 +46,8 @@ class Screen:
         columns = fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
         self.basis = qr(columns, mode="economic", check_finite=False)[0]
         self.residual = self.free(fit.residual)
-        self.spans: list[np.ndarray] = []  # orthonormal columns (r, c) of every guess looked at, for the bootstrap
+        self.draws: np.ndarray | None = None  # (r, d) noise offered to every guess looked at, for the bootstrap
+        self.taken: list[np.ndarray] = []  # (d,) what each guess takes of it
         self.hats = _hat_responses(fit)
         self.seen = seen(fit)
         scale = max(
@@ -147,7 +148,8 @@ class Screen:
         span, triangle = np.linalg.qr(columns / length)
         if np.abs(np.diag(triangle)).min() < 1e-6:
             return 0.0, None
-        self.spans.append(span.astype(np.float32))
+        if self.draws is not None:
+            self.taken.append(np.sum((span.astype(np.float32).T @ self.draws) ** 2, axis=0))
         along = span.T @ self.residual
         return float(along @ along), guess.parameters(np.linalg.solve(triangle, along) / length)
 

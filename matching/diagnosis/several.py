@@ -10,7 +10,7 @@ import numpy as np
 from matching.diagnosis.candidates import Cause, Trial, fitted, without_cause
 from matching.diagnosis.compare import MANY, Budget, Named, at_noise, refit, taken, unique
 from matching.diagnosis.fit import Fit
-from matching.diagnosis.null import threshold
+from matching.diagnosis.null import offer, threshold
 from matching.diagnosis.screening import Screen, Screened
 from modelling.system import System
 
@@ -51,6 +51,7 @@ def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _
     """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can."""
     base = Named(Trial(system, (), dict(base_fit.problem.bounds), base_fit.values), base_fit)
     screen = Screen(base_fit)
+    offer(screen)
     found = unique(list(screen.candidates()))
     null = threshold(screen)
     state = Search(base, base, screen, null)

@@ -18,8 +18,8 @@ typedef int (*Function)(const double **arg, double **res, integer *iw, double *w
 
 typedef struct {
     Function field, reading;
-    integer batch, samples, states, coordinates, inputs, sensors, columns, groups, constants, parameters, sz_iw, sz_w;
-    double steps_per_second;
+    integer first, batch, samples, states, coordinates, inputs, sensors, columns, groups, constants, parameters, sz_iw, sz_w;
+    double steps_per_second;     /* rows first … batch - 1 are run */
     const double *time;          /* (t) */
     const double *input;         /* (t, u) */
     const double *constant;      /* (b, c) */
@@ -182,7 +182,7 @@ int run(const Run *r) {
     k.C = k.P + sizes[2], k.D = k.C + sizes[3], k.Q = k.D + sizes[4];
     k.iw = counters, k.hint = counters + r->sz_iw;
     integer *due = k.hint + n;
-    for (integer b = 0; b < r->batch; b++) {
+    for (integer b = r->first; b < r->batch; b++) {
         const double *delay = r->group_delay + b * r->groups;
         k.constant = r->constant + b * r->constants, k.delay = r->input_delay + b * n;
         memcpy(X, r->start + b * x, sizeof(double) * x);

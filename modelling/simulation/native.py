@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import POINTER, c_double, c_longlong
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from modelling.simulation.task import Task
 
 _REAL, _WHOLE = POINTER(c_double), POINTER(c_longlong)
 _COUNTS = [
-    "batch", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
+    "first", "batch", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
     "parameters", "sz_iw", "sz_w",
 ]  # fmt: skip
 _ARRAYS = ["time", "input", "constant", "start", "input_delay", "group_delay"]
@@ -39,10 +41,11 @@ class _Run(ctypes.Structure):
     ]  # fmt: skip
 
 
-def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...] | None:
+def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1) -> tuple[np.ndarray, ...] | None:
     """States (b, t, x), readings (b, t, y), failures (b, 2) and derivatives (b, t, y, s); None without a compiler.
 
-    What is not asked for comes back empty.
+    What is not asked for comes back empty. The rows of a batch may be shared out among ``threads``; no result depends
+    on how many.
     """
     made = functions(task.model, task.columns > 0)
     own = library(made)
@@ -57,7 +60,7 @@ def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndar
     failed = np.full((b, 2), -1, dtype=np.int64)
     constant = made.constants_of(task.p)
     counts = {
-        "batch": b, "samples": t, "states": x, "coordinates": model.n, "inputs": len(model.inputs), "sensors": y,
+        "first": 0, "batch": b, "samples": t, "states": x, "coordinates": model.n, "inputs": len(model.inputs), "sensors": y,
         "columns": s, "groups": task.group_delay.shape[1], "constants": constant.shape[1],
         "parameters": len(model.parameters),
         "sz_iw": max(made.field.sz_iw(), made.reading.sz_iw()), "sz_w": max(made.field.sz_w(), made.reading.sz_w()),
@@ -83,6 +86,20 @@ def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndar
             start, row = (np.array(part, dtype=np.int64) for part in (sparsity.colind(), sparsity.row()))
             kept += [start, row]
             setattr(r, name, _Pattern(start.ctypes.data_as(_WHOLE), row.ctypes.data_as(_WHOLE)))
-    if general.run(ctypes.byref(r)):
+    edges = np.linspace(0, b, max(1, min(threads, b)) + 1).astype(int)
+    shares = [_rows(r, int(first), int(last)) for first, last in pairwise(edges)]
+    if len(shares) == 1:
+        ends = [general.run(ctypes.byref(r))]
+    else:  # ctypes lets other threads run during a call
+        with ThreadPoolExecutor(len(shares)) as pool:
+            ends = list(pool.map(lambda share: general.run(ctypes.byref(share)), shares))
+    if any(ends):
         raise MemoryError("the integrator found no memory")
     return state, out, failed, slope
+
+
+def _rows(r: _Run, first: int, last: int) -> _Run:
+    """The same run for some rows of the batch only."""
+    share = _Run.from_buffer_copy(r)
+    share.first, share.batch = first, last
+    return share

@@ -1,15 +1,20 @@
 """A diagnosis: time over the length of the recording and over the number of candidates, and a large case.
 
-``python -m tests.benchmarks.diagnosis_growth [--large]`` prints a table; ``--large`` runs the large case only: ten
-inertias, twelve sensors, 60 s at 1 kHz. The recordings are made by SciPy's exact discretisation of a linear chain with
-a constant torque on one inertia that the model does not know.
+``python -m tests.benchmarks.diagnosis_growth [length] [candidates] [large]`` prints a table of each (default: all) and
+the exponent of a power law fitted to it. Times are processor times of one diagnosis, children and compilers of the models
+included, and what a clock on the wall says beside them. The recordings are made by the truth plant of the tests, which
+shares no code with the models: a chain of inertias driven at both ends, dry friction on an inertia in its middle or free
+play in a shaft there. The long recordings begin as the short ones. ``large`` is ten inertias, twelve sensors, 60 s at
+1 kHz.
 """
 
+import resource
 import sys
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.result import Diagnosis
@@ -18,89 +23,138 @@ from modelling.files import from_dict
 from modelling.recording import Recording
 from modelling.system import System
 
-RATE = 1000.0
-NOISE = {"speed": 0.01, "torque": 0.05}
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
+
+from plant.bench import record
+from plant.excitation import excite
+from plant.hidden import Hidden
+from plant.systems import Drive
+
+STEP = 1e-3  # s
+PIECE = 7.5  # s of a manoeuvre, one after another
+NOISE = 1e-3  # of a sensor's range
+LENGTHS = (7.5, 15.0, 30.0, 60.0)
+COUNTS = (3, 5, 7, 10)
 
 
-def chain(count: int, sensors: int) -> System:
-    """``count`` inertias in a row, driven at both ends, speeds measured first, then shaft torques."""
-    parts = {f"part{i}": {"J": 0.5 + 0.1 * i, "drag": {"value": 0.05, "tolerance": 0.5}} for i in range(count)}
-    shafts = {
-        f"shaft{i}": {
-            "between": [f"part{i}", f"part{i + 1}"],
-            "stiffness": {"value": 2000.0 + 150 * i, "tolerance": 0.1},
-            "damping": {"value": 1.0, "tolerance": 0.5},
-        }
-        for i in range(count - 1)
+def chain(count: int, sensors: int) -> Drive:
+    """``count`` inertias in a row, driven at both ends; speeds are measured first, then torques of shafts spread evenly."""
+    rng = np.random.default_rng(count)
+    parts = [f"part{i}" for i in range(count)]
+    shafts = {f"shaft{i}": (parts[i], parts[i + 1]) for i in range(count - 1)}
+    values = {}
+    for name in parts:
+        values |= {f"inertias.{name}.J": rng.uniform(0.3, 1.2), f"inertias.{name}.drag": rng.uniform(0.05, 0.3)}
+    for name in shafts:
+        stiffness, damping = rng.uniform(4e3, 1.2e4), rng.uniform(3, 10)
+        values |= {f"shafts.{name}.stiffness": stiffness, f"shafts.{name}.damping": damping}
+    measured = {f"speed_{name}": ("speed", name) for name in parts[:sensors]}
+    twisted = np.linspace(0, count - 2, max(sensors - count, 0)).round().astype(int)
+    measured |= {f"torque_shaft{i}": ("torque", f"shaft{i}") for i in twisted}
+    inputs, torque = {"drive": parts[0], "brake": parts[-1]}, {"drive": 200.0, "brake": 120.0}
+    return Drive("chain", f"Chain of {count} inertias", parts, shafts, inputs, measured, values, torque)
+
+
+def hidden_in(drive: Drive, kind: str) -> Hidden:
+    """What is hidden in the middle of a chain."""
+    middle = len(drive.inertias) // 2
+    if kind == "backlash":
+        return Hidden(kind, f"shafts.shaft{middle - 1}", {"gap": 0.01})
+    return Hidden("coulomb_friction", f"inertias.part{middle}", {"torque": 6.0})
+
+
+def made(drive: Drive, hidden: Hidden, seconds: float) -> tuple[System, Recording]:
+    """Model, its uncertain values a little off, and a recording of the plant."""
+    rng = np.random.default_rng(1)
+    written = {
+        name: {"value": value * (1 + 0.5 * own * rng.uniform(-1, 1)), "tolerance": own}
+        if (own := drive.tolerance.get(name))
+        else value
+        for name, value in drive.values.items()
     }
-    every = [(f"part{i}", "speed") for i in range(count)] + [(f"shaft{i}", "torque") for i in range(count - 1)]
-    read = {f"{what}_{of}": {"measures": what, "of": of, "uncertainty": NOISE[what]} for of, what in every[:sensors]}
-    inputs = {"drive": {"on": "part0"}, "brake": {"on": f"part{count - 1}"}}
-    return from_dict({"inertias": parts, "shafts": shafts, "inputs": inputs, "sensors": read})
+    pieces = [
+        excite(drive, np.random.default_rng([2, i]), PIECE, STEP, holdout=False, closed_loop=False, moving=False,
+               speed_noise=0.0)
+        for i in range(int(np.ceil(seconds / PIECE)))
+    ]  # fmt: skip
+    whole = pieces[0]
+    samples = round(seconds / STEP)
+    for name in ("inputs", "reference", "feedback_noise"):
+        setattr(whole, name, np.concatenate([getattr(piece, name) for piece in pieces])[:samples])
+    take = record(drive, [hidden], whole, STEP, 1e-4)
+    noise = {name: NOISE * float(np.ptp(own[: round(PIECE / STEP)])) for name, own in take.readings.items()}
+    tables: dict[str, dict] = {"inertias": {}, "shafts": {}, "inputs": {}, "sensors": {}}
+    for name, value in written.items():
+        table, part, quantity = name.split(".")
+        tables[table].setdefault(part, {})[quantity] = value
+    for name, ends in drive.shafts.items():
+        tables["shafts"][name]["between"] = list(ends)
+    tables["inputs"] = {name: {"on": on} for name, on in drive.inputs.items()}
+    tables["sensors"] = {
+        name: {"measures": what, "of": of, "uncertainty": noise[name]} for name, (what, of) in drive.sensors.items()
+    }
+    channels = {name: take.inputs[:, j] for j, name in enumerate(drive.inputs)}
+    for j, (name, own) in enumerate(take.readings.items()):
+        channels[name] = own + noise[name] * np.random.default_rng([3, j]).standard_normal(len(own))
+    return from_dict(tables), Recording(take.time, channels, (), "made by the plant")
 
 
-def recording(system: System, seconds: float, hidden: float = -3.0) -> Recording:
-    """Chain as written, but each value a little off, with a constant torque (N·m) on the middle inertia."""
-    rng = np.random.default_rng(0)
-    n, time_ = len(system.inertias), np.arange(round(seconds * RATE)) / RATE
-    value = {name: q.value * (1 + 0.03 * rng.uniform(-1, 1) * q.uncertain) for name, q in system.parameters.items()}
-    stiff, damp = np.zeros((n, n)), np.diag([value[f"inertias.part{i}.drag"] for i in range(n)])
-    for i in range(n - 1):
-        twist = np.zeros(n)
-        twist[[i, i + 1]] = 1, -1
-        stiff += value[f"shafts.shaft{i}.stiffness"] * np.outer(twist, twist)
-        damp += value[f"shafts.shaft{i}.damping"] * np.outer(twist, twist)
-    inverse = np.diag([1 / value[f"inertias.part{i}.J"] for i in range(n)])
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiff, -inverse @ damp]])
-    B = np.vstack([np.zeros((n, 3)), inverse[:, [0, n - 1, n // 2]]])
-    u = np.zeros((len(time_), 3))
-    u[:, 0] = 20 * np.sin(2 * np.pi * (0.2 * time_ + 14 * time_**2 / seconds)) + 15 * np.sign(np.sin(1.1 * time_))
-    u[:, 1] = -10 * np.sign(np.sin(0.7 * time_))
-    u[:, 2] = hidden
-    Ad, Bd, Cd, Dd, _ = cont2discrete((A, B, np.eye(2 * n), np.zeros((2 * n, 3))), 1 / RATE, "foh")
-    z, x = np.zeros(2 * n), np.empty((len(time_), 2 * n))
-    z = -Dd @ u[0]  # at rest
-    for k in range(len(time_)):
-        x[k] = Cd @ z + Dd @ u[k]
-        z = Ad @ z + Bd @ u[k]
-    channels = {"drive": u[:, 0], "brake": u[:, 1]}
-    for sensor in system.sensors:
-        i = int(sensor.of.removeprefix("part").removeprefix("shaft"))
-        truth = x[:, n + i]
-        if sensor.measures == "torque":
-            twist, rate = x[:, i] - x[:, i + 1], x[:, n + i] - x[:, n + i + 1]
-            truth = value[f"shafts.shaft{i}.stiffness"] * twist + value[f"shafts.shaft{i}.damping"] * rate
-        channels[sensor.name] = truth + NOISE[sensor.measures] * rng.standard_normal(len(truth))
-    return Recording(time_, channels, (), "made.csv")
+def processor() -> float:
+    """Processor time so far, children included, s."""
+    every = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(own.ru_utime + own.ru_stime for own in every)
 
 
-def timed(count: int, sensors: int, seconds: float) -> tuple[float, Diagnosis, int]:
-    """Seconds of one diagnosis, what it found, and how many candidates (kind and place) there were."""
-    system = chain(count, sensors)
-    data = recording(system, seconds)
-    diagnose(system, [recording(system, 2.0)])  # compiles what is needed
-    candidates = sum(len(kind.places(system)) for kind in EFFECTS.values())
-    began = time.perf_counter()
-    found = diagnose(system, [data])
-    return time.perf_counter() - began, found, candidates
-
-
-def line(count: int, sensors: int, seconds: float) -> None:
-    took, found, candidates = timed(count, sensors, seconds)
-    named = ", ".join(f"{cause.kind} at {cause.at}" for cause in found.causes)
+def timed(count: int, sensors: int, seconds: float, kind: str) -> tuple[float, int]:
+    """Prints a line; processor time of one diagnosis, and how many candidates (kind and place) there were."""
+    drive = chain(count, sensors)
+    hidden = hidden_in(drive, kind)
+    system, recording = made(drive, hidden, seconds)
+    candidates = sum(len(own.places(system)) for own in EFFECTS.values())
+    clock, began = time.perf_counter(), processor()
+    found = diagnose(system, [recording])
+    took, wall = processor() - began, time.perf_counter() - clock
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(
-        f"{count:8d} {sensors:8d} {seconds:6g} s {candidates:10d} {took:8.1f} s  {found.verdict}: {named}", flush=True
+        f"{count:8d} {sensors:7d} {seconds:6g} s {candidates:10d} {took:8.1f} s {wall:8.1f} s {memory:5.1f} GB"
+        f"  {judged(found, hidden)}",
+        flush=True,
     )
+    return took, candidates
+
+
+def judged(found: Diagnosis, hidden: Hidden) -> str:
+    """What was said, and whether kind, place and value are right."""
+    words = [f"{own.kind} at {own.at} ({own.confidence:.2f})" for own in found.causes]
+    first = found.causes[0] if found.causes else None
+    if len(words) == 1 and first and (first.kind, first.at) == (hidden.kind, hidden.at):
+        off = []
+        for key, value in hidden.parameters.items():
+            own = first.parameters[key][0]
+            off.append(f"{key} {own.value:.5g} ± {own.standard_uncertainty:.2g} of {value:g}")
+        return f"{found.verdict}, right: {words[0]}, {', '.join(off)}"
+    return f"{found.verdict}, WRONG: {', '.join(words) or 'nothing'}; hidden is {hidden.kind} at {hidden.at}"
+
+
+def exponent(over: Sequence[float], took: Sequence[float]) -> float:
+    """Slope of log(time) over log(size), least squares."""
+    return float(np.polyfit(np.log(over), np.log(took), 1)[0])
 
 
 def main() -> None:
-    print(f"{'inertias':>8} {'sensors':>8} {'length':>8} {'candidates':>10} {'time':>10}  answer")
-    if "--large" not in sys.argv:
-        for seconds in (7.5, 15.0, 30.0, 60.0):
-            line(3, 4, seconds)
-        for count in (2, 4, 6, 8):
-            line(count, count + 1, 10.0)
-    line(10, 12, 60.0)
+    asked = sys.argv[1:] or ["length", "candidates", "large"]
+    print(f"{'inertias':>8} {'sensors':>7} {'length':>8} {'candidates':>10} {'processor':>10} {'wall':>10} memory  answer")
+    timed(3, 4, 2.0, "coulomb_friction")  # what is compiled once for all
+    for kind in ("coulomb_friction", "backlash"):
+        if "length" in asked:
+            took = [timed(10, 12, seconds, kind)[0] for seconds in LENGTHS]
+            print(f"{kind}: time ~ length ^ {exponent(LENGTHS, took):.2f}", flush=True)
+        elif "large" in asked:
+            timed(10, 12, 60.0, kind)
+        if "candidates" in asked:
+            every = [timed(count, count + 2, PIECE, kind) for count in COUNTS]
+            took, candidates = zip(*every, strict=True)
+            print(f"{kind}: time ~ candidates ^ {exponent(candidates, took):.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,38 @@
+"""A batch shared out among threads is the same batch."""
+
+import numpy as np
+
+from modelling.compiled import compiled
+from modelling.files import from_dict
+from modelling.simulation import native
+from modelling.simulation.task import make_task
+
+
+def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
+    drive = from_dict(
+        {
+            "inertias": {"motor": {"J": 0.1, "drag": 0.02}, "load": {"J": 1.0, "drag": 0.1}},
+            "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "damping": 0.6}},
+            "inputs": {"motor_torque": {"on": "motor"}},
+            "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
+            "effects": [
+                {"kind": "sensor_delay", "at": "sensors.link_torque", "delay": 0.0123},
+                {"kind": "dead_time", "at": "inputs.motor_torque", "delay": 0.0045},
+            ],
+        }
+    )
+    model, time, batch = compiled(drive), np.arange(800) * 1e-3, 5
+    p = np.repeat(model.p0[None], batch, axis=0)
+    p[:, model.parameters.index("shafts.link.stiffness")] *= np.linspace(0.5, 2.0, batch)
+    p[:, model.parameters.index("sensors.link_torque.sensor_delay.delay")] *= np.linspace(0.1, 3.0, batch)
+    p[3, model.parameters.index("inertias.motor.J")] = 1e-9  # diverges, which must stay its own affair
+    start = np.random.default_rng(0).normal(size=(batch, len(model.states)))
+    task = make_task(model, time, 10 * np.sin(20 * time)[:, None], p, start, 2000.0)
+    alone = native.run(task)
+    if alone is None:
+        return  # no compiler: nothing is shared out
+    for threads in (2, 3, 8):
+        for one, other in zip(alone, native.run(task, threads=threads) or (), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert (alone[2][:, 0] >= 0).tolist() == [False, False, False, True, False]
+    assert np.ptp(alone[1][[0, 1, 2, 4], -1, 0]) > 0.1
