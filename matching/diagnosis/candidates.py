@@ -84,7 +84,13 @@ def without_cause(trial: Trial, index: int, fit: Fit) -> Trial:
 
 
 def fitted(
-    trial: Trial, parent: Fit, iterations: int = 20, exact: bool = False, fine: float = 3.0, rival: float = 0.0
+    trial: Trial,
+    parent: Fit,
+    iterations: int = 20,
+    exact: bool = False,
+    fine: float = 3.0,
+    rival: float = 0.0,
+    noise: float = 0.0,
 ) -> Fit:
     """Fit a trial, beginning at values, starts and Jacobian of the fit it came from.
 
@@ -96,7 +102,7 @@ def fitted(
     problem, p = _problem(trial, parent, fine)
     v = problem.pack(trial.values, list(trial.starts) or _starts(problem, parent, p))
     v = np.clip(v, problem.lower, problem.upper)
-    return solve(problem, v, _known_jacobian(problem, parent, v), iterations, exact, rival)
+    return solve(problem, v, _known_jacobian(problem, parent, v), iterations, exact, rival, noise)
 
 
 def nearer(trial: Trial, parent: Fit, motion: np.ndarray, iterations: int = 30) -> Fit:

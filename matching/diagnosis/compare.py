@@ -144,8 +144,10 @@ def refit(
             cause = trial.causes[-1]
             tell(f"{cause.kind} at {cause.at}")
             rival = min((one.fit.cost for one in done), default=0.0)
+            noise = min((one.fit.cost for one in done if at_noise(one)), default=0.0)
             try:
-                done.append(Named(trial, fitted(trial, parent.fit, rival=rival), promised[trial.causes]))
+                fit = fitted(trial, parent.fit, rival=rival, noise=noise)
+                done.append(Named(trial, fit, promised[trial.causes]))
             except (FloatingPointError, np.linalg.LinAlgError, ValueError):
                 continue
         done.sort(key=lambda named: named.cost)

@@ -210,6 +210,7 @@ def solve(
     iterations: int = 20,
     exact: bool = True,
     rival: float = 0.0,
+    noise: float = 0.0,
 ) -> Fit:
     """Least squares from the variables v (v,).
 
@@ -221,6 +222,9 @@ def solve(
         Whether to end only on a Jacobian of the point itself.
     rival : float
         χ² that another fit reached: one that stays far above it and no longer gains much is given up.
+    noise : float
+        χ² of another fit that is at the noise: one that stays above it, even if it went on at twice its pace, is
+        given up.
 
     Raises
     ------
@@ -234,6 +238,7 @@ def solve(
     cost, fresh, radius = float(r @ r), jacobian is None, np.inf
     J = problem.jacobian(v, r) if jacobian is None else jacobian
     quadratic = Quadratic(J)
+    last = (0, cost)  # iteration and cost when a step with a Jacobian of its own point was last taken
     for iteration in range(iterations):
         step, predicted = quadratic.step(J.T @ r, problem.lower - v, problem.upper - v, radius)
         enough = predicted < max(0.02, 2e-6 * cost)
@@ -248,6 +253,12 @@ def solve(
         length = quadratic.length(step)
         if iteration > 2 and rival and cost > 3 * rival and cost - min(new, cost) < 0.2 * cost:
             break
+        if fresh and noise:  # the pace is what was gained since the last Jacobian
+            reached = min(cost, new)
+            pace = (last[1] - reached) / max(iteration - last[0], 1)
+            if reached > 1.05 * noise and reached - 2 * (iterations - iteration) * pace > 1.02 * noise:
+                break
+            last = (iteration, reached)
         if gain > 1e-4:
             v, r, cost, moved = np.clip(v + step, problem.lower, problem.upper), tried, new, True
             radius = max(radius, 2 * length) if gain > 0.7 and np.isfinite(radius) else radius

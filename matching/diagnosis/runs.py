@@ -18,7 +18,6 @@ from modelling.simulation.functions import functions
 from modelling.simulation.task import Task, make_task
 from modelling.system import System
 
-
 WORTH = 4000  # samples of a batch, below which threads cost more than they save
 
 

@@ -60,8 +60,8 @@ def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1
     failed = np.full((b, 2), -1, dtype=np.int64)
     constant = made.constants_of(task.p)
     counts = {
-        "first": 0, "batch": b, "samples": t, "states": x, "coordinates": model.n, "inputs": len(model.inputs), "sensors": y,
-        "columns": s, "groups": task.group_delay.shape[1], "constants": constant.shape[1],
+        "first": 0, "batch": b, "samples": t, "states": x, "coordinates": model.n, "inputs": len(model.inputs),
+        "sensors": y, "columns": s, "groups": task.group_delay.shape[1], "constants": constant.shape[1],
         "parameters": len(model.parameters),
         "sz_iw": max(made.field.sz_iw(), made.reading.sz_iw()), "sz_w": max(made.field.sz_w(), made.reading.sz_w()),
     }  # fmt: skip
