@@ -1,11 +1,11 @@
 """A diagnosis: time over the length of the recording and over the number of candidates, and a large case.
 
 ``python -m tests.benchmarks.diagnosis_growth [length] [candidates] [large]`` prints a table of each (default: all) and
-the exponent of a power law fitted to it. Times are processor times of one diagnosis, children and compilers of the models
-included, and what a clock on the wall says beside them. The recordings are made by the truth plant of the tests, which
-shares no code with the models: a chain of inertias driven at both ends, dry friction on an inertia in its middle or free
-play in a shaft there. The long recordings begin as the short ones. ``large`` is ten inertias, twelve sensors, 60 s at
-1 kHz.
+the exponent of a power law fitted to it. Times are processor times of one diagnosis, all threads and the compiler of
+the models included, and what a clock on the wall says beside them. The recordings are made by the truth plant of the
+tests, which shares no code with the models: a chain of inertias driven at both ends, with dry friction on an inertia in
+its middle or free play in a shaft there. Long recordings begin as short ones. ``large`` is ten inertias, twelve sensors,
+60 s at 1 kHz.
 """
 
 import resource
@@ -143,7 +143,9 @@ def exponent(over: Sequence[float], took: Sequence[float]) -> float:
 
 def main() -> None:
     asked = sys.argv[1:] or ["length", "candidates", "large"]
-    print(f"{'inertias':>8} {'sensors':>7} {'length':>8} {'candidates':>10} {'processor':>10} {'wall':>10} memory  answer")
+    print(
+        f"{'inertias':>8} {'sensors':>7} {'length':>8} {'candidates':>10} {'processor':>10} {'wall':>10} memory  answer"
+    )
     timed(3, 4, 2.0, "coulomb_friction")  # what is compiled once for all
     for kind in ("coulomb_friction", "backlash"):
         if "length" in asked:
