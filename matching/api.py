@@ -78,13 +78,30 @@ def response(model: System | File, frequencies: np.ndarray) -> Response:
     return of(_system(model), frequencies)
 
 
-def simulate(model: System | File, recording: Recording | File, *, start: Any = None) -> Simulation:
-    """The model's answer to the inputs of a recording; ``start`` as in :func:`modelling.simulate.simulate`."""
-    from modelling.simulate import simulate as run
+def simulate(
+    model: System | File, recording: Recording | File, *, channels: File | None = None, start: Any = "recorded"
+) -> Simulation:
+    """The model's answer to the inputs of a recording.
 
-    system = _system(model)
-    measured = _recording(recording, system)
-    return run(system, measured.time, measured.inputs(system), start=start)
+    Parameters
+    ----------
+    channels : path, optional
+        A file that says what the channels are called in the recording.
+    start : "recorded", "rest", "steady", states by name or all states
+        ``"recorded"``: as the first quarter second of the recorded sensors tells, at rest if there are none; the others
+        as :func:`modelling.simulate.simulate` has them.
+    """
+    from modelling.compiled import compiled
+    from modelling.simulate import prepare
+    from modelling.simulate import simulate as run
+    from modelling.simulation.recorded_start import recorded_start
+
+    built = compiled(_system(model))
+    measured = _recording(recording, built.system, channels)
+    inputs = measured.inputs(built.system)
+    if isinstance(start, str) and start == "recorded":
+        start = recorded_start(built, measured, prepare(built, measured.time, inputs, built.p0)[0])
+    return run(built, measured.time, inputs, start=start)
 
 
 def match(
@@ -100,7 +117,8 @@ def match(
 
 
 def map(  # noqa: A001
-    case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
+    case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
+    seed: int = 0, starts: int = 2,
     workers: int | None = None, record: File | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Map:  # fmt: skip
     """The achievable error over two quantities, each ``NAME`` or ``NAME=LOW:HIGH[:N]``.
@@ -161,14 +179,17 @@ def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits
 
 
 def fidelity(
-    case: File, *, arithmetic: str | None = None, nrmse: str | None = None, draws: int = 2000, seed: int = 0
-) -> XilFidelity:
-    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23); ``arithmetic`` and ``nrmse`` as the command."""
+    case: File, *, channels: File | None = None, arithmetic: str | None = None, nrmse: str | None = None,
+    draws: int = 20_000, seed: int = 1,
+) -> XilFidelity:  # fmt: skip
+    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23); everything as the command has it."""
     from matching.validity.answers import XilFidelity
     from matching.validity.fidelity.files import read_case
     from matching.validity.fidelity.result import as_json
+    from modelling.channels import read_channels
 
-    return XilFidelity(as_json(*read_case(str(case), arithmetic, nrmse), draws, seed))
+    names = None if channels is None else read_channels(channels)
+    return XilFidelity(as_json(*read_case(str(case), arithmetic, nrmse, names), draws, seed))
 
 
 def export(result: File, fmu: File, fmi: str = "2.0") -> Path:

@@ -9,8 +9,8 @@ time = "t"
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,11 @@ def _channel(value: Any, where: str) -> Channel:
     return Channel(name.strip(), unit, float(sign))
 
 
+def called(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
+    """What names of the model are called in the file; time under its own name too."""
+    return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
+
+
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
     """A table with its columns named, and signed, as the model counts them; columns nobody names stay.
 
@@ -89,7 +94,9 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     names = [text.partition("[")[0].strip() for text in header]
     for name, own in channels.items():
         if own.name not in names:
-            raise unknown(own.name, names, f"{source}: channel of {name!r}")
+            if own.name in table.others or (name == "time" and names[0] == "time"):
+                continue  # nobody asked for it; or a format whose time has no name of its own
+            raise unknown(own.name, [*names, *table.others], f"{source}: channel of {name!r}")
         if name in names and name != own.name:
             raise InputError(source, f"has a column {name!r} beside {own.name!r}, which is to be {name!r}", "drop one")
         column = names.index(own.name)
@@ -101,4 +108,4 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         first = names.index(channels["time"].name)
         order = [first, *(i for i in range(len(header)) if i != first)]
         header, values = [header[i] for i in order], values[:, order]
-    return Table(header, np.ascontiguousarray(values), table.place, table.notes)
+    return replace(table, header=header, values=np.ascontiguousarray(values))

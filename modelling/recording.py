@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from modelling.channels import Channel, renamed
+from modelling.channels import Channel, called, renamed
 from modelling.errors import InputError
 from modelling.readers import Table, read_table
 from modelling.system import System, listed, unknown
@@ -103,19 +103,24 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
         One line that names file, line or column: no header, no time, text among numbers, unknown unit, missing or
         incomplete input, time that does not rise, too few rows.
     """
-    table = read_table(path)
+    table = read_table(path, called(_names(system), channels))
     return from_table(renamed(table, channels, str(path)) if channels else table, system, str(path))
+
+
+def _names(system: System) -> list[str]:
+    return [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
 
 
 def from_table(table: Table, system: System, source: str) -> Recording:
     """Check a table, convert to SI and mend what may be mended; see :func:`read_recording`."""
-    names, units = _columns(table.header, source)
+    names, units = columns_of(table.header, source)
     if names[0] != "time":
         raise InputError(f"{source}: line 1", f"the first column is {names[0]!r}", "it must be 'time [s]'")
     wanted = {part.name: "N*m" for part in system.inputs} | {part.name: part.unit for part in system.sensors}
     for part in system.inputs:
         if part.name not in names:
-            wrong = unknown(part.name, [name for name in names[1:] if name not in wanted] or names[1:], source)
+            free = [name for name in (*names[1:], *table.others) if name not in wanted]
+            wrong = unknown(part.name, free or names[1:], source)
             raise InputError(
                 source,
                 f"input {part.name!r} was not recorded",
@@ -146,7 +151,7 @@ def from_table(table: Table, system: System, source: str) -> Recording:
         kept = _mended(name, column, time, name in [part.name for part in system.inputs], source, notes)
         if kept is not None:
             channels[name] = kept
-    unused = [name for name in names[1:] if name not in wanted]
+    unused = [name for name in (*names[1:], *table.others) if name not in wanted]
     if unused:
         notes.append(f"not in the model, unused: {listed(unused)}")
         for sensor in system.sensors:
@@ -156,7 +161,14 @@ def from_table(table: Table, system: System, source: str) -> Recording:
     return Recording(time, channels, tuple(notes), source)
 
 
-def _columns(header: list[str], source: str) -> tuple[list[str], list[str]]:
+def columns_of(header: list[str], source: str) -> tuple[list[str], list[str]]:
+    """Names and units of a header's ``name [unit]``; a unit that is not given is empty.
+
+    Raises
+    ------
+    InputError
+        If a name is missing or stands twice.
+    """
     matches = [_COLUMN.fullmatch(text) for text in header]
     names, units = [m[1] if m else "" for m in matches], [(m[2] or "") if m else "" for m in matches]
     for i, name in enumerate(names):
@@ -217,25 +229,38 @@ def _mended(
     name: str, column: np.ndarray, time: np.ndarray, is_input: bool, source: str, notes: list[str]
 ) -> np.ndarray | None:
     """A complete input, a sensor with its holes, or None for a sensor that has no value."""
+    if is_input:
+        return bridged(name, column, time, source, notes)
+    there = np.isfinite(column)
+    missing = len(column) - int(there.sum())
+    if missing == len(column):
+        notes.append(f"{name} has no value and is unused")
+        return None
+    if missing:
+        notes.append(f"{name}: {missing} values missing, first at {time[np.argmin(there)]:g} s; left out")
+    return column
+
+
+def bridged(name: str, column: np.ndarray, time: np.ndarray, source: str, notes: list[str]) -> np.ndarray:
+    """A column (t,) whose missing values are bridged by straight lines, which is noted.
+
+    Raises
+    ------
+    InputError
+        If it has no value, or ``LONGEST_FILL`` is missing at a time.
+    """
     there = np.isfinite(column)
     missing = len(column) - int(there.sum())
     if not missing:
         return column
     if not there.any():
-        if is_input:
-            raise InputError(f"{source}: column {name!r}", "has no value", "an input must be recorded")
-        notes.append(f"{name} has no value and is unused")
-        return None
-    first = time[np.argmin(there)]
-    if not is_input:
-        notes.append(f"{name}: {missing} values missing, first at {first:g} s; left out")
-        return column
-    known = time[there]
+        raise InputError(f"{source}: column {name!r}", "has no value", "it must be recorded")
+    first, known = time[np.argmin(there)], time[there]
     longest = max(float(np.diff(known).max(initial=0.0)), known[0] - time[0], time[-1] - known[-1])
     if longest > LONGEST_FILL + 2 * float(np.median(np.diff(time))):
         raise InputError(
             f"{source}: column {name!r}", f"{longest:g} s of values are missing, first at {first:g} s",
-            f"an input may lack {LONGEST_FILL:g} s at a time: cut the recording",
+            f"it may lack {LONGEST_FILL:g} s at a time: cut the recording",
         )  # fmt: skip
     notes.append(f"{name}: {missing} values missing, first at {first:g} s; bridged by straight lines")
     return np.interp(time, known, column[there])

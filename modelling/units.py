@@ -12,7 +12,7 @@ from modelling.errors import InputError
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 _UNIT = re.compile(r"[A-Za-zµ°Ωω%·*/ ()²³⁻¹1-9^-]{1,60}")
 _TOWER = re.compile(r"\^\s*\(?-?\d\d|\^.{0,4}\^|\*\s*\*.{0,4}\*\s*\*|\*\*\s*\d\d")
-_NEWTON_METRE = re.compile(r"(?<![A-Za-z]{2})Nm(?![A-Za-z])")  # as test beds write it; to pint a nautical mile
+NEWTON_METRE = re.compile(r"(?<![A-Za-z]{2})Nm(?![A-Za-z])")  # as test beds write it; to pint something else
 _SPEED = "rad/s"
 _AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
 
@@ -53,7 +53,7 @@ def factor(unit: str, si: str, where: str = "") -> float:
 
     units = registry()
     try:
-        parsed = units.parse_units(_NEWTON_METRE.sub("N*m", text).replace("·", "*"))
+        parsed = units.parse_units(NEWTON_METRE.sub("N*m", text).replace("·", "*"))
         return float(units.Quantity(1.0, parsed).to(_pint_si(si)).magnitude)
     except pint.DimensionalityError:
         raise InputError(where, f"unit {text!r} does not fit", right) from None

@@ -6,13 +6,14 @@ from typing import Any
 HELP = (
     "Judge how faithfully a test bed reproduces a manoeuvre: partial fidelities of system dynamics, residual vehicle "
     "model and measurement, their total R_XiL with its uncertainty, and what is lost where; write fidelity.json, the "
-    "table and figures."
+    "table and figures. Recordings that the case names may be CSV, MDF4, .mat or Parquet."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("case", metavar="CASE", help="fidelity case (TOML)")
+    parser.add_argument("--channels", metavar="FILE", help="what the signals are called in the recordings (TOML)")
     parser.add_argument("--out", default=".", metavar="DIR", help="where files go (default: here)")
     parser.add_argument(
         "--arithmetic",
@@ -29,6 +30,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report import fidelity_figures, style
     from matching.validity.fidelity.files import read_case
     from matching.validity.fidelity.result import as_json
+    from modelling.channels import read_channels
     from modelling.errors import InputError
     from modelling.output import strict_json, write_all
 
@@ -36,7 +38,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 100 ... 1e7")
     if arguments.seed < 0:
         raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
-    answer = as_json(*read_case(arguments.case, arguments.arithmetic, arguments.nrmse), arguments.draws, arguments.seed)
+    channels = read_channels(arguments.channels) if arguments.channels else None
+    judged = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
+    answer = as_json(*judged, arguments.draws, arguments.seed)
     files: dict[str, str | bytes] = {
         "fidelity.json": strict_json(answer),
         "fidelity.txt": summary(answer),

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from modelling.errors import InputError
-from modelling.units import factor
+from modelling.units import NEWTON_METRE, factor
 
 # Towers such as m^9^9^9 keep pint's arithmetic busy for ever.
 _TOWER = re.compile(r"(\^|\*\*)\s*[(\d.\s-]*(\^|\*\*)|(\^|\*\*)\s*\(?-?\d\d")
@@ -60,7 +60,7 @@ def _unit(text: str) -> Unit:
 
 
 def _plain(text: str) -> str:
-    return text.replace("·", "*").replace("°C", "degC").replace("″", "arcsecond").strip()
+    return NEWTON_METRE.sub("N*m", text).replace("·", "*").replace("°C", "degC").replace("″", "arcsecond").strip()
 
 
 def unit_of(text: Any, where: str) -> Unit:

@@ -72,7 +72,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """R_XiL with all its parts. ``step`` is the sampling step in s where signals were given."""
+    """R_XiL with all its parts; the sampling step in s where signals were given, and notes of what was mended."""
 
     total: float
     domains: dict[str, float]
@@ -83,6 +83,7 @@ class Fidelity:
     arithmetic: str = "definition"
     nrmse_form: str = "definition"
     step: float | None = field(default=None)
+    notes: tuple[str, ...] = ()
 
     def recombined(
         self, signals: Mapping[str, tuple[tuple[float, float], ...]], ratios: tuple[float, ...]

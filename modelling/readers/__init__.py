@@ -1,12 +1,15 @@
 """Readers of recordings, one a format. A reader turns a file into a :class:`Table`; all else happens once, behind it.
 
+A reader is told which channels are used, by their names in the file: what has several sampling rates or very many
+channels leaves out the others and only names them.
+
 A further format is one module here and one line in ``READERS``.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,17 +30,19 @@ READERS = {
 class Table:
     """Columns as a file holds them: ``header`` of texts ``name [unit]``, ``values`` (t, columns), NaN where missing.
 
-    ``place`` says where a row of values stands in the file, for error lines; ``notes`` what the reader had to do.
+    ``place`` says where a row of values stands in the file, for error lines; ``notes`` what the reader had to do;
+    ``others`` names channels that nobody asked for and that were not read.
     """
 
     header: list[str]
     values: np.ndarray = field(repr=False)
     place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
     notes: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
 
 
-def read_table(path: str | Path) -> Table:
-    """Read a file by its suffix.
+def read_table(path: str | Path, used: Collection[str] | None = None) -> Table:
+    """Read a file by its suffix; at least the channels ``used`` (names in the file), or all.
 
     Raises
     ------
@@ -50,7 +55,7 @@ def read_table(path: str | Path) -> Table:
         raise InputError(str(path), f"{suffix or 'no suffix'!r} is no known format", f"read are {', '.join(READERS)}")
     try:
         reader = importlib.import_module(f"{__name__}.{READERS[suffix]}")
-        return reader.read(path)
+        return reader.read(path, used)
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TextIO
 
@@ -18,7 +18,7 @@ LARGEST = 2_000_000_000  # bytes
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
 
 
-def read(path: Path) -> Table:
+def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read a CSV file; empty cells and ``nan`` are missing values.
 
     Raises

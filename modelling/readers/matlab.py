@@ -1,8 +1,10 @@
-"""MATLAB .mat files up to version 7: one vector a channel, or one struct of them."""
+"""MATLAB .mat files: one vector a channel, or one struct of them; version 7.3, which is HDF5, by h5py."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from modelling.errors import InputError
 from modelling.readers import Table
 
 
-def read(path: Path) -> Table:
+def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read a .mat file with a vector ``time`` and one a channel, of one length.
 
     Names in MATLAB hold no brackets, so values are in SI, unless a struct ``units`` gives a text by channel.
@@ -18,27 +20,29 @@ def read(path: Path) -> Table:
     Raises
     ------
     InputError
-        If it is no such file or has no ``time``.
+        If it is no such file, has no ``time``, or is of version 7.3 and h5py is not installed.
     """
     from scipy.io import loadmat
 
     try:
         found = {name: value for name, value in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
     except NotImplementedError:
-        raise InputError(str(path), "is a .mat file of version 7.3", "save it with -v7") from None
+        found = _version_7_3(path)
     except OSError:
         raise
     except Exception as fault:  # scipy raises many kinds for what is not a .mat file
         raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
+    known = set(used or ()) | {"time"}
     structs = [
-        value for name, value in found.items() if isinstance(value, dict) and name != "units" and "time" in value
+        value for name, value in found.items() if isinstance(value, dict) and name != "units" and known & {*value}
     ]
-    if "time" not in found and len(structs) == 1:
+    if not known & {*found} and len(structs) == 1:
         found = structs[0]
     units: dict = given if isinstance(given := found.get("units"), dict) else {}
-    if "time" not in found:
+    if "time" not in found and (used is None or "time" in used):
         raise InputError(str(path), "has no vector 'time'", "save time and channels as vectors of one length")
-    length = np.size(found["time"])
+    sizes = [np.size(found[name]) for name in known & {*found}]
+    length = np.size(found["time"]) if "time" in found else max(sizes, key=sizes.count, default=0)
     columns = {
         name: np.asarray(value, dtype=float).ravel()
         for name, value in found.items()
@@ -47,11 +51,39 @@ def read(path: Path) -> Table:
         and np.issubdtype(value.dtype, np.number)
         and value.dtype.kind != "c"
     }
-    if "time" not in columns:
+    if "time" in found and "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
     header = [
         f"{name} [{units[name]}]" if name in units else name
         for name in sorted(columns, key=lambda name: name != "time")
     ]
-    values = np.stack([columns[name.split(" [")[0]] for name in header], axis=1)
-    return Table(header, values)
+    values = [columns[name.split(" [")[0]] for name in header]
+    return Table(header, np.stack(values, axis=1) if values else np.empty((0, 0)))
+
+
+def _version_7_3(path: Path) -> dict[str, Any]:
+    try:
+        import h5py
+    except ImportError:
+        right = "install rigmatch[measurement], or save it with -v7"
+        raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
+    with h5py.File(path) as file:
+        return _members(file)
+
+
+def _members(group: Any) -> dict[str, Any]:
+    """Numbers, texts and structs of a group, as ``loadmat`` would give them; other classes are left out."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    for name, own in group.items():
+        kind = own.attrs.get("MATLAB_class", b"")
+        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if isinstance(own, h5py.Group):
+            if not name.startswith("#"):
+                found[name] = _members(own)
+        elif kind == "char":
+            found[name] = "" if "MATLAB_empty" in own.attrs else own[()].tobytes().decode("utf-16-le")
+        elif own.dtype.kind in "fiu" and "MATLAB_empty" not in own.attrs:
+            found[name] = np.asarray(own)
+    return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,39 +15,58 @@ from modelling.system import listed
 SAME = 1e-3  # of a step: nearer time stamps are one
 
 
-def read(path: Path) -> Table:
+def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read an MDF4 file on the time base with most samples; slower channels are missing between their samples.
+
+    Only channels that are used are read, and only they decide the time base. A sample marked invalid is missing. Where
+    groups hold the same channel the one with most samples is taken.
 
     Raises
     ------
     InputError
-        If it is no MDF file or has no channel of numbers.
+        If it is no MDF file, has no channel of numbers, or a used channel holds none.
     """
     from asammdf import MDF
 
     try:
         with MDF(path) as file:
-            signals = [
-                signal
-                for signal in file.iter_channels(skip_master=True)
-                if signal.samples.ndim == 1 and signal.samples.dtype.kind in "fiu" and len(signal.samples)
-            ]
+            masters = set(file.masters_db.items())
+            places = {name: [one for one in at if one not in masters] for name, at in file.channels_db.items()}
+            wanted = [name for name, at in places.items() if at and (used is None or name in used)]
+            found = {
+                name: max(file.select([(name, *one) for one in places[name]], copy_master=False), key=len)
+                for name in wanted
+            }
     except OSError:
         raise
     except Exception as fault:  # asammdf raises many kinds for what is not MDF
         raise InputError(str(path), f"is no MDF file: {fault}", "save it as MDF 4") from None
+    signals = {name: own for name, own in found.items() if _numbers(own)}
+    for name in found:
+        if used is not None and name not in signals:
+            raise InputError(f"{path}: channel {name!r}", "holds no numbers", "record it as one number a sample")
+    others = tuple(name for name, at in places.items() if at and name not in signals)
     if not signals:
+        if used is not None and others:
+            return Table(["time [s]"], np.empty((0, 1)), others=others)  # what is missing is told by who asked
         raise InputError(str(path), "has no channel of numbers", "record inputs and sensors into it")
-    time = max((signal.timestamps for signal in signals), key=len)
+    time = max((signal.timestamps for signal in signals.values()), key=len)
     values = np.full((len(time), len(signals) + 1), np.nan)
     values[:, 0] = time
-    moved = {}
-    for column, signal in enumerate(signals, 1):
-        values[:, column], between = _placed(time, signal.timestamps, signal.samples.astype(float))
+    moved = []
+    for column, (name, signal) in enumerate(signals.items(), 1):
+        samples = signal.samples.astype(float)
+        if signal.invalidation_bits is not None:
+            samples[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
+        values[:, column], between = _placed(time, signal.timestamps, samples)
         if between:
-            moved[signal.name] = between
-    header = ["time [s]", *(f"{signal.name} [{signal.unit}]" if signal.unit else signal.name for signal in signals)]
-    return Table(header, values, notes=_told(moved))
+            moved.append(name)
+    header = ["time [s]", *(f"{name} [{signal.unit}]" if signal.unit else name for name, signal in signals.items())]
+    return Table(header, values, notes=_told(moved, [name for name in signals if len(places[name]) > 1]), others=others)
+
+
+def _numbers(signal: Any) -> bool:
+    return signal.samples.ndim == 1 and signal.samples.dtype.kind in "fiu" and len(signal.samples) > 0
 
 
 def _placed(time: np.ndarray, own: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, int]:
@@ -70,8 +91,13 @@ def _placed(time: np.ndarray, own: np.ndarray, samples: np.ndarray) -> tuple[np.
     return placed, int((known & beside).sum())
 
 
-def _told(moved: dict[str, int]) -> tuple[str, ...]:
-    if not moved:
-        return ()
-    several = f"channels sampled at other times, brought to the time base with most samples: {listed(list(moved))}"
-    return (f"{several}; straight lines between samples",)
+def _told(moved: list[str], several: list[str]) -> tuple[str, ...]:
+    notes = []
+    if moved:
+        notes.append(
+            f"channels sampled at other times, brought to the time base with most samples: {listed(moved)}; straight "
+            "lines between samples"
+        )
+    if several:
+        notes.append(f"in several groups, of which the one with most samples is taken: {listed(several)}")
+    return tuple(notes)

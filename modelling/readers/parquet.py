@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from modelling.errors import InputError
 from modelling.readers import Table
 
 
-def read(path: Path) -> Table:
+def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read a Parquet file.
 
     Raises

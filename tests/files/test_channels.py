@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import matching as rm
 from matching.cli import main
 from modelling.channels import Channel, read_channels
 from modelling.errors import InputError
@@ -104,3 +105,6 @@ def test_simulate_takes_a_channel_file(tmp_path, measured):
     words += ["--channels", channel_file(tmp_path, GOOD)]
     assert main([str(word) for word in words]) == 0
     assert (tmp_path / "out" / "simulated.csv").exists()
+    simulated = rm.simulate(tmp_path / "model.toml", measured, channels=tmp_path / "channels.toml")
+    written = np.genfromtxt(tmp_path / "out" / "simulated.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(written["motor_speed_rads"], simulated["motor_speed"], rtol=1e-7, atol=1e-7)

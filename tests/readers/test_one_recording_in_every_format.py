@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from scipy.io import savemat
 from scipy.signal import StateSpace, lsim
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.files import from_dict
+from modelling.channels import Channel
+from modelling.errors import InputError
+from modelling.files import from_dict, to_dict
 from modelling.output import strict_json
 from modelling.recording import read_recording
 
@@ -58,6 +61,22 @@ def write_mat(path, channels):
     savemat(path, {"run": {"time": TIME, **channels, "units": UNITS}})
 
 
+def write_mat73(path, channels):
+    """As MATLAB's save -v7.3 lays it out: HDF5 behind 512 bytes of header, numbers transposed, texts as UTF-16."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        run = file.create_group("run")
+        run.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, value in {"time": TIME, **channels}.items():
+            run.create_dataset(name, data=value[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+        units = run.create_group("units")
+        for name, text in UNITS.items():
+            letters = np.frombuffer(text.encode("utf-16-le"), np.uint16)[:, None]
+            units.create_dataset(name, data=letters).attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
 def write_parquet(path, channels):
     pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
@@ -76,7 +95,7 @@ def write_mf4(path, channels, late=0.0):
         file.save(path, overwrite=True)
 
 
-WRITERS = {".csv": write_csv, ".mat": write_mat, ".parquet": write_parquet, ".mf4": write_mf4}
+WRITERS = {".csv": write_csv, ".mat": write_mat, "73.mat": write_mat73, ".parquet": write_parquet, ".mf4": write_mf4}
 
 
 def recorded(folder, suffix, channels, **how):
@@ -101,7 +120,7 @@ def test_the_recording_tells_the_stiffness(from_csv):
     assert own["value"] == pytest.approx(TRUE_STIFFNESS, rel=0.01)
 
 
-@pytest.mark.parametrize("suffix", [".mat", ".parquet", ".mf4"])
+@pytest.mark.parametrize("suffix", [".mat", "73.mat", ".parquet", ".mf4"])
 def test_the_same_diagnosis_from_every_format(suffix, tmp_path, channels, from_csv):
     expected, diagnosis = from_csv
     got = recorded(tmp_path, suffix, channels)
@@ -126,3 +145,71 @@ def test_a_slow_group_with_a_late_clock_keeps_its_rate(tmp_path):
     assert there.sum() == len(TIME[SLOW]) - 1  # before its first sample nothing is known of it
     np.testing.assert_allclose(got["load_speed"][there], 2 * np.pi * TIME[there], atol=1e-9)
     assert any("load_speed; straight lines between samples" in note for note in got.notes)
+
+
+def test_only_channels_that_are_used_decide_the_time_base(tmp_path, channels):
+    asammdf = pytest.importorskip("asammdf")
+    write_mf4(tmp_path / "run.mf4", channels)
+    with asammdf.MDF(tmp_path / "run.mf4") as file:
+        fast = np.arange(0, TIME[-1], 1e-4)
+        file.append([asammdf.Signal(np.sin(fast), fast, "g", "accelerometer")])
+        file.append([asammdf.Signal(channels["motor_speed"][SLOW], TIME[SLOW], "1/min", "motor_speed")])
+        file.append([asammdf.Signal(np.array([b"warm"] * 3), TIME[:3], "", "remark", encoding="utf-8")])
+        file.save(tmp_path / "more.mf4", overwrite=True)
+    plain, got = (read_recording(tmp_path / f"{name}.mf4", SYSTEM) for name in ("run", "more"))
+    np.testing.assert_array_equal(got.time, plain.time)
+    for name in UNITS:
+        np.testing.assert_array_equal(got[name], plain[name])
+    assert any(
+        "in several groups, of which the one with most samples is taken: motor_speed" in own for own in got.notes
+    )
+    assert any("not in the model, unused: accelerometer, remark" in own for own in got.notes)
+
+
+def test_samples_that_are_marked_invalid_are_missing(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    bad = (np.arange(len(TIME)) % 100) == 7
+    with asammdf.MDF(version="4.10") as file:
+        torque = asammdf.Signal(np.ones(len(TIME)), TIME, "Nm", "motor_torque")
+        speed = asammdf.Signal(np.where(bad, 1e6, 5.0), TIME, "rad/s", "motor_speed", invalidation_bits=bad)
+        file.append([torque, speed])
+        file.save(tmp_path / "run.mf4", overwrite=True)
+    got = read_recording(tmp_path / "run.mf4", SYSTEM)
+    np.testing.assert_array_equal(np.isnan(got["motor_speed"]), bad)
+    assert np.nanmax(got["motor_speed"]) == 5.0
+
+
+def test_a_text_in_place_of_a_channel_is_told(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.array([b"x"] * len(TIME)), TIME, "", "motor_torque", encoding="utf-8")])
+        file.save(tmp_path / "run.mf4", overwrite=True)
+    with pytest.raises(InputError, match="channel 'motor_torque': holds no numbers"):
+        read_recording(tmp_path / "run.mf4", SYSTEM)
+
+
+@pytest.mark.parametrize("suffix", [".mat", "73.mat", ".mf4"])
+def test_other_names_in_files_without_a_header_row(suffix, tmp_path, channels, from_csv):
+    write = WRITERS[suffix]
+    write(tmp_path / f"run{suffix}", channels)
+    called = {"time": Channel("time"), "motor_torque": Channel("motor_torque")}
+    model_name = from_dict(to_dict(SYSTEM) | {"inputs": {"T_EM": {"on": "motor"}}})
+    got = read_recording(tmp_path / f"run{suffix}", model_name, called | {"T_EM": called.pop("motor_torque")})
+    np.testing.assert_array_equal(got["T_EM"], channels["motor_torque"])
+    with pytest.raises(InputError, match="did you mean 'motor_torque'"):
+        read_recording(tmp_path / f"run{suffix}", model_name, {"T_EM": Channel("motor_toque")})
+
+
+def test_a_mat_file_whose_time_is_called_otherwise(tmp_path, channels):
+    savemat(tmp_path / "run.mat", {"t": TIME, **channels, "units": UNITS, "other": np.arange(3)})
+    with pytest.raises(InputError, match="has no vector 'time'"):
+        read_recording(tmp_path / "run.mat", SYSTEM)
+    got = read_recording(tmp_path / "run.mat", SYSTEM, {"time": Channel("t")})
+    np.testing.assert_allclose(got.time, TIME, atol=1e-12)
+
+
+def test_without_h5py_one_line_says_what_to_do(tmp_path, channels, monkeypatch):
+    write_mat73(tmp_path / "run.mat", channels)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match="save it with -v7"):
+        read_recording(tmp_path / "run.mat", SYSTEM)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from matching.validity.fidelity.recordings import Recordings, read_recordings
 from matching.validity.tables import check_keys, number, one_of, read_toml, text
 from matching.validity.units import Unit, signal_quantity
+from modelling.channels import Channel
 from modelling.errors import InputError
 from modelling.fidelity.assess import (
     DYNAMIC,
@@ -39,8 +42,15 @@ SENSOR = (
 )
 
 
-def read_case(path: Path | str, arithmetic: str | None = None, nrmse: str | None = None) -> tuple[str, Fidelity]:
+def read_case(
+    path: Path | str,
+    arithmetic: str | None = None,
+    nrmse: str | None = None,
+    channels: Mapping[str, Channel] | None = None,
+) -> tuple[str, Fidelity]:
     """Title and fidelity of a case file; ``arithmetic`` and ``nrmse`` override what the file says.
+
+    ``channels`` tells what the recordings call the signals (:func:`modelling.channels.read_channels`).
 
     Raises
     ------
@@ -48,11 +58,15 @@ def read_case(path: Path | str, arithmetic: str | None = None, nrmse: str | None
         On any fault of the file or its recordings.
     """
     path = Path(path)
-    return fidelity_from_tables(read_toml(path), path, arithmetic, nrmse)
+    return fidelity_from_tables(read_toml(path), path, arithmetic, nrmse, channels)
 
 
 def fidelity_from_tables(
-    tables: dict[str, Any], path: Path, arithmetic: str | None = None, nrmse: str | None = None
+    tables: dict[str, Any],
+    path: Path,
+    arithmetic: str | None = None,
+    nrmse: str | None = None,
+    channels: Mapping[str, Channel] | None = None,
 ) -> tuple[str, Fidelity]:
     """As ``read_case`` for tables as ``tomllib`` reads them; other files are looked for beside ``path``."""
     where = str(path)
@@ -63,7 +77,11 @@ def fidelity_from_tables(
     form = one_of(nrmse or text(tables, "nrmse", where, "definition"), NRMSE, f"{where}: nrmse")
     way = one_of(arithmetic or text(tables, "arithmetic", where, "definition"), ARITHMETICS, f"{where}: arithmetic")
     longest = to_si(tables["longest_delay"], "s", f"{where}: longest_delay") if "longest_delay" in tables else None
-    recordings = read_recordings(tables["recordings"], path) if "recordings" in tables else None
+    recordings = None
+    if "recordings" in tables:
+        recordings = read_recordings(tables["recordings"], path, _compared(tables), channels)
+    elif channels:
+        raise InputError(where, "has no recordings whose channels could be named", "leave out --channels")
     sensors_given = check_keys(tables.get(MEASUREMENT, {}), tables.get(MEASUREMENT, {}), f"{where}: {MEASUREMENT}")
     by_signal = {
         table["signal"]: _uncertainty(table, f"{where}: {MEASUREMENT}.{name}", path)
@@ -87,7 +105,21 @@ def fidelity_from_tables(
         weights_table = check_keys(tables["weights"], (*DYNAMIC, MEASUREMENT), f"{where}: weights")
         weights = {name: number(weights_table, name, f"{where}: weights") for name in weights_table}
     fidelity = assemble(signals, sensors, weights, f_max, way, form, recordings.step if recordings else None, where)
+    if recordings:
+        fidelity = replace(fidelity, notes=recordings.reference.notes + recordings.test.notes)
     return text(tables, "title", where, path.stem), fidelity
+
+
+def _compared(tables: dict[str, Any]) -> set[str]:
+    """Columns of the recordings that a case compares; what is wrong with its tables is told later."""
+    return {
+        str(own.get(kind, name))
+        for domain in DYNAMIC
+        if isinstance(tables.get(domain), dict)
+        for name, own in tables[domain].items()
+        if isinstance(own, dict)
+        for kind in ("reference", "test")
+    }
 
 
 def _signal(

@@ -55,7 +55,7 @@ def _signal(one: SignalFidelity) -> dict[str, Any]:
 
 
 def _notes(fidelity: Fidelity) -> list[str]:
-    notes = []
+    notes = list(fidelity.notes)
     if fidelity.arithmetic == "published":
         ideal = (
             sum(fidelity.weights.get(name, 0) for name in fidelity.signals) * 4 / PUBLISHED_DIVISOR
