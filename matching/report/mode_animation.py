@@ -1,10 +1,13 @@
 """A mode as a moving drawing: every inertia a disc whose pointer swings by its share of the mode shape, much slowed.
 
-The drawing is an SVG that moves by itself (SMIL): no script, no other file; printed, it shows the pointers at rest.
+The drawing is an SVG that moves by itself (SMIL): no script, no other file; printed, it shows the pointers at rest. Of a
+damped mode, whose inertias swing out of step, each pointer is ahead of the largest by its phase; decay is left out.
 """
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,7 @@ SWING = 70.0  # degrees of the largest amplitude
 PERIOD = 2.0  # s, of whatever frequency
 WIDTH, HEIGHT, RADIUS = 96, 122, 26  # of a disc's place and of the disc that holds all kinetic energy, px
 A_ROW = 9
+IN_STEP = math.radians(0.5)  # a phase this near to 0 or 180° is that
 
 
 @dataclass(frozen=True)
@@ -37,18 +41,22 @@ class ModeAnimation(Shown):
         largest = max(mode.shape.values(), key=abs, default=1.0) or 1.0
         discs = []
         for place, (name, own) in enumerate(mode.shape.items()):
-            turn = complex(own / largest).real  # of damped modes what swings in step with the largest
+            turn, phase = relative(own, largest)
             row, column = divmod(place, A_ROW)
             share = mode.kinetic.get(name, 0.0)
             discs.append(
                 {
                     "x": round(WIDTH * (column + 0.5), 1), "y": 26 + RADIUS + HEIGHT * row, "radius": RADIUS,
                     "opacity": round(0.08 + 0.8 * share, 3), "angle": round(SWING * turn, 2),
-                    "words": name.rpartition(".")[2].split("_"), "amplitude": f"{round(turn, 2) + 0.0:+.2f}",
+                    "begin": round(-PERIOD * (phase % math.tau) / math.tau, 3),
+                    "words": name.rpartition(".")[2].split("_"),
+                    "amplitude": f"{turn:.2f}, {math.degrees(phase):+.0f}°" if phase else f"{round(turn, 2) + 0.0:+.2f}",
                 }
             )  # fmt: skip
         rows = (len(discs) + A_ROW - 1) // A_ROW
         damping = f", damping ratio {mode.damping_ratio:.3g}" if mode.damping_ratio else ""
+        if abs(mode.damping_ratio) == 1:
+            damping += " (creeps, does not swing)"
         title = f"mode {mode.number}: {mode.frequency:.4g} Hz{damping}, slowed; darker holds more kinetic energy"
         title = f"{self.of}, {title}" if self.of else title
         height, width = 30 + HEIGHT * rows, max(WIDTH * min(len(discs), A_ROW), 560)
@@ -68,17 +76,35 @@ def html(animation: ModeAnimation) -> str:
     return animation.svg
 
 
-def plot(animation: ModeAnimation) -> Any:
-    """The amplitudes as bars, for where nothing moves (Matplotlib figure)."""
-    from matching.report.style import figure, styled
+def relative(own: complex, largest: complex) -> tuple[float, float]:
+    """Amplitude over the largest, signed, and 0; where it swings out of step its size and phase ahead in rad."""
+    turn = complex(own / largest)
+    phase = cmath.phase(turn)
+    if abs(turn) < 0.005 or abs(phase) < IN_STEP or abs(phase) > math.pi - IN_STEP:
+        return turn.real, 0.0
+    return abs(turn), phase
 
+
+def plot(animation: ModeAnimation) -> Any:
+    """The amplitudes as bars, for where nothing moves, and the phases of a damped mode (Matplotlib figure)."""
+    from matching.report.style import LIMIT, figure, styled
+
+    mode = animation.mode
+    largest = max(mode.shape.values(), key=abs, default=1.0) or 1.0
+    bars = [relative(own, largest) for own in mode.shape.values()]
+    phased = any(phase for _, phase in bars)
     with styled():
-        drawn = figure(7.0, 2.6)
-        axes = drawn.subplots()
-        names = [name.rpartition(".")[2] for name in animation.mode.shape]
-        axes.bar(range(len(names)), list(animation.mode.shape.values()), color=animation.colour)
-        axes.axhline(0.0, color="black", linewidth=0.8)
-        axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=40, ha="right")
-        axes.set_ylabel("amplitude of rotation\nover the largest")
-        axes.set_title(f"{animation.mode.frequency:.4g} Hz", fontsize=9)
+        drawn = figure(7.0, 3.8 if phased else 2.6)
+        grid = drawn.subplots(1 + phased, 1, sharex=True, squeeze=False, height_ratios=[2, 1][: 1 + phased])[:, 0]
+        grid[0].bar(range(len(bars)), [turn for turn, _ in bars], color=animation.colour)
+        grid[0].axhline(0.0, color="black", linewidth=0.8)
+        grid[0].set_ylabel("amplitude of rotation\nover the largest")
+        grid[0].set_title(f"{mode.frequency:.4g} Hz", fontsize=9)
+        if phased:
+            ahead = [math.degrees(phase) if phase else (0.0 if turn >= 0 else 180.0) for turn, phase in bars]
+            grid[1].axhline(0.0, color=LIMIT, linewidth=0.8)
+            grid[1].plot(ahead, "o", color=animation.colour)
+            grid[1].set_ylabel("phase in °")
+        names = [name.rpartition(".")[2].replace("_", " ") for name in mode.shape]
+        grid[-1].set_xticks(range(len(names)), names, rotation=40, ha="right")
     return drawn

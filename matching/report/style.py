@@ -15,6 +15,10 @@ LIMIT = "#666666"
 NOISE = "#CC79A7"
 BAND = "#E6E6E6"
 
+# Many curves of one kind: colours of Okabe and Ito, and strokes, so that neighbours differ in grey too.
+CURVES = (VEHICLE, RIG, MATCHED, NOISE, "#000000", "#E69F00", "#56B4E9", LIMIT)
+STROKES = ("-", "--", ":", "-.")
+
 SETTINGS: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -23,9 +27,16 @@ SETTINGS: Any = {
     "grid.color": "#DDDDDD",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
+    "axes.prop_cycle": f"cycler('color', {list(CURVES)})",
     "legend.frameon": False,
     "svg.hashsalt": "rigmatch",  # the same figure gives the same file
 }
+
+
+def curve(place: int) -> dict[str, Any]:
+    """Colour and stroke of one of many curves, by its place."""
+    turn = place // len(CURVES)
+    return {"color": CURVES[place % len(CURVES)], "linestyle": STROKES[(place + turn) % len(STROKES)]}
 
 
 def figure(width: float = 6.4, height: float = 4.0) -> Figure:

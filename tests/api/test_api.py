@@ -96,5 +96,42 @@ def test_mode_animation(tmp_path):
     damped = rm.modes(VEHICLE, damped=True)[2].animate()
     assert "damping ratio" in damped.svg
     assert isinstance(drawn.plot(), Figure)
+    assert "begin" not in drawn.svg
     drawn.save(tmp_path / "mode.svg")
     assert ElementTree.parse(tmp_path / "mode.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
+
+
+def test_a_damped_mode_swings_out_of_step():
+    """Pointers follow |x|·cos(ωt + φ) of the eigenvector, read off the drawing at a quarter of the period."""
+    slipping = rm.load(EXAMPLES / "compact_bev" / "vehicle.toml")
+    mode = max(rm.modes(slipping, damped=True), key=lambda own: max(abs(np.imag(list(own.shape.values())))))
+    drawn = mode.animate()
+    largest = max(mode.shape.values(), key=abs)
+    root = ElementTree.fromstring(drawn.svg)
+    turns = [disc.find("g") for disc in root.iter("g") if disc.find("circle") is not None]
+    assert len(turns) == len(mode.shape)
+    out_of_step = 0
+    for turn, own in zip(turns, mode.shape.values(), strict=True):
+        moving = turn.find("animateTransform")
+        if moving is None:
+            assert abs(own / largest) < 1e-3
+            continue
+        out_of_step += moving.get("begin") is not None
+        size, begin = float(moving.get("values").split(";")[0]), float((moving.get("begin") or "0s")[:-1])
+        for time in (0.0, 0.5):  # s of a period of 2 s
+            seen = size * np.cos(np.pi * (time - begin))
+            expected = 70 * abs(own / largest) * np.cos(np.pi * time + np.angle(own / largest))
+            assert seen == pytest.approx(expected, abs=0.7)
+    assert out_of_step >= 2
+    axes = drawn.plot().axes
+    assert [one.get_ylabel().split(" ")[0] for one in axes] == ["amplitude", "phase"]
+
+
+def test_figures_keep_to_the_colours_of_the_house():
+    from matching.report import style
+
+    responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
+    curves = responses.plot().axes[0].lines
+    assert {line.get_color() for line in curves} <= set(style.CURVES)
+    looks = [tuple(style.curve(place).values()) for place in range(32)]
+    assert len(set(looks)) == 32

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.report.style import figure, styled
+from matching.report.style import curve, figure, styled
 from matching.report.views.table import table
 from modelling.response import Response
-
-STROKES = ("-", "--", "-.", ":")  # told apart without colour
 
 
 def plot(response: Response) -> Figure:
@@ -20,7 +18,7 @@ def plot(response: Response) -> Figure:
         grid = drawn.subplots(2, many, sharex=True, sharey="row", height_ratios=[2, 1], squeeze=False)
         for source, (amplitude, phase) in zip(response.inputs, grid.T, strict=True):
             for place, sensor in enumerate(response.sensors):
-                own, look = response[sensor, source], {"color": f"C{place % 10}", "linestyle": STROKES[place % 4]}
+                own, look = response[sensor, source], curve(place)
                 amplitude.loglog(response.frequencies, np.abs(own), label=sensor.replace("_", " "), **look)
                 phase.semilogx(response.frequencies, np.degrees(np.unwrap(np.angle(own))), **look)
             amplitude.set_title(f"to {source}".replace("_", " "), fontsize=9)
