@@ -283,7 +283,7 @@ class Quadratic:
 
     def __init__(self, J: np.ndarray):
         self.scale = np.linalg.norm(J, axis=0)
-        self.scale[self.scale < 1e-12 * max(self.scale.max(initial=0.0), 1e-300)] = np.inf  # no influence: not moved
+        self.scale[self.scale == 0] = np.inf  # no influence: not moved; small is a matter of the unit
         H = (J.T @ J) / np.outer(self.scale, self.scale)
         self.H = H + 1e-10 * np.eye(len(H))
         self.chol = np.linalg.cholesky(self.H + 1e-9 * np.eye(len(H)))
