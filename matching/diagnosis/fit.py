@@ -6,7 +6,7 @@ The Jacobian comes from finite differences run as one batch, and is kept while i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -211,6 +211,7 @@ def solve(
     exact: bool = True,
     rival: float = 0.0,
     noise: float = 0.0,
+    held: Sequence[int] = (),
 ) -> Fit:
     """Least squares from the variables v (v,).
 
@@ -225,6 +226,8 @@ def solve(
     noise : float
         χ² of another fit that is at the noise: one that stays above it, even if it went on at twice its pace, is
         given up.
+    held : sequence of int
+        Variables that stay where they are; their columns of the Jacobian are 0.
 
     Raises
     ------
@@ -236,7 +239,9 @@ def solve(
     if not np.isfinite(r).all():
         raise FloatingPointError("the simulation diverges at the start of the fit")
     cost, fresh, radius = float(r @ r), jacobian is None, np.inf
-    J = problem.jacobian(v, r) if jacobian is None else jacobian
+    moving = np.ones(problem.size)
+    moving[list(held)] = 0.0
+    J = moving * (problem.jacobian(v, r) if jacobian is None else jacobian)
     quadratic = Quadratic(J)
     last = (0, cost)  # iteration and cost when a step with a Jacobian of its own point was last taken
     for iteration in range(iterations):
@@ -271,7 +276,7 @@ def solve(
                 if predicted < max(0.5, 1e-5 * cost) or length < 1e-10:
                     break
         if (not fresh and not 0.7 < gain < 1.5) or (moved and fresh and gain < 0.5):
-            J, fresh = problem.jacobian(v, r), True
+            J, fresh = moving * problem.jacobian(v, r), True
             quadratic = Quadratic(J)
         elif moved:
             fresh = False
