@@ -6,7 +6,7 @@ response to any sampled torque is exactly the convolution with the response to o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ from modelling.compiled import compiled
 from modelling.effects import EFFECTS
 from modelling.effects.seen import Guess
 from modelling.system import Input, System
+
+WORTHWHILE = 100.0  # decrease of χ² from which guesses near the best are looked at too
 
 
 @dataclass(frozen=True)
@@ -158,13 +160,27 @@ class Screen:
         system = system or self.system
         taken_places = {(effect.kind, effect.at) for effect in system.effects}
         for kind, own in EFFECTS.items():
+            best: list[Screened] = []
             for at in own.places(system):
                 if (kind, at) in taken_places or (kind == "wrong_parameter" and system.parameters[at].uncertain):
                     continue
-                for guess in own.guesses(self.seen, at):
-                    reduction, parameters = self.reduction(guess)
-                    if parameters is not None and reduction > 0:
-                        yield Screened(kind, at, parameters, reduction)
+                found = self._tried(kind, at, own.guesses(self.seen, at))
+                yield from found
+                best += sorted(found, key=lambda one: -one.reduction)[:1]
+            for one in best:
+                if one.reduction > max(WORTHWHILE, 0.5 * max(other.reduction for other in best)):
+                    spans = len(self.spans)  # all but the same as those kept
+                    yield from self._tried(kind, one.at, own.nearby(self.seen, one.at, one.parameters))
+                    del self.spans[spans:]
+
+    def _tried(self, kind: str, at: str, guesses: Iterable[Guess]) -> list[Screened]:
+        """Those guesses that lower χ²."""
+        out = []
+        for guess in guesses:
+            reduction, parameters = self.reduction(guess)
+            if parameters is not None and reduction > 0:
+                out.append(Screened(kind, at, parameters, reduction))
+        return out
 
 
 def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:

@@ -57,6 +57,10 @@ class Kind:
         """First guesses of this effect at a place, from a motion without it; for screening and as starts of a fit."""
         raise NotImplementedError
 
+    def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterable[Guess]:
+        """Further guesses about the best one, where a fit would not find from one to the other; here none."""
+        return ()
+
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         """Bounds of a parameter in a fit that begins at a guess, for data sampled every ``step`` s; here the physical
         ones."""

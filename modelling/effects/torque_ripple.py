@@ -29,12 +29,19 @@ class TorqueRipple(Kind):
         assembly.act(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         angle, pull = seen.angle[at.split(".")[1]], seen.pull[at.split(".")[1]]
         for order in _orders(angle, pull):
-            wave = {at: np.sin(order * angle)}, {at: np.cos(order * angle)}
-            yield Guess(wave, partial(_wave, order))
+            yield _guess(at, angle, order)
+
+    def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        """Orders about the best one, half a line apart: a motion to and fro gives the true one many side lobes."""
+        import numpy as np
+
+        angle = seen.angle[at.split(".")[1]]
+        span = float(np.ptp(angle))
+        if span > 4 * np.pi:
+            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
+                yield _guess(at, angle, float(order))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
@@ -45,6 +52,12 @@ class TorqueRipple(Kind):
         turn = math.pi if parameters["amplitude"] < 0 else 0.0
         phase = math.remainder(parameters["phase"] + turn, 2 * math.pi)
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
+
+
+def _guess(at: str, angle: np.ndarray, order: float) -> Guess:
+    import numpy as np
+
+    return Guess(({at: np.sin(order * angle)}, {at: np.cos(order * angle)}), partial(_wave, order))
 
 
 def _wave(order: float, a: np.ndarray) -> dict[str, float]:
