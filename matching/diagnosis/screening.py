@@ -169,9 +169,7 @@ class Screen:
                 best += sorted(found, key=lambda one: -one.reduction)[:1]
             for one in best:
                 if one.reduction > max(WORTHWHILE, 0.5 * max(other.reduction for other in best)):
-                    spans = len(self.spans)  # all but the same as those kept
                     yield from self._tried(kind, one.at, own.nearby(self.seen, one.at, one.parameters))
-                    del self.spans[spans:]
 
     def _tried(self, kind: str, at: str, guesses: Iterable[Guess]) -> list[Screened]:
         """Those guesses that lower χ²."""

@@ -73,9 +73,9 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
             "answer": answer,
         }
     row |= {"seconds": time.perf_counter() - begin, "found": found}
-    first = found["causes"][0] if found["causes"] else None
-    if order.category == "single" and first and (first["kind"], first["at"]) != (answer["kind"], answer["at"]):
-        answer = order.make(
-            given.seconds
-        ).answer  # the same again, with the causes that no recording like it tells apart
+    named = [(cause["kind"], cause["at"]) for cause in found["causes"]]
+    hidden = [(cause["kind"], cause["at"]) for cause in answer["causes"]]
+    missed = {"single": named[:1] != hidden[:1], "double": not set(hidden) <= set(named)}
+    if named and missed.get(order.category):
+        answer = order.make(given.seconds).answer  # again, with the causes that no recording like it tells apart
     return row | {"answer": answer}
