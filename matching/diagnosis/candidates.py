@@ -228,7 +228,7 @@ def _known_jacobian(problem: Problem, parent: Fit, v: np.ndarray) -> np.ndarray:
     names, names_before = _variables(problem), _variables(parent.problem)
     at = {name: i for i, name in enumerate(names_before)}
     fresh = [i for i, name in enumerate(names) if name not in at]
-    out = np.empty((len(parent.residual), len(names)))
+    out = np.empty((len(parent.residual), len(names)), order="F")
     for i, name in enumerate(names):
         if name in at:
             out[:, i] = parent.jacobian[:, at[name]]

@@ -81,10 +81,12 @@ class Problem:
         out = []
         for i, segment in enumerate(self.data.segments):
             y = runs.readings(self.model, segment, p, np.array([pair[1][i] for pair in pairs]), self.steps)
-            r = (segment.readings - y) / self.data.noise
-            r[:, ~segment.counts] = 0.0
+            r = np.subtract(segment.readings, y, out=y)  # long recordings: no copy more than is needed
+            r /= self.data.noise
+            if not segment.counts.all():
+                r[:, ~segment.counts] = 0.0
             out.append(r.reshape(len(batch), -1))
-        return np.concatenate(out, axis=1)
+        return out[0] if len(out) == 1 else np.concatenate(out, axis=1)
 
     def simulated(self, v: np.ndarray) -> list[np.ndarray]:
         """Readings (t, y) of every segment."""
@@ -131,7 +133,7 @@ class Problem:
         if central is not None:
             h = np.minimum(np.abs(h), central)
         h = np.where(v + h > self.upper, -h, h)
-        out = np.zeros((len(r), len(columns)))
+        out = np.zeros((len(r), len(columns)), order="F")
         # a start state moves its own segment only: the same state of all segments is moved in one run
         groups: dict[int, list[int]] = {}
         for c, j in enumerate(columns):
@@ -157,8 +159,10 @@ class Problem:
                     width = h[j]
                     if central is not None:
                         width = v[j] + h[j] - np.clip(v[j] - h[j], self.lower[j], self.upper[j])
-                    out[part, c] = (moved[part] - back[part]) / width
-        out[~np.isfinite(out)] = 0.0
+                    np.subtract(moved[part], back[part], out=out[part, c])
+                    out[part, c] /= width
+                    if not np.isfinite(out[part, c]).all():
+                        out[part, c] = np.nan_to_num(out[part, c], nan=0.0, posinf=0.0, neginf=0.0)
         return out
 
 
@@ -287,9 +291,10 @@ class Quadratic:
     """The normal equations of a Jacobian, columns scaled to length 1."""
 
     def __init__(self, J: np.ndarray):
-        self.scale = np.linalg.norm(J, axis=0)
+        products = J.T @ J
+        self.scale = np.sqrt(np.diag(products))
         self.scale[self.scale == 0] = np.inf  # no influence: not moved; small is a matter of the unit
-        H = (J.T @ J) / np.outer(self.scale, self.scale)
+        H = products / np.outer(self.scale, self.scale)
         self.H = H + 1e-10 * np.eye(len(H))
         self.chol = np.linalg.cholesky(self.H + 1e-9 * np.eye(len(H)))
 

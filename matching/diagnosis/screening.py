@@ -6,8 +6,9 @@ response to any sampled torque is exactly the convolution with the response to o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from scipy import fft
@@ -24,6 +25,7 @@ from modelling.effects.seen import Guess
 from modelling.system import Input, System
 
 WORTHWHILE = 100.0  # decrease of χ² from which guesses near the best are looked at too
+TOGETHER = 16  # guesses that are freed at once
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class Screen:
         self.draws: np.ndarray | None = None  # (r, d) noise offered to every guess looked at, for the bootstrap
         self.taken: list[np.ndarray] = []  # (d,) what each guess takes of it
         self.hats = _hat_responses(fit)
+        self._spectra: dict[tuple[str, int], np.ndarray] = {}
         self.seen = seen(fit)
         scale = max(
             [float(np.std(own)) for own in (*self.seen.torque.values(), *self.seen.input.values())], default=1.0
@@ -69,24 +72,32 @@ class Screen:
     def response(self, torques: dict[str, np.ndarray]) -> np.ndarray:
         """Readings (t, y) that torques (t,) on inertias add."""
         out = np.zeros((len(self.seen.time), len(self.noise)))
-        for name, torque in torques.items():
-            for part in self.seen.parts:
-                size = part.stop - part.start
-                length = fft.next_fast_len(2 * size, real=True)
-                hat = fft.rfft(self.hats[name][:size], length, axis=0)
-                out[part] += fft.irfft(hat * fft.rfft(torque[part], length)[:, None], length, axis=0)[:size]
+        for part in self.seen.parts if torques else ():
+            size = part.stop - part.start
+            length = fft.next_fast_len(2 * size, real=True)
+            total = np.zeros((length // 2 + 1, len(self.noise)), dtype=complex)
+            for name, torque in torques.items():
+                total += self._spectrum(name, size) * fft.rfft(torque[part], length)[:, None]
+            out[part] = fft.irfft(total, length, axis=0)[:size]
         return out
+
+    def _spectrum(self, name: str, size: int) -> np.ndarray:
+        """Spectrum (f, y) of the readings after a hat of torque on an inertia, for as many samples."""
+        if (name, size) not in self._spectra:
+            length = fft.next_fast_len(2 * size, real=True)
+            self._spectra[name, size] = fft.rfft(self.hats[name][:size], length, axis=0)
+        return self._spectra[name, size]
 
     def _pull(self) -> dict[str, np.ndarray]:
         """The residual's gradient by a torque at each inertia and moment (correlation, the adjoint of ``response``)."""
         weighted = self.residual.reshape(-1, len(self.noise)) / self.noise
         out = {}
-        for name, hats in self.hats.items():
+        for name in self.hats:
             own = np.zeros(len(weighted))
             for part in self.seen.parts:
                 size = part.stop - part.start
                 length = fft.next_fast_len(2 * size, real=True)
-                hat = np.conj(fft.rfft(hats[:size], length, axis=0))
+                hat = np.conj(self._spectrum(name, size))
                 own[part] = fft.irfft((hat * fft.rfft(weighted[part], length, axis=0)).sum(axis=1), length)[:size]
             out[name] = own
         return out
@@ -140,18 +151,42 @@ class Screen:
 
     def reduction(self, guess: Guess) -> tuple[float, dict[str, float] | None]:
         """How much a guess lowers χ² at its best amplitudes, and the parameters it then has (None: no such effect)."""
-        raw = [self.signature(dict(push)) for push in guess.pushes]
-        if not all(np.isfinite(one).all() for one in raw):
-            return 0.0, None
-        columns = np.stack([self.free(one) for one in raw], axis=1)
+        return self._reductions([guess])[0]
+
+    def _reductions(self, guesses: Sequence[Guess]) -> list[tuple[float, dict[str, float] | None]]:
+        """The same of several guesses, all freed at once: the basis is long, and reading it is what takes the time."""
+        raw = [[self.signature(dict(push)) for push in guess.pushes] for guess in guesses]
+        kept = [all(np.isfinite(one).all() for one in own) for own in raw]
+        rows = np.array([one for own, good in zip(raw, kept, strict=True) if good for one in own])
+        before = np.linalg.norm(rows, axis=1) if len(rows) else np.empty(0)
+        if len(rows):
+            rows -= (rows @ self.basis) @ self.basis.T
+        at = 0
+        out: list[tuple[float, dict[str, float] | None]] = []
+        spans: list[np.ndarray] = []
+        for guess, own, good in zip(guesses, raw, kept, strict=True):
+            part = slice(at, at + len(own) * good)
+            at = part.stop
+            out.append(self._along(guess, rows[part].T, before[part], spans) if good else (0.0, None))
+        if self.draws is not None and spans:
+            square = (np.concatenate([span.T for span in spans], dtype=np.float32) @ self.draws) ** 2
+            ends = np.cumsum([0, *(span.shape[1] for span in spans)])
+            self.taken += [own.sum(axis=0) for own in np.split(square, ends[1:-1])]
+        return out
+
+    def _along(
+        self, guess: Guess, columns: np.ndarray, before: np.ndarray, spans: list[np.ndarray]
+    ) -> tuple[float, dict[str, float] | None]:
+        """What the freed signatures (r, c) of a guess take, of lengths (c,) before; their orthonormal span is added."""
         length = np.linalg.norm(columns, axis=0)
-        if np.any(length < 1e-6 * np.linalg.norm(np.stack(raw, axis=1), axis=0)) or not np.all(length > 0):
+        if np.any(length < 1e-6 * before) or not np.all(length > 0):
             return 0.0, None
-        span, triangle = np.linalg.qr(columns / length)
+        span, triangle = columns / length, np.eye(1)
+        if len(length) > 1:
+            span, triangle = np.linalg.qr(span)
         if np.abs(np.diag(triangle)).min() < 1e-6:
             return 0.0, None
-        if self.draws is not None:
-            self.taken.append(np.sum((span.astype(np.float32).T @ self.draws) ** 2, axis=0))
+        spans.append(span)
         along = span.T @ self.residual
         return float(along @ along), guess.parameters(np.linalg.solve(triangle, along) / length)
 
@@ -160,25 +195,30 @@ class Screen:
         system = system or self.system
         taken_places = {(effect.kind, effect.at) for effect in system.effects}
         for kind, own in EFFECTS.items():
-            best: list[Screened] = []
-            for at in own.places(system):
-                if (kind, at) in taken_places or (kind == "wrong_parameter" and system.parameters[at].uncertain):
-                    continue
-                found = self._tried(kind, at, own.guesses(self.seen, at))
-                yield from found
-                best += sorted(found, key=lambda one: -one.reduction)[:1]
-            for one in best:
-                if one.reduction > max(WORTHWHILE, 0.5 * max(other.reduction for other in best)):
-                    yield from self._tried(kind, one.at, own.nearby(self.seen, one.at, one.parameters))
+            places = [
+                at
+                for at in own.places(system)
+                if (kind, at) not in taken_places
+                and not (kind == "wrong_parameter" and system.parameters[at].uncertain)
+            ]
+            found = list(self._tried(kind, ((at, guess) for at in places for guess in own.guesses(self.seen, at))))
+            yield from found
+            best: dict[str, Screened] = {}
+            for one in sorted(found, key=lambda one: -one.reduction):
+                best.setdefault(one.at, one)
+            most = max((one.reduction for one in best.values()), default=0.0)
+            good = [one for one in best.values() if one.reduction > max(WORTHWHILE, 0.5 * most)]
+            nearby = ((one.at, guess) for one in good for guess in own.nearby(self.seen, one.at, one.parameters))
+            yield from self._tried(kind, nearby)
 
-    def _tried(self, kind: str, at: str, guesses: Iterable[Guess]) -> list[Screened]:
-        """Those guesses that lower χ²."""
-        out = []
-        for guess in guesses:
-            reduction, parameters = self.reduction(guess)
-            if parameters is not None and reduction > 0:
-                out.append(Screened(kind, at, parameters, reduction))
-        return out
+    def _tried(self, kind: str, guesses: Iterable[tuple[str, Guess]]) -> Iterator[Screened]:
+        """Those guesses at places that lower χ²."""
+        rest = iter(guesses)
+        while some := list(islice(rest, TOGETHER)):
+            for (at, _), found in zip(some, self._reductions([guess for _, guess in some]), strict=True):
+                reduction, parameters = found
+                if parameters is not None and reduction > 0:
+                    yield Screened(kind, at, parameters, reduction)
 
 
 def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:

@@ -4,8 +4,8 @@
 the exponent of a power law fitted to it. Times are processor times of one diagnosis, all threads and the compiler of
 the models included, and what a clock on the wall says beside them. The recordings are made by the truth plant of the
 tests, which shares no code with the models: a chain of inertias driven at both ends, with dry friction on an inertia in
-its middle or free play in a shaft there. Long recordings begin as short ones. ``large`` is ten inertias, twelve sensors,
-60 s at 1 kHz.
+its middle or free play in a shaft there. Long recordings begin as short ones. ``large`` is ten inertias, twelve
+sensors, 60 s at 1 kHz.
 """
 
 import resource
@@ -38,7 +38,7 @@ COUNTS = (3, 5, 7, 10)
 
 
 def chain(count: int, sensors: int) -> Drive:
-    """``count`` inertias in a row, driven at both ends; speeds are measured first, then torques of shafts spread evenly."""
+    """``count`` inertias in a row, driven at both ends; speeds are measured first, then torques of some shafts."""
     rng = np.random.default_rng(count)
     parts = [f"part{i}" for i in range(count)]
     shafts = {f"shaft{i}": (parts[i], parts[i + 1]) for i in range(count - 1)}
