@@ -1,7 +1,7 @@
 """A mode as a moving drawing: every inertia a disc whose pointer swings by its share of the mode shape, much slowed.
 
-The drawing is an SVG that moves by itself (SMIL): no script, no other file; printed, it shows the pointers at rest. Of a
-damped mode, whose inertias swing out of step, each pointer is ahead of the largest by its phase; decay is left out.
+The drawing is an SVG that moves by itself (SMIL): no script, no other file; printed, it shows the pointers at rest. In
+a damped mode inertias swing out of step: each pointer is ahead of the largest by its phase. The decay is left out.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ class ModeAnimation(Shown):
         discs = []
         for place, (name, own) in enumerate(mode.shape.items()):
             turn, phase = relative(own, largest)
+            said = f"{turn:.2f}, {math.degrees(phase):+.0f}°" if phase else f"{round(turn, 2) + 0.0:+.2f}"
             row, column = divmod(place, A_ROW)
             share = mode.kinetic.get(name, 0.0)
             discs.append(
@@ -50,7 +51,7 @@ class ModeAnimation(Shown):
                     "opacity": round(0.08 + 0.8 * share, 3), "angle": round(SWING * turn, 2),
                     "begin": round(-PERIOD * (phase % math.tau) / math.tau, 3),
                     "words": name.rpartition(".")[2].split("_"),
-                    "amplitude": f"{turn:.2f}, {math.degrees(phase):+.0f}°" if phase else f"{round(turn, 2) + 0.0:+.2f}",
+                    "amplitude": said,
                 }
             )  # fmt: skip
         rows = (len(discs) + A_ROW - 1) // A_ROW
