@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", "--draws", metavar="N", type=count(100), default=10_000, help="draws (default: 10000)")
     parser.add_argument(
         "--tolerance", metavar="NAME=SHARE", action="append", default=[],
-        help="a further quantity of rig or loop and its relative tolerance, e.g. loop.dead_time=0.2; repeatable",
+        help="a further quantity of rig or loop and its relative tolerance, e.g. loop.dead_time=0.2, or many by "
+        "a quoted pattern, e.g. 'rig.*.stiffness=0.05'; repeatable",
     )  # fmt: skip
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the draws (default: 0)")
     scale_out(parser)

@@ -53,7 +53,8 @@ class Prepared(Loops):
         names = [one.name for one in self.varied]
         super().__init__(self.case, names, center, corners, encirclements(self.parts).margin_frequency)
         self.margin = float(self.margins(center[None])[0][0])
-        self.goals = self._goals()
+        near = self._goals()
+        self.targets, self.goals = list(near), list(near.values())
         self.told: Twin | None = None
         if self.case.loop.structure == "model_based":
             self.told = twin(self.case.rig, cut(self.case.vehicle, self.case.rig), self.case.loop)
@@ -91,9 +92,9 @@ class Prepared(Loops):
         told = [self.told, None] if self.told is not None else [None]
         return [response_error(*compared(loop, one, vehicle, frequencies)) for one in told]
 
-    def _goals(self) -> list[complex]:
-        """Modes of the nominal feedback loop near the targets, as far as it has any."""
-        found = []
+    def _goals(self) -> dict[int, complex]:
+        """Modes of the nominal feedback loop near the targets, as far as it has any, by the target's mode number."""
+        found = {}
         own = [
             mode.eigenvalue for mode in feedback_modes(self.parts) if mode.frequency > 0 and mode.eigenvalue.imag > 0
         ]
@@ -102,7 +103,7 @@ class Prepared(Loops):
             wanted = 2j * np.pi * plain[target.mode - 1].frequency
             near = min(own, key=lambda s: abs(s - wanted), default=0j)
             if abs(near - wanted) < CLOSE * abs(wanted):
-                found.append(complex(near))
+                found[target.mode] = complex(near)
         return found
 
 
@@ -115,9 +116,9 @@ def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
         "modulus_margin": least.tolist(), "stable": prepared.stable(x, determinants).astype(float).tolist(),
     }  # fmt: skip
     units, nominal = {"modulus_margin": ""}, {"modulus_margin": prepared.margin}
-    for j, (goal, root) in enumerate(zip(prepared.goals, prepared.roots(x, prepared.goals).T), 1):
+    for mode, goal, root in zip(prepared.targets, prepared.goals, prepared.roots(x, prepared.goals).T):
         for what, unit, of in (("frequency", "Hz", _frequency), ("damping_ratio", "", _damping)):
-            name = f"target_{j}_{what}"
+            name = f"target_mode_{mode}_{what}"
             values[name], units[name], nominal[name] = of(root).tolist(), unit, float(of(np.array([goal]))[0])
     errors = np.array([prepared.errors(row) for row in x[:few]])
     here = prepared.errors(prepared.center)

@@ -8,6 +8,7 @@ of hardware: there the vehicle it is compared with has the drawn value too.
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -84,9 +85,7 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
         if own.lower is not None and own.upper is not None and own.lower < own.upper:
             unit = known[f"rig.{name}"][1]
             found[f"rig.{name}"] = Varied(f"rig.{name}", own.value, own.lower, own.upper, unit)
-    for name, share in (added or {}).items():
-        if name not in known:
-            raise unknown(name, list(known), "--tolerance")
+    for name, share in _named(added or {}, known):
         if name.startswith("residual_vehicle."):
             raise InputError(
                 "--tolerance", f"{name} is a number in the controller", "name a quantity of the rig or loop"
@@ -96,9 +95,23 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
             raise InputError("--tolerance", f"{name} = {value:g} cannot vary by {share:g}", "give 0 < SHARE < 1")
         found[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
     if not found:
-        right = "write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance NAME=0.05"
+        right = "write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance 'rig.*.stiffness=0.05'"
         raise InputError(case.path, "no quantity of the rig has a tolerance", right)
     return tuple(found.values())
+
+
+def _named(added: Mapping[str, float], known: Mapping[str, tuple[float, str]]) -> list[tuple[str, float]]:
+    """Names with their tolerances; a pattern stands for all of the rig and loop that it fits and that are not zero."""
+    found = []
+    for name, share in added.items():
+        fitting = [name] if name in known else []
+        if "*" in name:
+            own = [one for one in known if known[one][0] != 0 and not one.startswith("residual_vehicle.")]
+            fitting = fnmatch.filter(own, name)
+        if not fitting:
+            raise unknown(name, list(known), "--tolerance")
+        found += [(one, share) for one in fitting]
+    return found
 
 
 def tuned(case: Case) -> Case:
@@ -119,7 +132,8 @@ def tolerance(
     draws : int
     executor : concurrent.futures.Executor
     added : mapping of str to float, optional
-        Relative tolerances beside those of the rig file.
+        Relative tolerances beside those of the rig file, by name or by a pattern such as ``rig.*.stiffness``; what
+        stands later counts.
     record, progress : see :func:`matching.studies.run`
 
     Raises

@@ -63,15 +63,13 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
         linestyle="none",
     )
     marker = (
-        {"label": "at a bound", "markerfacecolor": LIMIT}
+        {"label": "at a bound", "markerfacecolor": LIMIT, "marker": "s"}
         if row.at_bound
-        else {"label": "tuned", "markerfacecolor": MATCHED}
+        else {"label": "tuned", "markerfacecolor": MATCHED, "marker": "D"}
     )
     if row.frozen:
-        marker = {"label": "stays, needs no identification", "markerfacecolor": "white"}
-    axes.plot(
-        at(row.tuned), place, "D", markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker
-    )
+        marker = {"label": "stays, needs no identification", "markerfacecolor": "white", "marker": "D"}
+    axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
     axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=7.5)
     axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=7.5)
 

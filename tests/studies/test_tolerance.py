@@ -84,6 +84,7 @@ def test_wide_tolerances_against_the_verification_of_each():
     stable = [one.unstable == 0 and one.clear for one in exact]
     assert wide.stable(x, determinants).tolist() == stable
     assert 5 < sum(stable) < 25
+    assert wide.targets == [3]  # the feedback alone has no mode near 1.6 Hz
 
 
 def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
@@ -138,6 +139,7 @@ def test_shares_of_a_sum_are_those_of_its_terms():
     ("added", "said"),
     [
         ({"rig.inertias.roto.J": 0.1}, "did you mean"),
+        ({"rig.inertia.*": 0.1}, "does not exist"),
         ({"residual_vehicle.inertias.body.J": 0.1}, "is a number in the controller"),
         ({"loop.dead_time": 1.5}, "give 0 < SHARE < 1"),
     ],
@@ -145,6 +147,16 @@ def test_shares_of_a_sum_are_those_of_its_terms():
 def test_wrong_tolerances(case, added, said):
     with pytest.raises(InputError, match=said):
         varied_of(case, added)
+
+
+def test_a_pattern_stands_for_all_that_fit_and_what_is_later_counts(case):
+    alone = {one.name for one in varied_of(case)}
+    found = {one.name: one for one in varied_of(case, {"*.inertias.*": 0.1, "rig.inertias.motor.J": 0.01})}
+    assert set(found) - alone >= {"rig.inertias.motor.J", "rig.inertias.rotor.J"}
+    assert not any(name.startswith("residual_vehicle.") or one.value == 0 for name, one in found.items())
+    motor, rotor = (found[f"rig.inertias.{name}.J"] for name in ("motor", "rotor"))
+    assert motor.upper == pytest.approx(1.01 * motor.value)
+    assert rotor.lower == pytest.approx(0.9 * rotor.value)
 
 
 def test_command(case, tmp_path, capsys):

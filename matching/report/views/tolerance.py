@@ -49,7 +49,7 @@ def text(result: Mapping[str, Any]) -> str:
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of "
         f"{result['modulus_margin_asked']:g} kept {shares['modulus_margin']:.1%}"
         + "".join(f", {_said(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
-        f"{'':34} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
+        f"{'':42} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
     ]
     for own in result["quantities"]:
         named = ", ".join(
@@ -57,12 +57,12 @@ def text(result: Mapping[str, Any]) -> str:
         )
         low, high = own["quantiles"]["0.05"], own["quantiles"]["0.95"]
         name = _said(own["name"]) + (f" [{own['unit']}]" if own["unit"] else "")
-        rows.append(f"{name:34} {own['nominal']:9.4g} {low:9.4g} {high:9.4g}   {named or '–'}")
+        rows.append(f"{name:42} {own['nominal']:9.4g} {low:9.4g} {high:9.4g}   {named or '–'}")
     return "\n".join(rows)
 
 
 def _said(name: str) -> str:
-    return name.replace("target_", "loop mode near target ").replace("_", " ")
+    return name.replace("target_mode", "loop mode near vehicle mode", 1).replace("_", " ")
 
 
 def _short(name: str) -> str:
