@@ -17,6 +17,8 @@ from modelling.assembly import STICK_SPEED
 from modelling.compiled import Model, compiled
 from modelling.system import System
 
+DIVERGED = 1e100  # of a slope, in times the noise: no parameter's influence, a simulation that ran away
+
 
 @dataclass
 class Problem:
@@ -161,8 +163,8 @@ class Problem:
                         width = v[j] + h[j] - np.clip(v[j] - h[j], self.lower[j], self.upper[j])
                     np.subtract(moved[part], back[part], out=out[part, c])
                     out[part, c] /= width
-                    if not np.isfinite(out[part, c]).all():
-                        out[part, c] = np.nan_to_num(out[part, c], nan=0.0, posinf=0.0, neginf=0.0)
+                    if not np.isfinite(chi_square(out[part, c])):
+                        out[part, c] = np.where(np.abs(out[part, c]) < DIVERGED, out[part, c], 0.0)
         return out
 
 
@@ -240,9 +242,9 @@ def solve(
     """
     v = np.clip(v, problem.lower, problem.upper)
     r = problem.residuals(v[None])[0]
-    if not np.isfinite(r).all():
+    cost, fresh, radius = chi_square(r), jacobian is None, np.inf
+    if not np.isfinite(cost):
         raise FloatingPointError("the simulation diverges at the start of the fit")
-    cost, fresh, radius = float(r @ r), jacobian is None, np.inf
     moving = np.ones(problem.size)
     moving[list(held)] = 0.0
     J = moving * (problem.jacobian(v, r) if jacobian is None else jacobian)
@@ -255,7 +257,7 @@ def solve(
             break
         if not enough:
             tried = problem.residuals(np.clip(v + step, problem.lower, problem.upper)[None])[0]
-            new = float(tried @ tried) if np.isfinite(tried).all() else np.inf
+            new = chi_square(tried)
             gain = (cost - new) / predicted
         else:
             gain, new = -1.0, np.inf
@@ -285,6 +287,13 @@ def solve(
         elif moved:
             fresh = False
     return Fit(problem, v, r, J, cost)
+
+
+def chi_square(r: np.ndarray) -> float:
+    """χ² of a residual (r,); infinite where the simulation diverged, be it that only the square is too large."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = float(r @ r)
+    return square if np.isfinite(square) else np.inf
 
 
 class Quadratic:

@@ -163,19 +163,20 @@ class Screen:
             rows -= (rows @ self.basis) @ self.basis.T
         at = 0
         out: list[tuple[float, dict[str, float] | None]] = []
-        spans: list[np.ndarray] = []
+        spans: list[tuple[Guess, np.ndarray]] = []
         for guess, own, good in zip(guesses, raw, kept, strict=True):
             part = slice(at, at + len(own) * good)
             at = part.stop
             out.append(self._along(guess, rows[part].T, before[part], spans) if good else (0.0, None))
         if self.draws is not None and spans:
-            square = (np.concatenate([span.T for span in spans], dtype=np.float32) @ self.draws) ** 2
-            ends = np.cumsum([0, *(span.shape[1] for span in spans)])
-            self.taken += [own.sum(axis=0) for own in np.split(square, ends[1:-1])]
+            square = (np.concatenate([span.T for _, span in spans], dtype=np.float32) @ self.draws) ** 2
+            ends = np.cumsum([0, *(span.shape[1] for _, span in spans)])
+            for (guess, span), drawn in zip(spans, np.split(square, ends[1:-1]), strict=True):
+                self.taken.append(best_of(guess.chosen_from, drawn.sum(axis=0), span.shape[1]))
         return out
 
     def _along(
-        self, guess: Guess, columns: np.ndarray, before: np.ndarray, spans: list[np.ndarray]
+        self, guess: Guess, columns: np.ndarray, before: np.ndarray, spans: list[tuple[Guess, np.ndarray]]
     ) -> tuple[float, dict[str, float] | None]:
         """What the freed signatures (r, c) of a guess take, of lengths (c,) before; their orthonormal span is added."""
         length = np.linalg.norm(columns, axis=0)
@@ -186,7 +187,7 @@ class Screen:
             span, triangle = np.linalg.qr(span)
         if np.abs(np.diag(triangle)).min() < 1e-6:
             return 0.0, None
-        spans.append(span)
+        spans.append((guess, span))
         along = span.T @ self.residual
         return float(along @ along), guess.parameters(np.linalg.solve(triangle, along) / length)
 
@@ -219,6 +220,17 @@ class Screen:
                 reduction, parameters = found
                 if parameters is not None and reduction > 0:
                     yield Screened(kind, at, parameters, reduction)
+
+
+def best_of(count: float, taken: np.ndarray, c: int) -> np.ndarray:
+    """What the best of ``count`` guesses takes of noise, as likely as what one of them takes (d,): χ² with c degrees of
+    freedom to the largest of as many."""
+    from scipy.stats import chi2
+
+    if count <= 1:
+        return taken
+    rarer = -np.expm1(np.log1p(-np.clip(chi2.sf(taken, c), 0.0, 1 - 1e-12)) / count)
+    return chi2.isf(rarer, c)
 
 
 def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from matching.diagnosis.fit import Fit, Quadratic
+from matching.diagnosis.fit import Fit, Quadratic, chi_square
 from modelling.effects import EFFECTS
 
 STEPS = 6  # Gauss–Newton steps at most
@@ -37,7 +37,7 @@ def sharpened(fit: Fit) -> Fit:
                 break
             tried = np.clip(v + share * step, problem.lower, problem.upper)
             residual = problem.residuals(tried[None])[0]
-            new = float(residual @ residual) if np.isfinite(residual).all() else np.inf
+            new = chi_square(residual)
             if new < cost - 0.1 * ENOUGH:
                 v, r, cost, moved = tried, residual, new, True
                 break

@@ -99,10 +99,14 @@ class Guess:
         Their amplitudes are found by least squares.
     parameters : callable
         Amplitudes (one a push) → parameters of the effect, or None if no such effect exists.
+    chosen_from : float
+        How many independent guesses it stands for, where the residual was looked at to choose it: the best of many
+        finds more in mere noise.
     """
 
     pushes: tuple[Mapping[str, np.ndarray | float], ...]
     parameters: Callable[[np.ndarray], dict[str, float] | None]
+    chosen_from: float = 1.0
 
 
 def positive(name: str, factor: float = 1.0, **others: float) -> Callable[[np.ndarray], dict[str, float] | None]:

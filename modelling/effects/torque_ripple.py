@@ -30,8 +30,8 @@ class TorqueRipple(Kind):
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         angle, pull = seen.angle[at.split(".")[1]], seen.pull[at.split(".")[1]]
-        for order in _orders(angle, pull):
-            yield _guess(at, angle, order)
+        for order, chosen_from in _orders(angle, pull):
+            yield _guess(at, angle, order, chosen_from)
 
     def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterator[Guess]:
         """Orders about the best one, half a line apart: a motion to and fro gives the true one many side lobes."""
@@ -54,10 +54,11 @@ class TorqueRipple(Kind):
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
 
 
-def _guess(at: str, angle: np.ndarray, order: float) -> Guess:
+def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
     import numpy as np
 
-    return Guess(({at: np.sin(order * angle)}, {at: np.cos(order * angle)}), partial(_wave, order))
+    pushes = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
+    return Guess(pushes, partial(_wave, order), chosen_from)
 
 
 def _wave(order: float, a: np.ndarray) -> dict[str, float]:
@@ -66,8 +67,8 @@ def _wave(order: float, a: np.ndarray) -> dict[str, float]:
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
-def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float = 24.0) -> Iterator[float]:
-    """Orders at which the torque that would help stands out of its surroundings."""
+def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float = 24.0) -> Iterator[tuple[float, float]]:
+    """Orders at which the torque that would help stands out of its surroundings, and from how many each was chosen."""
     import numpy as np
     from scipy.signal import medfilt
 
@@ -75,7 +76,7 @@ def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float =
     if not 0.5 * np.pi < span < 1e6:
         return
     if span < 2 * np.pi:  # nothing stands out of a spectrum so coarse: all that have half a wave, half a line apart
-        yield from np.arange(np.pi / span, highest, np.pi / span).tolist()
+        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
         return
     # torque summed over bins of angle, then one FFT over angle; ten bins a turn of the highest order
     width = 2 * np.pi / (10 * highest)
@@ -88,5 +89,5 @@ def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float =
     outstanding = strength / (medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
     for _ in range(most):
         best = int(np.argmax(outstanding))
-        yield float(orders[best])
+        yield float(orders[best]), max(len(orders) / most, 1.0)
         outstanding[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0

@@ -83,3 +83,18 @@ def test_bound_is_respected_and_told() -> None:
     fit = solve(*base_problem(narrow, data(0)))
     assert fit.values["inertias.rotor.drag"] == pytest.approx(0.22)
     assert "bound" in estimates(fit)["inertias.rotor.drag"].note
+
+
+def test_simulation_that_runs_away_beside_the_point_does_not_stop_the_fit(monkeypatch) -> None:
+    """Finite readings whose square overflows, on one side of the start: the others are fitted all the same."""
+    problem, start = base_problem(system(), data(0))
+    at_rest, kept = problem.residuals, start[0]
+    monkeypatch.setattr(
+        problem, "residuals", lambda v: at_rest(v) + np.where(v[:, :1] > kept, 1e200, 0.0), raising=False
+    )
+    fit = solve(problem, start)
+    assert np.isfinite(fit.cost)
+    assert fit.cost < 0.5 * float(np.sum(at_rest(start[None]) ** 2))
+    monkeypatch.setattr(problem, "residuals", lambda v: at_rest(v) + 1e200, raising=False)
+    with pytest.raises(FloatingPointError):
+        solve(problem, start)

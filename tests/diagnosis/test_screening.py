@@ -7,7 +7,7 @@ from matching.diagnosis import runs
 from matching.diagnosis.data import Data, Segment
 from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.null import offer, threshold
-from matching.diagnosis.screening import Screen
+from matching.diagnosis.screening import Screen, best_of
 from modelling.compiled import compiled
 from modelling.effects import EFFECTS
 from modelling.files import from_dict
@@ -127,3 +127,36 @@ def test_noise_seldom_passes_the_threshold(drive) -> None:
         most.append(max(reductions) / threshold(own))
     assert max(most) < 1
     assert max(most) > 0.2
+
+
+def test_best_of_many_guesses() -> None:
+    """One guess's χ² made as rare as the best of forty is distributed like the largest of forty."""
+    rng = np.random.default_rng(5)
+    most = rng.chisquare(2, (20_000, 40)).max(axis=1)
+    found = best_of(40, rng.chisquare(2, 20_000), 2)
+    np.testing.assert_allclose(
+        np.quantile(found, [0.1, 0.5, 0.9, 0.99]), np.quantile(most, [0.1, 0.5, 0.9, 0.99]), rtol=0.05
+    )
+
+
+def test_orders_that_the_noise_chose_count_as_chosen(drive) -> None:
+    """What noise gives to a torque ripple whose order was chosen by that noise is what the bootstrap expects of it."""
+    time = np.arange(3000) * 1e-3
+    noise = np.array([sensor.uncertainty for sensor in drive.sensors])
+    model = compiled(drive)
+    still = Segment(time, 8 + torque(time)[:, None], np.zeros((len(time), 3)))
+    spinning = runs.readings(model, still, model.p0[None], np.array([[0, 0, 80.0, 40.0]]), 8000.0)[0]
+    found, expected = [], []
+    for seed in range(8):
+        y = spinning + noise * np.random.default_rng(seed).standard_normal(spinning.shape)
+        own = Screen(solve(*base_problem(drive, Data((Segment(time, still.inputs, y, "made"),), noise))))
+        offer(own, seed)
+        guesses = [
+            guess
+            for at in ("inertias.motor", "inertias.load")
+            for guess in EFFECTS["torque_ripple"].guesses(own.seen, at)
+        ]
+        found.append(max(own.reduction(guess)[0] for guess in guesses))
+        expected += list(np.max(own.taken, axis=0))
+    assert np.mean(found) < np.mean(expected) + 2 * np.std(expected) / np.sqrt(len(found))
+    assert np.mean(found) > 0.5 * np.mean(expected)
