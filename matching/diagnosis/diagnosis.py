@@ -16,6 +16,7 @@ from matching.diagnosis.fit import Fit, base_problem, solve
 from matching.diagnosis.holdout import elsewhere, ratios, rest_of, rest_segments
 from matching.diagnosis.motion import seen
 from matching.diagnosis.next_recording import propose
+from matching.diagnosis.one_sided import bounded_below
 from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.result import Candidate, CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.several import Search, search
@@ -92,6 +93,7 @@ def diagnose(
     else:
         verdict = "explained" if white and good_holdout else "unexplained"
     numbers = widened(estimates(final.fit, discretisation(final.fit)), valley)
+    numbers = bounded_below(numbers, final.fit, final.causes)
     without = [_without(state, index) for index in range(len(final.causes))]
     causes, proposal = _causes(system, final, numbers, rivals, without, verdict == "explained")
     segments = [

@@ -84,6 +84,9 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "confidence": f"{cause['confidence']:.2f}",
         "gain": number(cause["gain"], 3),
         "evidence": cause["evidence"],
+        "notes": [
+            f"{key.replace('_', ' ')}: {own['note']}" for key, own in cause["parameters"].items() if "note" in own
+        ],
     }
 
 

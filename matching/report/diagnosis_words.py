@@ -84,6 +84,7 @@ def summary(result: Mapping[str, Any]) -> str:
     lines = [answer(result)]
     for cause in result["causes"]:
         lines.append(f"  {cause['kind']} at {cause['at']}, confidence {cause['confidence']:.2f}: {cause['evidence']}")
+        lines += [f"    {key}: {own['note']}" for key, own in cause["parameters"].items() if "note" in own]
         rivals = [f"{one['kind']} at {one['at']} ({one['confidence']:.2f})" for one in cause["alternatives"][:3]]
         if rivals:
             lines.append(f"    rivals: {', '.join(rivals)}")

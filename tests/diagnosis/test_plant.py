@@ -1,5 +1,6 @@
 """The truth plant, a few recordings of it: nothing hidden, one effect, two effects, one outside the vocabulary."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,20 @@ def test_one_effect_is_named_with_its_value(tmp_path: Path, kind: str, size: str
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
     found, answer = diagnosed(tmp_path, "coulomb_friction", "sensor_gain")
     assert {(cause.kind, cause.at) for cause in found.causes} == {(one["kind"], one["at"]) for one in answer["causes"]}
+
+
+def test_free_play_touched_on_one_side_is_told_as_a_lower_bound(tmp_path: Path) -> None:
+    """A drive that pulls throughout crosses half of its free play, from the middle to one side, and never the rest."""
+    hidden = make_case("two_mass", [("backlash", "shafts.link")], "plain", seed=4, duration=6.0)
+    hidden.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [("backlash", "shafts.link")]
+    gap, _ = found.causes[0].parameters["gap"]
+    width = hidden.answer["parameters"]["gap"]
+    least = float(re.search(r"only one side .* at least (\S+) rad", gap.note).group(1))
+    assert least == pytest.approx(width / 2, rel=0.03)
+    assert gap.standard_uncertainty >= gap.value
 
 
 def test_extended_model_goes_through_its_file(tmp_path: Path) -> None:
