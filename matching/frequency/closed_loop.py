@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,16 +33,32 @@ class ClosedLoop:
         Names of p: ``residual_vehicle.…``, ``rig.…``, ``loop.…``.
     values : ndarray (p,)
         Values as the case has them.
-    response : Function
-        (s_re, s_im, p) → H re (h,), H im (h,) of the compared functions.
-    difference : Function
-        (s_re, s_im, p) → return difference I + L, re (u·u,) and im, row by row.
+    fixed : ndarray (c,)
+        What does not move, as far as it is neither 0 nor 1, which are part of the structure.
+    general_response, general_difference : Function
+        :attr:`response` and :attr:`difference` of (s_re, s_im, p, fixed): the same for every case of one structure.
     """
 
     parameters: tuple[str, ...]
     values: np.ndarray
-    response: ca.Function
-    difference: ca.Function
+    fixed: np.ndarray
+    general_response: ca.Function
+    general_difference: ca.Function
+
+    @cached_property
+    def response(self) -> ca.Function:
+        """(s_re, s_im, p) → H re (h,), H im (h,) of the compared functions."""
+        return self._here(self.general_response)
+
+    @cached_property
+    def difference(self) -> ca.Function:
+        """(s_re, s_im, p) → return difference I + L, re (u·u,) and im, row by row."""
+        return self._here(self.general_difference)
+
+    def _here(self, general: ca.Function) -> ca.Function:
+        inputs = [ca.SX.sym("s_re"), ca.SX.sym("s_im"), ca.SX.sym("p", len(self.values))]
+        outputs: Any = general(*inputs, ca.SX(self.fixed))  # in CasADi's stubs a call gives one output
+        return ca.Function(general.name(), inputs, ca.cse(list(outputs)), ["s_re", "s_im", "p"], ["re", "im"])
 
 
 def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoop:
@@ -51,7 +69,7 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     case : Case
     moving : sequence of tuple of str, optional
         Groups of names that share one entry of p (a quantity and its mirror image); every name by itself unless given.
-        The rest become constants, which makes derivatives cheaper.
+        The rest do not move, which makes derivatives cheaper.
 
     Raises
     ------
@@ -68,12 +86,17 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     values += list(case.loop.values.values())
     groups = [(name,) for name in names] if moving is None else list(moving)
     symbols = ca.SX.sym("p", len(groups))
+    moves = {name: i for i, group in enumerate(groups) for name in group}
+    for name in moves:
+        if name not in names:
+            raise unknown(name, names, "")
+    still = [i for i, name in enumerate(names) if name not in moves and values[i] not in (0.0, 1.0)]
+    fixed = ca.SX.sym("fixed", len(still))
     p = ca.SX(values)
-    for i, group in enumerate(groups):
-        for name in group:
-            if name not in names:
-                raise unknown(name, names, "")
-            p[names.index(name)] = symbols[i]
+    for i, entry in enumerate(still):
+        p[entry] = fixed[i]
+    for name, i in moves.items():
+        p[names.index(name)] = symbols[i]
     s = Complex(ca.SX.sym("s_re"), ca.SX.sym("s_im"))
     by_name = {name: p[i] for i, name in enumerate(names)}
     loop = {name: by_name[f"loop.{name}"] for name in case.loop.values}
@@ -83,16 +106,17 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
         _Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)
     ]
     H, difference = _close(case, bodies[0], bodies[1:], loop, s)
-    inputs, names_in = [s.re, s.im, symbols], ["s_re", "s_im", "p"]
+    inputs, names_in = [s.re, s.im, symbols, fixed], ["s_re", "s_im", "p", "fixed"]
 
     def function(name: str, values: list[Complex]) -> ca.Function:
         parts = [ca.vertcat(*(value.re for value in values)), ca.vertcat(*(value.im for value in values))]
-        return ca.Function(name, inputs, ca.cse(parts), names_in, ["re", "im"])
+        return ca.Function(name, inputs, parts, names_in, ["re", "im"])
 
     response = function("response", H)
     return_difference = function("difference", [entry for row in difference for entry in row])
     kept = np.array([values[names.index(group[0])] for group in groups])
-    return ClosedLoop(tuple(group[0] for group in groups), kept, response, return_difference)
+    given = np.array([values[i] for i in still])
+    return ClosedLoop(tuple(group[0] for group in groups), kept, given, response, return_difference)
 
 
 class _Body:

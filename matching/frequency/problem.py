@@ -14,17 +14,20 @@ out is verified by :mod:`matching.frequency.verification`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from matching.frequency.blocks import Common, Margins, Pairs, ResponseError
 from matching.frequency.case import Case, Move
 from matching.frequency.closed_loop import ClosedLoop, closed_loop
 from matching.frequency.demands import Demands
+from matching.frequency.evaluators import Derivation, bend, pull, slope, together, value
 from matching.frequency.objective import Aim
-from matching.frequency.terms import Goal, eigenpair, margins, response_error
+from matching.frequency.terms import Goal, Term, eigenpair, logarithm, margin
 from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
@@ -33,11 +36,15 @@ RESERVE = 1.002  # on the modulus margin, for what lies between grid points
 IN_BAND = 48  # frequencies of the response error
 WIDE = np.concatenate(
     [
-        np.geomspace(0.02, 5, 18, endpoint=False),
-        np.geomspace(5, 150, 64, endpoint=False),
+        np.geomspace(0.02, 5, 8, endpoint=False),
+        np.geomspace(5, 150, 36, endpoint=False),
         np.geomspace(150, 500, 12),
     ]
-)  # Hz, where the modulus margin is held
+)  # Hz, where the modulus margin is held from the start
+SLOTS = 30  # frequencies beside that grid, where a solution turns out to miss the margin
+UNUSED = 600.0  # Hz: where the loop has no gain left
+DENSE = np.geomspace(0.02, 500, 1200)  # Hz, where such are looked for
+MISSED = 1e-5  # of a scaled minor: what is no longer taken for kept
 RAY = np.geomspace(0.3, 150, 30)  # Hz, where no root may have less damping
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
@@ -46,6 +53,8 @@ _QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6, "acceptable_tol": 1e-4}
 _FAST = {
     "hessian_approximation": "limited-memory",
     "limited_memory_max_history": 12,
+    "limited_memory_aug_solver": "extended",
+    "min_refinement_steps": 0,
     "mu_strategy": "adaptive",
     "max_iter": 130,
 }
@@ -55,6 +64,9 @@ _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_i
 @dataclass(frozen=True)
 class Problem:
     """The programme: decision vector v = [moves scaled to 0 … 1, (σ, ω, Re x, Im x) of every goal scaled].
+
+    Solver and objective take beside it the frequencies (slots,) in Hz at which the margin is to hold beside the grid;
+    :data:`UNUSED` where there are fewer.
 
     Attributes
     ----------
@@ -71,10 +83,27 @@ class Problem:
     goals: tuple[Goal, ...]
     solver: ca.Function
     objective: ca.Function
+    survey: ca.Function
     lower: np.ndarray
     upper: np.ndarray
     g_lower: np.ndarray
     g_upper: np.ndarray
+
+    @property
+    def slots(self) -> int:
+        """How many frequencies can be added to the grid."""
+        return int(self.objective.numel_in(1))
+
+    def extra(self, frequencies: Sequence[float] | np.ndarray = ()) -> np.ndarray:
+        """Frequencies (slots,) as solver and objective take them, the last ones where there are too many."""
+        kept = np.asarray(frequencies, float)[-self.slots :] if self.slots else np.zeros(0)
+        return np.concatenate([kept, np.full(self.slots - len(kept), UNUSED)])
+
+    def missed(self, v: np.ndarray) -> np.ndarray:
+        """Frequencies in Hz of the valleys of the margin, on a dense grid, that reach below what is wanted."""
+        least = self.survey(v).full().min(0)
+        padded = np.concatenate([[np.inf], least, [np.inf]])
+        return DENSE[(least < -MISSED) & (least <= padded[:-2]) & (least <= padded[2:])]
 
     def values(self, v: np.ndarray) -> dict[str, float]:
         """Values in SI of the moved quantities and their mirror images."""
@@ -94,16 +123,25 @@ class Problem:
 
 def unscaled(part: Any, move: Move) -> Any:
     """Value of a move in SI from its scaled part 0 … 1 (float or CasADi expression, and so the value)."""
-    if move.lower > 0 and move.upper / move.lower > LOGARITHMIC:
+    if _logarithmic(move):
         return move.lower * (move.upper / move.lower) ** part
     return move.lower + (move.upper - move.lower) * part
 
 
 def scaled(value: float, move: Move) -> float:
     """Scaled part 0 … 1 of a value in SI."""
-    if move.lower > 0 and move.upper / move.lower > LOGARITHMIC:
+    if _logarithmic(move):
         return float(np.log(value / move.lower) / np.log(move.upper / move.lower))
     return (value - move.lower) / (move.upper - move.lower)
+
+
+def _scale(move: Move) -> tuple[float, float]:
+    """Lower bound and range, the range of the logarithm where that is scaled."""
+    return move.lower, float(np.log(move.upper / move.lower)) if _logarithmic(move) else move.upper - move.lower
+
+
+def _logarithmic(move: Move) -> bool:
+    return move.lower > 0 and move.upper / move.lower > LOGARITHMIC
 
 
 def grid(case: Case) -> np.ndarray:
@@ -113,7 +151,7 @@ def grid(case: Case) -> np.ndarray:
 
 def build(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray,
-    demands: Demands, extra: np.ndarray | None = None, exact: bool = True, aim: Aim | None = None,
+    demands: Demands, aim: Aim | None = None, *, exact: bool = False, slots: int = 0, compiled: bool = True,
 ) -> Problem:  # fmt: skip
     """Build the programme.
 
@@ -129,89 +167,132 @@ def build(
         Vehicle responses at :func:`grid`.
     demands : Demands
         What the vehicle's manoeuvre asks of adapters and dynamometers.
-    extra : ndarray, optional
-        Frequencies in Hz at which the margin is to hold beside the grid.
-    exact : bool
-        Exact Hessian; without it IPOPT builds its own from the exact gradients, which is faster far from the end.
     aim : Aim, optional
         The fidelity over the manoeuvre to take in place of the response error.
+    exact : bool
+        Exact Hessian; without it IPOPT builds its own from the exact gradients, which is faster far from the end.
+    slots : int
+        Frequencies at which the margin may be asked for beside the grid.
+    compiled : bool
+        Compile where there is a compiler; CasADi does not differentiate what is compiled any further.
     """
     loop = closed_loop(case, [move.together for move in moves])
-    width = 2 + 2 * len(case.loop.dynamometers)
-    size, count = len(moves), len(moves) + len(goals) * width
-    v, symbols = ca.MX.sym("v", count), ca.SX.sym("v", count)
-    p = ca.vertcat(*(unscaled(symbols[i], move) for i, move in enumerate(moves)))
-    free, point = symbols[:size], v[:size]
-
-    start = np.array([scaled(move.start, move) for move in moves])
-    price = PRICE * ca.dot(ca.DM(weights), (free - start) ** 2) if size else ca.SX(0.0)
-    rows = ca.SX(0, 1)
-    for number in range(len(goals)):
-        own = symbols[size + number * width : size + (number + 1) * width]
-        zero, distance = eigenpair(loop, goals[number], own, p)
-        rows, price = ca.vertcat(rows, zero), price + EIGEN * distance
-    multipliers, factor = ca.SX.sym("multipliers", rows.numel()), ca.SX.sym("factor")
-    lagrangian = factor * price + ca.dot(multipliers, rows)
-    plain = ca.Function("plain", [symbols], ca.cse([price, ca.gradient(price, symbols), rows]))
-    slopes = ca.Function("slopes", [symbols], ca.cse([ca.jacobian(rows, symbols)]))
-    bend = ca.Function("bend", [symbols, factor, multipliers], ca.cse([ca.hessian(lagrangian, symbols)[0]]))
-
-    near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
-    least, zeta = case.limits["modulus_margin"] * RESERVE, case.limits["damping_ratio"]
-    band = np.concatenate([WIDE, *(near * part for part in (0.96, 1.0, 1.04)), () if extra is None else extra])
-    stable = margins(loop, free, p, point, [(band, 0.0, least), (RAY, zeta, least / 2)])
+    size, count = len(moves), len(moves) + sum(2 + 2 * len(goal.pattern) for goal in goals)
+    v, extra = ca.MX.sym("v", count), ca.MX.sym("extra", slots)
+    common = Common(_functions(loop, moves, bool(goals), aim is None, exact, compiled), v, size, _fixed(loop, moves))
+    stable, pairs = Margins(common, _places(case, extra)), Pairs(common, goals)
+    error: ResponseError | _Fidelity
+    error = ResponseError(common, grid(case), reference) if aim is None else _Fidelity(aim, moves, v)
     fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
     moved = {name: unscaled(v[i], move) for i, move in enumerate(moves) for name in move.together}
     asked = demands.constraints(fixed | moved)
     asked_rows = ca.vertcat(*(one for one, _ in asked)) if asked else ca.MX(0, 1)
+    change = v[:size] - ca.DM([scaled(move.start, move) for move in moves])
+    price = PRICE * ca.dot(ca.DM(weights), change**2)
 
-    cost, cost_slope, zero_rows = plain(v)
-    held = stable.column()
-    g = ca.vertcat(held, zero_rows, asked_rows)
-    jac_g = ca.vertcat(_wide(stable.jacobian(), count), slopes(v), ca.jacobian(asked_rows, v))
-    nothing = ca.MX.sym("p", 0)
-    options: Any = {"print_time": False, "error_on_fail": False, "ipopt": _QUIET | (_EXACT if exact else _FAST)}
-    if aim is None:
-        error = response_error(loop, free, p, point, grid(case), reference)
-        f, grad_f = cost + error.value, cost_slope + _tall(error.gradient(), count)
-        options["grad_f"] = ca.Function("nlp_grad_f", [v, nothing], [f, grad_f], ["x", "p"], ["f", "grad_f_x"])
-        if exact:
-            many, few = held.numel(), zero_rows.numel()
-            lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
-            inner = lam_f * error.hessian() + stable.hessian(lam_g[:many])
-            hessian = bend(v, lam_f, lam_g[many : many + few])
-            hessian += ca.diagcat(inner, ca.MX(count - size, count - size))
-            hessian += ca.hessian(ca.dot(lam_g[many + few :], asked_rows), v)[0]
-            options["hess_lag"] = ca.Function(
-                "nlp_hess_l", [v, nothing, lam_f, lam_g], [ca.triu(hessian)],
-                ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
-            )  # fmt: skip
-    else:
-        whole = closed_loop(aim.case, [move.together for move in moves])
-        values = ca.vertcat(*(unscaled(v[i], move) for i, move in enumerate(moves)))
-        f = cost + aim.loss(*_evaluate(whole.response, aim.s.real, aim.s.imag, values))
-    options["jac_g"] = ca.Function("nlp_jac_g", [v, nothing], [g, jac_g], ["x", "p"], ["g", "jac_g_x"])
-    programme: Any = {"x": v, "f": f, "g": g}  # CasADi's stubs know no dict of MX
+    rows, distance = pairs.value()
+    held = stable.value()
+    f, g = error.value() + price + EIGEN * distance, ca.vertcat(held, rows, asked_rows)
+    held_too, held_slope = stable.slope()
+    rows_too, rows_slope, _, distance_slope = pairs.slope()
+    own_error, error_slope = error.slope()
+    grad_f = error_slope + EIGEN * distance_slope + ca.gradient(price, v)
+    jac_g = ca.vertcat(held_slope, rows_slope, ca.jacobian(asked_rows, v))
+    options: Any = {
+        "print_time": False, "error_on_fail": False, "no_nlp_grad": True, "calc_lam_p": False,
+        "ipopt": _QUIET | (_EXACT if exact else _FAST),
+        "grad_f": ca.Function(
+            "nlp_grad_f", [v, extra], [own_error + price + EIGEN * distance, grad_f], ["x", "p"], ["f", "grad_f_x"]
+        ),
+        "jac_g": ca.Function(
+            "nlp_jac_g", [v, extra], [ca.vertcat(held_too, rows_too, asked_rows), jac_g], ["x", "p"], ["g", "jac_g_x"]
+        ),
+    }  # fmt: skip
+    if exact:
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
+        of_held, of_rows, of_asked = ca.vertsplit(lam_g, [0, held.numel(), held.numel() + rows.numel(), g.numel()])
+        hessian = lam_f * (error.bend() + ca.hessian(price, v)[0]) + stable.bend(of_held)
+        hessian += pairs.bend(of_rows, EIGEN * lam_f) + ca.hessian(ca.dot(of_asked, asked_rows), v)[0]
+        options["hess_lag"] = ca.Function(
+            "nlp_hess_l", [v, extra, lam_f, lam_g], [ca.triu(hessian)],
+            ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+        )  # fmt: skip
+    programme: Any = {"x": v, "p": extra, "f": f, "g": g}  # CasADi's stubs know no dict of MX
     solver = ca.nlpsol("match", "ipopt", programme, options)
-    check = ca.Function("objective", [v], [f, g], ["v"], ["f", "g"])
-    pair_lower, pair_upper = [-8.0, 0.05] + [-5.0] * (width - 2), [0.5, 12.0] + [5.0] * (width - 2)
-    lower, upper = np.array([0.0] * size + pair_lower * len(goals)), np.array([1.0] * size + pair_upper * len(goals))
-    exactly, open_end = np.zeros(zero_rows.numel()), np.full(held.numel(), np.inf)
-    g_lower = np.concatenate([np.zeros(held.numel()), exactly, np.full(asked_rows.numel(), -np.inf)])
-    g_upper = np.concatenate([open_end, exactly, *(np.full(one.numel(), bound) for one, bound in asked)])
-    return Problem(case, loop, moves, goals, solver, check, lower, upper, g_lower, g_upper)
+    objective = ca.Function("objective", [v, extra], [f, g], ["v", "extra"], ["f", "g"])
+    dense = np.vstack([0 * DENSE, 2 * np.pi * DENSE, np.full(len(DENSE), case.limits["modulus_margin"] * RESERVE)])
+    survey = ca.Function("survey", [v], common.over("margin", ca.MX(ca.DM(dense))))
+    pairs_lower = [bound for goal in goals for bound in (-8.0, 0.05, *[-5.0] * (2 * len(goal.pattern)))]
+    pairs_upper = [bound for goal in goals for bound in (0.5, 12.0, *[5.0] * (2 * len(goal.pattern)))]
+    exactly, open_end = np.zeros(rows.numel()), np.full(held.numel(), np.inf)
+    return Problem(
+        case, loop, moves, goals, solver, objective, survey,
+        lower=np.array([0.0] * size + pairs_lower),
+        upper=np.array([1.0] * size + pairs_upper),
+        g_lower=np.concatenate([np.zeros(held.numel()), exactly, np.full(asked_rows.numel(), -np.inf)]),
+        g_upper=np.concatenate([open_end, exactly, *(np.full(one.numel(), bound) for one, bound in asked)]),
+    )  # fmt: skip
 
 
-def _wide(part: ca.MX, count: int) -> ca.MX:
-    """A Jacobian with columns of zeros for the eigenpairs."""
-    return ca.horzcat(part, ca.MX(part.shape[0], count - part.shape[1]))
+def _fixed(loop: ClosedLoop, moves: Sequence[Move]) -> np.ndarray:
+    """Numbers (c,) that :func:`_functions` take: the loop's, then those that scale each move."""
+    scales = [_scale(move) for move in moves]
+    return np.concatenate([loop.fixed, *scales]) if scales else loop.fixed
 
 
-def _tall(part: ca.MX, count: int) -> ca.MX:
-    return ca.vertcat(part, ca.MX(count - part.shape[0], 1))
+def _functions(
+    loop: ClosedLoop, moves: Sequence[Move], tracked: bool, responses: bool, exact: bool, compiled: bool
+) -> dict[str, ca.Function]:
+    """The terms and their derivatives; no number of the case stands in them."""
+    free, fixed = ca.SX.sym("free", len(moves)), ca.SX.sym("fixed", len(loop.fixed) + 2 * len(moves))
+    p = ca.SX(len(moves), 1)
+    for i, move in enumerate(moves):
+        low, span = fixed[len(loop.fixed) + 2 * i], fixed[len(loop.fixed) + 2 * i + 1]
+        p[i] = low * ca.exp(span * free[i]) if _logarithmic(move) else low + span * free[i]
+    held = margin(loop, free, p, fixed)
+    wanted: dict[str, tuple[Derivation, Term]] = {"margin": (value, held), "margin_slope": (slope, held)}
+    second: dict[str, tuple[Derivation, Term]] = {"margin_bend": (bend, held)}
+    if responses:
+        ratio, log = logarithm(loop, loop.general_response.numel_out(0), free, p, fixed)
+        wanted |= {"ratio": (value, ratio), "pull": (pull, log)}
+        second |= {"log_slope": (slope, log), "log_bend": (bend, log)}
+    if tracked:
+        pair = eigenpair(loop, free, p, fixed)
+        wanted |= {"pair": (value, pair), "pair_slope": (slope, pair)}
+        second |= {"pair_bend": (bend, pair)}
+    return together(wanted, compiled) | (together(second, False) if exact else {})
 
 
-def _evaluate(function: ca.Function, sigma: np.ndarray, omega: np.ndarray, p: ca.MX) -> tuple[ca.MX, ...]:
-    """A function of the loop at many s: each output with one column a frequency."""
-    each: Any = function.map(len(omega))  # in CasADi's stubs a call gives one output
-    return each(ca.DM(sigma).T, ca.DM(omega).T, ca.repmat(p, 1, len(omega)))
+def _places(case: Case, extra: ca.MX) -> ca.MX:
+    """Where the margin is held and how far, (3, f): on the grid, at ``extra`` frequencies in Hz, and on the ray."""
+    near = np.array([mode.frequency for mode in modes(case.rig) if 0 < mode.frequency < 400])
+    omega = 2 * np.pi * np.concatenate([WIDE, *(near * part for part in (0.96, 1.0, 1.04))])
+    least, zeta, ray = case.limits["modulus_margin"] * RESERVE, case.limits["damping_ratio"], 2 * np.pi * RAY
+    on_grid = np.vstack([0 * omega, omega, np.full(len(omega), least)])
+    on_ray = np.vstack([-zeta * ray, ray * np.sqrt(1 - zeta**2), np.full(len(ray), least / 2)])
+    slots = extra.numel()
+    added = ca.vertcat(ca.MX(1, slots), 2 * np.pi * extra.T, ca.MX(ca.DM.ones(1, slots) * least))
+    return ca.horzcat(ca.MX(ca.DM(on_grid)), ca.densify(added), ca.MX(ca.DM(on_ray)))
+
+
+@dataclass(frozen=True)
+class _Fidelity:
+    """The fidelity over the manoeuvre in place of the response error, differentiated by CasADi."""
+
+    aim: Aim
+    moves: tuple[Move, ...]
+    v: ca.MX
+
+    def value(self) -> ca.MX:
+        loop, aim = closed_loop(self.aim.case, [move.together for move in self.moves]), self.aim
+        p = ca.vertcat(*(unscaled(self.v[i], move) for i, move in enumerate(self.moves)))
+        f = len(aim.s)
+        each: Any = loop.response.map(f)(ca.DM(aim.s.real).T, ca.DM(aim.s.imag).T, ca.repmat(p, 1, f))
+        return aim.loss(*each)
+
+    def slope(self) -> tuple[ca.MX, ca.MX]:
+        value = self.value()
+        return value, ca.gradient(value, self.v)
+
+    def bend(self) -> ca.MX:
+        return ca.hessian(self.value(), self.v)[0]

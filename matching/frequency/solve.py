@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from typing import NamedTuple
 
 import numpy as np
 
 from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands
 from matching.frequency.objective import Aim
-from matching.frequency.problem import Problem, build, scaled
+from matching.frequency.problem import SLOTS, Problem, build, scaled
 from matching.frequency.terms import Goal
 from matching.frequency.tuned import apply
 from matching.frequency.verification.encirclements import encirclements
@@ -22,9 +23,16 @@ from modelling import floating_point
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
-ROUNDS = 4  # of putting frequencies where the margin is missed between the grid
+ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
+AROUND = 0.015  # about such a frequency more are held, as it moves when it is held; a third of it the next time
 
-End = tuple[float, np.ndarray]  # objective and decision vector
+
+class End(NamedTuple):
+    """Where IPOPT ended: objective, decision vector (v,), and whether it calls that a minimum."""
+
+    objective: float
+    v: np.ndarray
+    converged: bool
 
 
 @dataclass(frozen=True)
@@ -49,11 +57,12 @@ class Task:
     demands: Demands
     aim: Aim | None = None
 
-    def build(self, extra: np.ndarray | None = None, exact: bool = False) -> Problem:
+    def build(self, exact: bool = False, slots: int = 0, compiled: bool = True) -> Problem:
         """The programme."""
         return build(
-            self.case, self.moves, self.weights, self.goals, self.reference, self.demands, extra, exact, self.aim
-        )
+            self.case, self.moves, self.weights, self.goals, self.reference, self.demands, self.aim,
+            exact=exact, slots=slots, compiled=compiled,
+        )  # fmt: skip
 
 
 def solve(
@@ -76,15 +85,15 @@ def solve(
         ends.append(end)
         if progress:
             progress(f"start {number + 1} of {starts} at most")
-        good = sorted(value for value, _ in filter(None, ends))
+        good = sorted(end.objective for end in ends if end)
         if len(good) >= ENOUGH and good[ENOUGH - 1] <= good[0] * (1 + AGREE):
             break
     kept = [end for end in ends if end]
-    values = tuple(None if end is None else end[0] for end in ends)
+    values = tuple(None if end is None else end.objective for end in ends)
     if not kept:
         problem = task.build()
         return Solution(problem.values(_start(problem, None)), float("nan"), values, False)
-    return _tight(task, min(kept, key=lambda end: end[0]), values)
+    return _tight(task, min(kept, key=lambda end: end.objective), values)
 
 
 def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
@@ -120,30 +129,34 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
     """One start, or None if it ends infeasible or unstable."""
     random = np.random.default_rng([seed, number]) if number else None
     end = _run(problem, _start(problem, random))
-    return end if end and _check(problem, end[1])[2] else None
+    return end if end and _check(problem, end.v)[2] else None
 
 
 def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
-    """Add frequencies where the margin is missed between the grid until it holds; solve with the exact Hessian."""
-    extra = np.zeros(0)
-    problem = task.build(extra)
-    for _ in range(ROUNDS):
-        margin, frequency, _ = _check(problem, best[1])
-        if margin >= task.case.limits["modulus_margin"]:
+    """Ask for the margin where it is missed between the grid as well and solve again, until it holds.
+
+    What IPOPT then does not call a minimum is solved once more with the exact Hessian.
+    """
+    problem, extra = task.build(slots=SLOTS), np.zeros(0)
+    least = task.case.limits["modulus_margin"]
+    for number in range(ROUNDS):
+        margin, frequency, _ = _check(problem, best.v)
+        if margin >= least:
             break
-        extra = np.concatenate([extra, frequency * np.array([0.97, 0.985, 1.0, 1.015, 1.03])])
-        problem = task.build(extra)
-        again = (_run(problem, begin) for begin in (best[1], *_gentler(problem, best[1])))
-        end = next((end for end in again if end and _check(problem, end[1])[2]), None)
+        missed = np.append(problem.missed(best.v), frequency)
+        apart = AROUND / 3**number
+        extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
+        again = (_run(problem, begin, extra) for begin in (best.v, *_gentler(problem, best.v)))
+        end = next((end for end in again if end and _check(problem, end.v)[2]), None)
         if end is None:
             break
         best = end
-    end = _run(task.build(extra, exact=True), best[1])
-    if end is not None and end[0] <= best[0] + 1e-9:
-        margin, _, stable = _check(problem, end[1])
-        if stable and margin >= task.case.limits["modulus_margin"]:
-            best = end
-    return Solution(problem.values(best[1]), best[0], starts, True)
+    if not best.converged:
+        end = _run(task.build(slots=SLOTS, exact=True), best.v, extra)
+        if end is not None and end.objective < best.objective:
+            margin, _, stable = _check(problem, end.v)
+            best = end if stable and margin >= least else best
+    return Solution(problem.values(best.v), best.objective, starts, True)
 
 
 def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
@@ -153,8 +166,8 @@ def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
     own = [scaled(values[move.name], move) for move in problem.moves]
     begin[: len(own)] = np.clip(own, 0.01, 0.99)
     ends = [_run(problem, v) for v in (begin, *_gentler(problem, begin))]
-    good = [end for end in ends if end and _check(problem, end[1])[2]]
-    return _tight(task, min(good, key=lambda end: end[0]), ()).values if good else None
+    good = [end for end in ends if end and _check(problem, end.v)[2]]
+    return _tight(task, min(good, key=lambda end: end.objective), ()).values if good else None
 
 
 def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
@@ -181,16 +194,20 @@ def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
     return v
 
 
-def _run(problem: Problem, v: np.ndarray) -> End | None:
-    """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None."""
-    found = problem.solver(x0=v, lbx=problem.lower, ubx=problem.upper, lbg=problem.g_lower, ubg=problem.g_upper)
+def _run(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) -> End | None:
+    """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None.
+
+    ``extra`` are frequencies in Hz at which the margin is to hold beside the grid.
+    """
+    p, bounds = problem.extra(extra), {"lbg": problem.g_lower, "ubg": problem.g_upper}
+    found = problem.solver(x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
     floating_point.restore()  # the solver's libraries may leave it changed
     x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
-    f, g = (part.full().ravel() for part in problem.objective(x))
+    f, g = (part.full().ravel() for part in problem.objective(x, p))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
         return None
     missed = max(float((problem.g_lower - g).max(initial=0.0)), float((g - problem.g_upper).max(initial=0.0)))
-    return (float(f[0]), x) if missed <= FEASIBLE else None
+    return End(float(f[0]), x, bool(problem.solver.stats()["success"])) if missed <= FEASIBLE else None
 
 
 def _check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:

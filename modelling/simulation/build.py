@@ -10,7 +10,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -70,7 +70,8 @@ def external(function: ca.Function) -> ca.Function:
         return function
     generator = ca.CodeGenerator("generated", {"with_header": False})
     generator.add(function)
-    made = _library(generator.dump(), GENERATED)
+    source = generator.dump()
+    made = shared(source, lambda: source, GENERATED)
     try:
         return ca.external(function.name(), str(made)) if made else function
     except RuntimeError:  # e.g. a folder mounted noexec
@@ -90,22 +91,26 @@ def _source(functions: Functions) -> str:
     return generator.dump()
 
 
+def shared(content: str, source: Callable[[], str], optimisation: str) -> Path | None:
+    """The shared library of C that ``source`` writes, which is called only if the cache lacks it.
+
+    ``content`` is all that the source is made from. None without a working compiler.
+    """
+    cc = compiler()
+    if cc is None:
+        return None
+    flags = (optimisation, *FLAGS)
+    key = hashlib.sha256("\0".join((content, _version(cc), *flags, platform.machine())).encode()).hexdigest()[:32]
+    target = folder() / f"{key}.so"
+    return target if target.exists() or _compile([cc, *flags], source(), target) else None
+
+
 def _load(source: str, optimisation: str) -> ctypes.CDLL | None:
-    made = _library(source, optimisation)
+    target = shared(source, lambda: source, optimisation)
     try:
-        return ctypes.CDLL(str(made)) if made else None
+        return None if target is None else ctypes.CDLL(str(target))
     except OSError:  # e.g. a folder mounted noexec
         return None
-
-
-def _library(source: str, optimisation: str) -> Path | None:
-    """The library of a source, in the cache; None where the compiler fails."""
-    cc = compiler()
-    assert cc
-    flags = (optimisation, *FLAGS)
-    key = hashlib.sha256("\0".join((source, _version(cc), *flags, platform.machine())).encode()).hexdigest()[:32]
-    target = folder() / f"{key}.so"
-    return target if target.exists() or _compile([cc, *flags], source, target) else None
 
 
 def _compile(command: list[str], source: str, target: Path) -> bool:

@@ -1,5 +1,6 @@
 """First and second derivatives of the programme against finite differences."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -8,27 +9,38 @@ import pytest
 
 from matching.frequency.case import load_case
 from matching.frequency.demands import demands
+from matching.frequency.evaluators import _REMEMBERED
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.problem import build, grid
 from matching.frequency.solve import _start
 from matching.frequency.verification.responses import responses
+from modelling.simulation.build import compiler, folder
 
+EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module", params=["road_to_rig", "compact_bev"])
-def problem(request):
+def programme(request):
+    """How to build one with the given options."""
     case = load_case(EXAMPLES / request.param / "case.toml")
     weights = np.linspace(1, 3, len(case.moves))
     own = goals(case, target_modes(case))
-    return build(case, case.moves, weights, own, responses(case, grid(case)).vehicle, demands(case))
+    reference = responses(case, grid(case)).vehicle
+    asked = demands(case)
+    return lambda **how: build(case, case.moves, weights, own, reference, asked, slots=len(EXTRA), **how)
+
+
+@pytest.fixture(scope="module")
+def problem(programme):
+    return programme(exact=True, compiled=False)
 
 
 @pytest.fixture(scope="module")
 def functions(problem):
     """Objective, gradient, product of the Hessian with a direction; the same of a weighted sum of all constraints."""
     v, d = ca.MX.sym("v", len(problem.lower)), ca.MX.sym("d", len(problem.lower))
-    f, g = problem.objective(v)
+    f, g = problem.objective(v, EXTRA)
     weights = np.random.default_rng(3).normal(size=g.shape[0])
     found = []
     for value in (f, ca.DM(weights).T @ g):
@@ -61,13 +73,49 @@ def test_against_differences(problem, functions, point, which):
 def test_compact_derivatives_against_casadis_own(problem, point):
     """What IPOPT is given, term by term mapped over frequencies, against CasADi's own of the same expressions."""
     v = ca.MX.sym("v", len(point))
-    f, g = problem.objective(v)
+    f, g = problem.objective(v, EXTRA)
     weights = np.random.default_rng(5).normal(size=g.shape[0])
     lagrangian = 0.7 * f + ca.dot(ca.DM(weights), g)
     own = ca.Function("own", [v], [ca.gradient(f, v), ca.jacobian(g, v), ca.triu(ca.hessian(lagrangian, v)[0])])
     gradient, jacobian, hessian = (part.full() for part in own(point))
     oracle = problem.solver.get_function
-    np.testing.assert_allclose(oracle("nlp_grad_f")(point, [])[1].full(), gradient, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(oracle("nlp_jac_g")(point, [])[1].full(), jacobian, rtol=1e-8, atol=1e-8)
-    found = oracle("nlp_hess_l")(point, [], 0.7, weights).full()
+    np.testing.assert_allclose(oracle("nlp_grad_f")(point, EXTRA)[1].full(), gradient, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(oracle("nlp_jac_g")(point, EXTRA)[1].full(), jacobian, rtol=1e-8, atol=1e-8)
+    found = oracle("nlp_hess_l")(point, EXTRA, 0.7, weights).full()
     np.testing.assert_allclose(found, hessian, rtol=1e-7, atol=1e-7 * np.abs(hessian).max())
+
+
+def test_compiled_is_the_same(programme, problem, point):
+    """What a compiler makes of the terms gives the numbers of CasADi's own machine, from the cache as well."""
+    compiled = [programme(compiled=True) for _ in range(2)]
+    if compiler() is None:
+        pytest.skip("no C compiler")
+    for own in compiled:
+        for name in ("nlp_grad_f", "nlp_jac_g"):
+            pairs = zip(own.solver.get_function(name)(point, EXTRA), problem.solver.get_function(name)(point, EXTRA))
+            for found, wanted in pairs:
+                np.testing.assert_allclose(found.full(), wanted.full(), rtol=1e-9, atol=1e-9)
+        for found, wanted in zip(own.objective(point, EXTRA), problem.objective(point, EXTRA), strict=True):
+            np.testing.assert_allclose(found.full(), wanted.full(), rtol=1e-9, atol=1e-9)
+
+
+def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch):
+    """Another dead time, inertia or bound compiles nothing; another structure does."""
+    if compiler() is None:
+        pytest.skip("no C compiler")
+    monkeypatch.setenv("RIGMATCH_CACHE", str(tmp_path))
+    folder.cache_clear()
+    _REMEMBERED.clear()
+    case = load_case(EXAMPLES / "compact_bev" / "case.toml")
+    own, found = goals(case, target_modes(case)), []
+    fewer = replace(case, moves=case.moves[1:])
+    later = replace(case, loop=case.loop.with_values({"dead_time": 0.0041}))
+    narrower = replace(later, moves=tuple(replace(move, upper=0.95 * move.upper) for move in case.moves))
+    for one in (case, later, narrower, fewer):
+        weights, reference = np.ones(len(one.moves)), responses(one, grid(one)).vehicle
+        build(one, one.moves, weights, own, reference, demands(one))
+        _REMEMBERED.clear()
+        found.append(len(list(tmp_path.glob("*.so"))))
+    folder.cache_clear()
+    assert found[0] == found[1] == found[2] == 6
+    assert found[3] == 12

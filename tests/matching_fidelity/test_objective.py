@@ -69,13 +69,14 @@ def test_gradient_by_differences(feedback, aim):
         def constraints(self, p):
             return []
 
-    problem = build(feedback, moves, weights, (), np.ones((48, 6)), Nothing(), aim=aim)
+    problem = build(feedback, moves, weights, (), np.ones((48, 6)), Nothing(), aim=aim, compiled=False)
     v = ca.MX.sym("v", len(moves))
-    f = problem.objective(v)[0]
+    f = problem.objective(v, [])[0]
     gradient = ca.Function("gradient", [v], [ca.gradient(f, v)])
     at = _start(problem, None)
     numeric = [
-        float(problem.objective(at + h)[0] - problem.objective(at - h)[0]) / 2e-5 for h in 1e-5 * np.eye(len(moves))
+        float(problem.objective(at + h, [])[0] - problem.objective(at - h, [])[0]) / 2e-5
+        for h in 1e-5 * np.eye(len(moves))
     ]
     assert gradient(at).full().ravel() == pytest.approx(numeric, rel=1e-4, abs=1e-7)
 
