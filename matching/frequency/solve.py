@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from modelling import floating_point
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
+WORTH_A_PROCESS = 4.0  # s that a start takes
 ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
 AROUND = 0.015  # about such a frequency more are held, as it moves when it is held; a third of it the next time
 
@@ -97,14 +99,15 @@ def solve(
 
 
 def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
-    """The ends of the starts, in order."""
-    if workers < 2 or starts < 2:
-        problem = task.build()
-        for number in range(starts):
+    """The ends of the starts, in order; in other processes only where one takes longer than they take to begin."""
+    problem, began = task.build(), time.monotonic()
+    yield _one(problem, seed, 0)
+    if workers < 2 or time.monotonic() - began < WORTH_A_PROCESS:
+        for number in range(1, starts):
             yield _one(problem, seed, number)
         return
     with ProcessPoolExecutor(workers, get_context("spawn"), _prepare, (task,)) as pool:
-        waiting = [pool.submit(_one_prepared, seed, number) for number in range(starts)]
+        waiting = [pool.submit(_one_prepared, seed, number) for number in range(1, starts)]
         try:
             for future in waiting:
                 yield future.result()
