@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from matching.frequency.objective import Aim
 from matching.frequency.terms import Goal
 
 
@@ -107,6 +108,38 @@ class ResponseError:
 
 
 @dataclass(frozen=True)
+class Fidelity:
+    """1 − R² over the manoeuvre in place of the response error."""
+
+    common: Common
+    aim: Aim
+
+    def value(self) -> ca.MX:
+        """Scalar."""
+        return self._loss(self.common.over("response", self._at())[0])
+
+    def slope(self) -> tuple[ca.MX, ca.MX]:
+        """Value and gradient (v, 1)."""
+        H = self.common.over("response", self._at())[0]
+        own = ca.MX.sym("H", *H.shape)
+        loss = self._loss(own)
+        found: Any = ca.Function("loss", [own], [loss, ca.gradient(loss, own)])(H)
+        pulled = ca.sum2(self.common.over("response_pull", self._at(), found[1])[0])
+        return found[0], ca.vertcat(pulled, ca.MX(self.common.v.numel() - self.common.size, 1))
+
+    def bend(self) -> ca.MX:
+        """Hessian (v, v), CasADi's own."""
+        return ca.hessian(self._loss(self.common.over("plain", self._at())[0]), self.common.v)[0]
+
+    def _at(self) -> ca.MX:
+        return ca.MX(ca.DM(np.vstack([self.aim.s.real, self.aim.s.imag])))
+
+    def _loss(self, H: ca.MX) -> Any:
+        h = H.shape[0] // 2
+        return self.aim.loss(H[:h, :], H[h:, :])
+
+
+@dataclass(frozen=True)
 class Pairs:
     """Tracked eigenpairs of the loop, after what moves in v: rows that are zero, and squared distances from goals."""
 
@@ -116,8 +149,8 @@ class Pairs:
     def value(self) -> tuple[ca.MX, ca.MX]:
         """Rows ((2·u + 2)·goals, 1) and the sum of distances."""
         found = [self._at(number, "pair") for number in range(len(self.goals))]
-        rows = ca.vertcat(ca.MX(0, 1), *(one[:-1] for one, in found))
-        return rows, sum((one[-1] for one, in found), ca.MX(0.0))
+        rows = ca.vertcat(ca.MX(0, 1), *(one[:-1] for (one,) in found))
+        return rows, sum((one[-1] for (one,) in found), ca.MX(0.0))
 
     def slope(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
         """Rows, their Jacobian (r, v), the sum of distances, its gradient (v, 1)."""

@@ -21,13 +21,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from matching.frequency.blocks import Common, Margins, Pairs, ResponseError
+from matching.frequency.blocks import Common, Fidelity, Margins, Pairs, ResponseError
 from matching.frequency.case import Case, Move
 from matching.frequency.closed_loop import ClosedLoop, closed_loop
 from matching.frequency.demands import Demands
 from matching.frequency.evaluators import Derivation, bend, pull, slope, together, value
 from matching.frequency.objective import Aim
-from matching.frequency.terms import Goal, Term, eigenpair, logarithm, margin
+from matching.frequency.terms import Goal, Term, eigenpair, logarithm, margin, response
 from modelling.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1
@@ -116,8 +116,8 @@ class Problem:
     def vector(self, values: dict[str, float]) -> np.ndarray:
         """p (p,) of the loop with some values changed."""
         p = self.loop.values.copy()
-        for name, value in values.items():
-            p[self.loop.parameters.index(name)] = value
+        for name, own in values.items():
+            p[self.loop.parameters.index(name)] = own
         return p
 
 
@@ -181,8 +181,12 @@ def build(
     v, extra = ca.MX.sym("v", count), ca.MX.sym("extra", slots)
     common = Common(_functions(loop, moves, bool(goals), aim is None, exact, compiled), v, size, _fixed(loop, moves))
     stable, pairs = Margins(common, _places(case, extra)), Pairs(common, goals)
-    error: ResponseError | _Fidelity
-    error = ResponseError(common, grid(case), reference) if aim is None else _Fidelity(aim, moves, v)
+    error: ResponseError | Fidelity
+    if aim is None:
+        error = ResponseError(common, grid(case), reference)
+    else:
+        own = closed_loop(aim.case, [move.together for move in moves])
+        error = Fidelity(Common(_plain_responses(own, moves, compiled), v, size, _fixed(own, moves)), aim)
     fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
     moved = {name: unscaled(v[i], move) for i, move in enumerate(moves) for name in move.together}
     asked = demands.constraints(fixed | moved)
@@ -240,15 +244,29 @@ def _fixed(loop: ClosedLoop, moves: Sequence[Move]) -> np.ndarray:
     return np.concatenate([loop.fixed, *scales]) if scales else loop.fixed
 
 
-def _functions(
-    loop: ClosedLoop, moves: Sequence[Move], tracked: bool, responses: bool, exact: bool, compiled: bool
-) -> dict[str, ca.Function]:
-    """The terms and their derivatives; no number of the case stands in them."""
+def _symbols(loop: ClosedLoop, moves: Sequence[Move]) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """What moves, the fixed numbers of :func:`_fixed`, and p as expressions of both."""
     free, fixed = ca.SX.sym("free", len(moves)), ca.SX.sym("fixed", len(loop.fixed) + 2 * len(moves))
     p = ca.SX(len(moves), 1)
     for i, move in enumerate(moves):
         low, span = fixed[len(loop.fixed) + 2 * i], fixed[len(loop.fixed) + 2 * i + 1]
         p[i] = low * ca.exp(span * free[i]) if _logarithmic(move) else low + span * free[i]
+    return free, fixed, p
+
+
+def _plain_responses(loop: ClosedLoop, moves: Sequence[Move], compiled: bool) -> dict[str, ca.Function]:
+    """Responses and their derivatives, for the fidelity."""
+    free, fixed, p = _symbols(loop, moves)
+    term = response(loop, free, p, fixed)
+    plain = {"plain": term.plain}  # CasADi differentiates what is not compiled any further
+    return plain | together({"response": (value, term), "response_pull": (pull, term)}, compiled)
+
+
+def _functions(
+    loop: ClosedLoop, moves: Sequence[Move], tracked: bool, responses: bool, exact: bool, compiled: bool
+) -> dict[str, ca.Function]:
+    """The terms and their derivatives; no number of the case stands in them."""
+    free, fixed, p = _symbols(loop, moves)
     held = margin(loop, free, p, fixed)
     wanted: dict[str, tuple[Derivation, Term]] = {"margin": (value, held), "margin_slope": (slope, held)}
     second: dict[str, tuple[Derivation, Term]] = {"margin_bend": (bend, held)}
@@ -273,26 +291,3 @@ def _places(case: Case, extra: ca.MX) -> ca.MX:
     slots = extra.numel()
     added = ca.vertcat(ca.MX(1, slots), 2 * np.pi * extra.T, ca.MX(ca.DM.ones(1, slots) * least))
     return ca.horzcat(ca.MX(ca.DM(on_grid)), ca.densify(added), ca.MX(ca.DM(on_ray)))
-
-
-@dataclass(frozen=True)
-class _Fidelity:
-    """The fidelity over the manoeuvre in place of the response error, differentiated by CasADi."""
-
-    aim: Aim
-    moves: tuple[Move, ...]
-    v: ca.MX
-
-    def value(self) -> ca.MX:
-        loop, aim = closed_loop(self.aim.case, [move.together for move in self.moves]), self.aim
-        p = ca.vertcat(*(unscaled(self.v[i], move) for i, move in enumerate(self.moves)))
-        f = len(aim.s)
-        each: Any = loop.response.map(f)(ca.DM(aim.s.real).T, ca.DM(aim.s.imag).T, ca.repmat(p, 1, f))
-        return aim.loss(*each)
-
-    def slope(self) -> tuple[ca.MX, ca.MX]:
-        value = self.value()
-        return value, ca.gradient(value, self.v)
-
-    def bend(self) -> ca.MX:
-        return ca.hessian(self.value(), self.v)[0]

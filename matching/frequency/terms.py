@@ -40,6 +40,12 @@ class Term:
         return ca.Function("plain", [self.at, self.free, self.fixed], [self.value])
 
 
+def response(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
+    """H (2·h,), real parts first, at s (2,)."""
+    s = ca.SX.sym("s", 2)
+    return Term(s, free, fixed, ca.vertcat(*_at(loop.general_response, s, p, fixed)))
+
+
 def logarithm(loop: ClosedLoop, count: int, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Term, Term]:
     """H/wanted (2·h,), real parts first, and its logarithm (2·h,) for ``count`` responses; at s and wanted (2 + 2·h,).
 
