@@ -14,8 +14,15 @@ if TYPE_CHECKING:
     from matching.diagnosis.result import Pictures
     from modelling.system import Sensor, System
 
-BEFORE: dict[str, Any] = {"color": RIG, "linewidth": 1.0, "label": "model as given, fitted", "zorder": 2.2}
-AFTER: dict[str, Any] = {"color": MATCHED, "linewidth": 1.0, "label": "extended model", "zorder": 2.4}
+# In grey too: broad and pale against fine and full, and smooth curves dashed against solid.
+BEFORE: dict[str, Any] = {
+    "color": RIG, "linewidth": 1.8, "alpha": 0.5, "label": "model as given, fitted", "zorder": 2.2,
+}  # fmt: skip
+AFTER: dict[str, Any] = {"color": MATCHED, "linewidth": 0.8, "label": "extended model", "zorder": 2.4}
+SMOOTH: dict[str, dict[str, Any]] = {
+    BEFORE["label"]: {"linestyle": (0, (5, 1.6)), "linewidth": 1.6, "alpha": 1.0},
+    AFTER["label"]: {"linewidth": 1.6},
+}
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 MOST = 4  # sensors that a figure shows
 MANY = 1500  # points beyond which a line is kept as pixels, so that files stay small
@@ -52,6 +59,13 @@ def _rms(residual: np.ndarray) -> np.ndarray:
     return np.where(count, np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(count, 1)), np.nan)
 
 
+def told_apart(before: np.ndarray, after: np.ndarray) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
+    """Residuals before and after with their looks; one of them where no effect was added."""
+    if np.array_equal(before, after, equal_nan=True):
+        return ((before, BEFORE),)
+    return (before, BEFORE), (after, AFTER)
+
+
 def label(sensor: Sensor) -> str:
     """Name and unit of a sensor's reading."""
     return f"{sensor.name}\nin {unit(sensor.unit)}"
@@ -80,7 +94,7 @@ def noise_band(axes: Any) -> None:
 
 def over_noise(axes: Any) -> None:
     """A horizontal line at the noise."""
-    axes.axhline(1.0, color=NOISE, linewidth=1.6, label="noise", zorder=2.1)
+    axes.axhline(1.0, color=NOISE, linewidth=2.2, linestyle=(0, (1, 1)), label="noise", zorder=3)
 
 
 def broken(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -61,6 +61,7 @@ def _rms(own: np.ndarray) -> float:
 
 
 def _over(axes: Any, x: np.ndarray, torque: np.ndarray) -> None:
+    axes.locator_params(axis="x", nbins=5)
     few = np.linspace(0, len(x) - 1, min(len(x), DOTS)).astype(int)
     axes.plot(x[few], torque[few], ".", color=RIG, markersize=2, alpha=0.3, rasterized=True)
     edges = np.linspace(x.min(), x.max(), BINS + 1)

@@ -18,6 +18,7 @@ MEANING = {
     "unexplained": "More than noise is left. Causes named take part of it; what stays fits nothing in the vocabulary "
     "well enough, so treat their values with care.",
 }
+NONE_NAMED = "More than noise is left, and nothing in the vocabulary takes enough of it to be named."
 
 
 def content(found: Any) -> dict[str, Any]:
@@ -42,7 +43,7 @@ def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], drawn:
         "title": f"Diagnosis: {title}" if title else "Diagnosis of a model",
         "verdict": result["verdict"],
         "answer": result["answer"],
-        "meaning": MEANING[result["verdict"]],
+        "meaning": MEANING[result["verdict"]] if result["causes"] or result["verdict"] != "unexplained" else NONE_NAMED,
         "causes": [_cause(cause) for cause in result["causes"]],
         "errors": [_error(name, units[name], own) for name, own in result["errors"].items()],
         "gain": result["gain"],

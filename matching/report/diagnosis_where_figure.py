@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from matching.report.diagnosis_axes import (
-    AFTER,
-    BEFORE,
+    SMOOTH,
     View,
     broken,
     legend,
@@ -16,6 +15,7 @@ from matching.report.diagnosis_axes import (
     noise_band,
     over_noise,
     running,
+    told_apart,
 )
 from matching.report.style import LIMIT, figure, styled
 
@@ -44,8 +44,8 @@ def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
                 own = residual[:, view.index] / pictures.noise[view.index]
                 if len(own) != len(time):
                     continue
-                line(axes, *broken(time, pictures.before.parts, own), look | {"alpha": 0.35, "label": None})
-                line(axes, *broken(time, pictures.before.parts, _running_mean(own)), look | {"zorder": 3})
+                line(axes, *broken(time, pictures.before.parts, own), look | {"alpha": 0.25, "label": None})
+                line(axes, *broken(time, pictures.before.parts, _running_mean(own)), look)
             noise_band(axes)
             axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
@@ -89,7 +89,7 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
                 x, y = _spectrum(own[part], pictures.before.step)
                 line(left, x[1:], y[1:], look)
                 if turns:
-                    line(right, *_orders(own, angle), look)
+                    line(right, *_orders(own, angle), look | SMOOTH[look["label"]])
             over_noise(left)
             left.set(xscale="log", yscale="log", ylabel=f"{view.sensor.name}\nin times the noise")
             left.set_xlabel("Frequency in Hz")
@@ -111,7 +111,7 @@ def _running_mean(own: np.ndarray) -> np.ndarray:
 
 
 def _both(pictures: Pictures) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
-    return (pictures.residual_before, BEFORE), (pictures.residual_after, AFTER)
+    return told_apart(pictures.residual_before, pictures.residual_after)
 
 
 def _motion(pictures: Pictures, view: View) -> dict[str, np.ndarray]:
@@ -136,7 +136,7 @@ def _binned(axes: Any, x: np.ndarray, own: np.ndarray, look: dict[str, Any]) -> 
     bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
     count = np.bincount(bins, minlength=BINS)
     mean = np.where(count >= LEAST, np.bincount(bins, own, BINS) / np.maximum(count, 1), np.nan)
-    axes.plot((edges[1:] + edges[:-1]) / 2, mean, **look | {"linewidth": 1.8})
+    axes.plot((edges[1:] + edges[:-1]) / 2, mean, **look | SMOOTH[look["label"]])
 
 
 def _spectrum(own: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:

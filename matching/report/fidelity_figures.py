@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = {"dynamics": style.RIG, "model": style.VEHICLE, "measurement": style.NOISE}
+HATCHES = {"dynamics": "", "model": "///", "measurement": "..."}
 MARKS = {"system_dynamics": ("o", style.RIG), "residual_vehicle_model": ("s", style.VEHICLE)}
 
 
@@ -77,7 +78,7 @@ def attribution(answer: dict[str, Any]) -> Figure:
         axes = drawn.add_subplot()
         axes.grid(visible=False, axis="y")
         for place, loss in enumerate(losses):
-            bar = axes.barh(place, 100 * loss["gain"], color=COLOURS[loss["origin"]])
+            bar = axes.barh(place, 100 * loss["gain"], **_look(loss["origin"]))
             axes.bar_label(bar, [f" {100 * loss['gain']:.2g}"], fontsize=8)
         axes.set_yticks(range(len(losses)), [f"{loss['signal']}: {loss['cause']}" for loss in losses])
         axes.invert_yaxis()
@@ -85,13 +86,17 @@ def attribution(answer: dict[str, Any]) -> Figure:
         axes.set_xlabel(f"gain in R_XiL in percentage points if put right alone (now {100 * answer['R_XiL']:.2f} %)")
         present = {loss["origin"] for loss in losses}
         shares = answer["attribution"]["by_origin"]
-        handles: Any = [axes.barh(0, 0, color=colour) for origin, colour in COLOURS.items() if origin in present]
+        handles: Any = [axes.barh(0, 0, **_look(origin)) for origin in COLOURS if origin in present]
         drawn.legend(
             handles,
             [f"{origin}: {100 * shares[origin]:.3g} % of the loss" for origin in COLOURS if origin in present],
             loc="outside right center",
         )
     return drawn
+
+
+def _look(origin: str) -> dict[str, Any]:
+    return {"color": COLOURS[origin], "hatch": HATCHES[origin], "edgecolor": "white", "linewidth": 0}
 
 
 def bands(answer: dict[str, Any]) -> Figure:

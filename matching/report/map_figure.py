@@ -22,6 +22,7 @@ def map_figure(found: Map) -> Figure:
     """Fields coloured by the response error, hatched where a target or limit is not met, crossed where unstable."""
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Patch
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 
     errors = found.errors()
     known = errors[np.isfinite(errors)]
@@ -35,6 +36,13 @@ def map_figure(found: Map) -> Figure:
             fields = axes.pcolormesh(columns, rows, np.ma.masked_invalid(errors), cmap="viridis_r", norm=norm, zorder=1)
             bar = drawn.colorbar(fields, ax=axes)
             band = f"{number(found.band[0])}–{number(found.band[1])} Hz"
+            bar.locator = LogLocator(subs=(1, 2, 5))
+            bar.minorlocator = LogLocator(subs=range(1, 10))
+            bar.formatter = StrMethodFormatter("{x:g}")
+            if span.max() < 3 * span.min():
+                bar.locator, bar.minorlocator = MaxNLocator(5), NullLocator()
+            bar.update_ticks()
+            bar.minorformatter = NullFormatter()
             bar.set_label(f"Response error over {band} that a match reaches")
         hatched = {True: ("//", "target or limit not met"), False: ("xx", "no stable loop found")}
         shown = set()

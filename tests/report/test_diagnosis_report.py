@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
+from matching.report.diagnosis_page import page
 from matching.report.diagnosis_words import answer, measured
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
@@ -151,6 +152,15 @@ def test_page_is_whole_and_needs_nothing_else(folder: Path, said: str) -> None:
 )
 def test_values_are_rounded_to_two_digits_of_their_uncertainty(value: float, u: float | None, said: str) -> None:
     assert measured({"value": value, "standard_uncertainty": u, "unit": "rad"}) == said
+
+
+def test_page_speaks_of_causes_only_where_some_are_named(result: dict) -> None:
+    units = dict.fromkeys(result["errors"], "rad/s")
+    rest = result | {"verdict": "unexplained"}
+    assert "Causes named take part of it" in page(rest, "", units, {})
+    said = page(rest | {"causes": []}, "", units, {})
+    assert "Causes named" not in said
+    assert "nothing in the vocabulary takes enough of it" in said
 
 
 def errors(before: float, after: float) -> dict:

@@ -26,6 +26,7 @@ def plot(found: Tolerance) -> Figure:
                 left.axvline(found.asked, color=LIMIT, linestyle="--", linewidth=1.2, label="asked for")
             left.set_xlabel(_said(own.name) + (f" in {own.unit}" if own.unit else ""))
             left.set_ylabel("share of draws\nin %")
+            left.locator_params(axis="x", nbins=6)
             left.legend(fontsize=7)
             named = own.drivers[:DRIVERS][::-1]
             right.barh(range(len(named)), [100 * share for _, share in named], color=VEHICLE)
@@ -49,7 +50,7 @@ def text(result: Mapping[str, Any]) -> str:
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of "
         f"{result['modulus_margin_asked']:g} kept {shares['modulus_margin']:.1%}"
         + "".join(f", {_said(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
-        f"{'':42} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
+        f"{'':46} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
     ]
     for own in result["quantities"]:
         named = ", ".join(
@@ -57,7 +58,7 @@ def text(result: Mapping[str, Any]) -> str:
         )
         low, high = own["quantiles"]["0.05"], own["quantiles"]["0.95"]
         name = _said(own["name"]) + (f" [{own['unit']}]" if own["unit"] else "")
-        rows.append(f"{name:42} {own['nominal']:9.4g} {low:9.4g} {high:9.4g}   {named or '–'}")
+        rows.append(f"{name:46} {own['nominal']:9.4g} {low:9.4g} {high:9.4g}   {named or '–'}")
     return "\n".join(rows)
 
 
@@ -66,4 +67,4 @@ def _said(name: str) -> str:
 
 
 def _short(name: str) -> str:
-    return name.removeprefix("rig.").removeprefix("shafts.").removeprefix("inertias.").replace("_", " ")
+    return name.removeprefix("rig.")
