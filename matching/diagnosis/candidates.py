@@ -172,6 +172,8 @@ def _problem(trial: Trial, parent: Fit, fine: float) -> tuple[Problem, np.ndarra
     least = fine / 1.5 * sampling  # 2 a sample in a search, 4 in a final fit
     if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
         least = ABRUPT * sampling
+    if np.isfinite(parent.problem.stick):  # friction that had to be sharper stays so
+        least = max(least, parent.problem.steps)
     steps, stick = runs.steps_and_stick(model, p, points, sampling, fine, least)
     anchors = None
     if parent.problem.anchors is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from matching.diagnosis.candidates import Cause, Trial, compile_all, fitted, nearer, with_cause
 from matching.diagnosis.fit import Fit
+from matching.diagnosis.resolve import resolved
 from matching.diagnosis.screening import Screen, Screened
 from matching.diagnosis.statistics import SCALES, Noise, noise_of
 from modelling.effects import EFFECTS
@@ -17,6 +18,7 @@ from modelling.system import System
 FEW, MANY = 5, 14  # candidates refitted at once, and at most
 MOST_OF_IT = 0.9  # of the misfit beyond noise: no further candidate needs a look
 REFITS, WINDOWED = 60, 4  # of a whole search; the latter over short windows, each many times as long
+SHARPER, NEAR = 4, 2.0  # fits looked at with sharper friction, and up to how many times the best's χ²
 SHARE = 0.4  # of the best reduction that a candidate must promise to be refitted with the first
 
 
@@ -150,7 +152,7 @@ def refit(
                 done.append(Named(trial, fit, promised[trial.causes]))
             except (FloatingPointError, np.linalg.LinAlgError, ValueError):
                 continue
-        done.sort(key=lambda named: named.cost)
+        done = sharper(done)
         if windows and done and not at_noise(done[0]):
             done = closer(parent, done, screen, tried, budget)
         if done and (at_noise(done[0]) or taken(parent, done[0]) > MOST_OF_IT):
@@ -158,6 +160,15 @@ def refit(
             if not rest or rest[0].reduction < promise:
                 break
     return done
+
+
+def sharper(named: Sequence[Named]) -> list[Named]:
+    """Fits, best first, those near the best with dry friction as sharp as it takes to tell them apart."""
+    out = sorted(named, key=lambda one: one.cost)
+    near = [i for i, one in enumerate(out[:SHARPER]) if one.cost < NEAR * out[0].cost]
+    for i in near:
+        out[i] = replace(out[i], fit=resolved(out[i].fit))
+    return sorted(out, key=lambda one: one.cost)
 
 
 def taken(parent: Named, child: Named) -> float:

@@ -13,7 +13,7 @@ from matching.diagnosis.candidates import fitted, without_cause
 from matching.diagnosis.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.extend import extended
 from matching.diagnosis.fit import Fit, base_problem, solve
-from matching.diagnosis.holdout import elsewhere, ratios, rest_of, rest_segments
+from matching.diagnosis.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments
 from matching.diagnosis.motion import seen
 from matching.diagnosis.next_recording import propose
 from matching.diagnosis.one_sided import bounded_below
@@ -66,7 +66,7 @@ def diagnose(
         notes += [f"hold-out: {note}" for note in (*holdout.notes, *more)]
         other = type(other)(other.segments, train.noise)
 
-    def unseen(named: Named) -> list[np.ndarray]:
+    def ahead(named: Named) -> list[Ahead]:
         return rest_of(named.fit, whole, counts) if holdout is None else elsewhere(named.fit, other)
 
     tell("base model")
@@ -75,16 +75,16 @@ def diagnose(
     state = search(system, solve(problem, start), tell)
     tell("final fit")
     if not at_noise(state.best):
-        _drop_overfitted(state, unseen)
+        _drop_overfitted(state, ahead)
     state.best = polished(state.best)
     _drop_idle(state)
     rivals = []
     for index in range(len(state.best.causes)):
         tell("rivals")
-        rivals.append(rated(state, index, unseen))
+        rivals.append(rated(state, index, ahead))
     valley = as_good(state.best.fit, state.best.causes)
     state.best = final = replace(state.best, fit=valley[0])
-    residual_after, residual_before = unseen(final), unseen(state.base)
+    residual_after, residual_before = (residuals(ahead(named)) for named in (final, state.base))
     after, base_unseen = ratios(residual_after), ratios(residual_before)
     white = at_noise(final)
     good_holdout = not np.nanmax(after, initial=0.0) > HELD_OUT_AT_MOST
@@ -109,12 +109,12 @@ def diagnose(
     )  # fmt: skip
 
 
-def _drop_overfitted(state: Search, unseen: Callable[[Named], list[np.ndarray]]) -> None:
+def _drop_overfitted(state: Search, ahead: Callable[[Named], list[Ahead]]) -> None:
     """Drop the causes found last while unseen data are met better without: they fitted what does not come again."""
     while state.best.causes:
         last = len(state.best.causes) - 1
         rest = _without(state, last)
-        if held_out(rest, unseen) >= held_out(state.best, unseen):
+        if held_out(rest, ahead) >= held_out(state.best, ahead):
             break
         state.best = rest
         state.rivals = state.rivals[:last]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +11,52 @@ from matching.diagnosis.data import Data, Segment
 from matching.diagnosis.fit import Fit, Problem, first_state, solve
 
 
-def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
-    """Residuals (t, y), in times the noise, on what follows the samples a fit saw of each segment.
+@dataclass(frozen=True)
+class Ahead:
+    """A simulation of data that no fit saw.
+
+    Attributes
+    ----------
+    problem : Problem
+    v : ndarray (v,)
+        Its parameters are those of the fit.
+    residual : ndarray (r,)
+    seen : tuple of int
+        How many samples of each segment the fit did see; only what follows them counts.
+    carried : bool
+        Whether the start states are the fit's too; else they were found on these data.
+    """
+
+    problem: Problem
+    v: np.ndarray
+    residual: np.ndarray
+    seen: tuple[int, ...]
+    carried: bool
+
+    def mask(self) -> np.ndarray:
+        """Which residuals (r,) are of data that were measured and not seen."""
+        own = [segment.counts.copy() for segment in self.problem.data.segments]
+        for one, count in zip(own, self.seen, strict=True):
+            one[:count] = False
+        return np.concatenate([one.ravel() for one in own])
+
+    def parts(self, residual: np.ndarray) -> list[np.ndarray]:
+        """Residuals (r,) → (t, y) of what was not seen of each segment; NaN where nothing was measured."""
+        out, at = [], 0
+        for segment, count in zip(self.problem.data.segments, self.seen, strict=True):
+            own = residual[at : at + segment.readings.size].reshape(segment.readings.shape)
+            at += segment.readings.size
+            out.append(np.where(segment.counts, own, np.nan)[count:])
+        return [own for own in out if len(own)]
+
+
+def residuals(ahead: list[Ahead]) -> list[np.ndarray]:
+    """Residuals (t, y), in times the noise, of all simulations."""
+    return [own for one in ahead for own in one.parts(one.residual)]
+
+
+def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[Ahead]:
+    """What follows the samples a fit saw of each segment.
 
     The simulation goes on from the fitted start, freely; a segment of which the fit saw nothing gets its own start.
     """
@@ -22,21 +66,12 @@ def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
     data = replace(whole, segments=tuple(whole.segments[i] for i in known))
     problem = replace(fit.problem, data=data, anchors=None)
     v = problem.pack(fit.values, fit.starts)
-    out = []
-    residual = problem.residuals(v[None])[0]
-    at = 0
-    for i in known:
-        segment = whole.segments[i]
-        own = residual[at : at + segment.readings.size].reshape(segment.readings.shape)
-        at += segment.readings.size
-        own = np.where(segment.counts, own, np.nan)[seen[i] :]
-        if len(own):
-            out.append(own)
+    out = [Ahead(problem, v, problem.residuals(v[None])[0], tuple(seen[i] for i in known), True)]
     unseen = tuple(segment for segment, count in zip(whole.segments, seen, strict=True) if not count)
     return out + (elsewhere(fit, replace(whole, segments=unseen)) if unseen else [])
 
 
-def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[np.ndarray]:
+def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[Ahead]:
     """The same for a fit over short windows: what it did not see is cut into windows as long."""
     length = max(len(segment.time) for segment in fit.problem.data.segments)
     cuts = []
@@ -58,9 +93,8 @@ def rest_segments(fit: Fit, whole: Data, seen: list[int]) -> list[Segment]:
     return known + [rest for rest, count in zip(rests, seen, strict=True) if not count]
 
 
-def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:
-    """Residuals (t, y), in times the noise, on other recordings: parameters as fitted, only the start states are
-    found."""
+def elsewhere(fit: Fit, data: Data) -> list[Ahead]:
+    """Other recordings: parameters as fitted, only the start states are found."""
     problem = fit.problem
     system = problem.system.with_values(
         {name: value for name, value in fit.values.items() if name in problem.system.parameters}
@@ -68,7 +102,8 @@ def elsewhere(fit: Fit, data: Data) -> list[np.ndarray]:
     fixed = Problem(system, data, {}, problem.steps, problem.stick)
     starts = [first_state(system, fixed.model, data, i) for i in range(len(data.segments))]
     found = solve(fixed, fixed.pack({}, starts), None, 30)
-    return [np.where(s.counts, r, np.nan) for r, s in zip(found.by_sensor(), data.segments, strict=True)]
+    open_ = replace(problem, data=data, anchors=None)
+    return [Ahead(open_, open_.pack(fit.values, found.starts), found.residual, (0,) * len(data.segments), False)]
 
 
 def ratios(residuals: list[np.ndarray]) -> np.ndarray:

@@ -22,10 +22,7 @@ ENOUGH = 0.02  # decrease of χ² that is not worth a step
 def sharpened(fit: Fit) -> Fit:
     """The fit moved to where central differences see no way down, with the Jacobian of that point."""
     problem, v, r, cost = fit.problem, fit.v, fit.residual, fit.cost
-    length = np.linalg.norm(fit.jacobian, axis=0)
-    h = np.full(problem.size, np.inf)
-    if not any(EFFECTS[effect.kind].abrupt for effect in problem.system.effects):
-        h[length > 0] = 1 / length[length > 0]
+    h = widths(fit)
     jacobian = problem.jacobian(v, r, central=h)
     for _ in range(STEPS):
         quadratic = Quadratic(jacobian)
@@ -45,3 +42,12 @@ def sharpened(fit: Fit) -> Fit:
             break
         jacobian = problem.jacobian(v, r, central=h)
     return replace(fit, v=v, residual=r, jacobian=jacobian, cost=cost)
+
+
+def widths(fit: Fit) -> np.ndarray:
+    """(v,) steps over which χ² changes by about 1; unlimited where the misfit is rough on that scale."""
+    length = np.linalg.norm(fit.jacobian, axis=0)
+    h = np.full(fit.problem.size, np.inf)
+    if not any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects):
+        h[length > 0] = 1 / length[length > 0]
+    return h

@@ -9,12 +9,16 @@ import numpy as np
 
 from matching.diagnosis.candidates import fitted
 from matching.diagnosis.compare import Named, at_noise
+from matching.diagnosis.holdout import Ahead, residuals
+from matching.diagnosis.prediction import Prediction, prediction
+from matching.diagnosis.resolve import FINAL, resolved
 from matching.diagnosis.several import Search
 from matching.diagnosis.sharpen import sharpened
 from matching.diagnosis.statistics import effective_share
 
 TEMPER = 1.0  # divides differences of the logarithm of evidence; learned from campaigns, see the documentation
 CLEAR = 60.0  # difference of χ², over the spread, beyond which a rival is out of the race
+HOPELESS = 1e30  # χ² of what does not simulate
 UNEXPLAINED_AT_MOST = 0.49  # confidence of a cause when most of the misfit stays
 
 
@@ -39,17 +43,17 @@ def polished(named: Named) -> Named:
         starts=tuple(named.fit.starts),
     )
     try:
-        fine = sharpened(fitted(trial, named.fit, 12, True, 6.0))
+        fine = sharpened(resolved(fitted(trial, named.fit, 12, True, 6.0), FINAL))
     except (FloatingPointError, np.linalg.LinAlgError):
         return named
     return replace(named, fit=fine) if fine.cost < 1.01 * named.fit.cost + 10 else named
 
 
-def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]) -> list[Rated]:
+def rated(state: Search, index: int, ahead: Callable[[Named], list[Ahead]]) -> list[Rated]:
     """A cause of the best fit and its rivals with their shares of the evidence, most first.
 
-    Evidence is that of the fit (Schwarz) and of the held-out data together, χ² divided by what the best residual is
-    larger than noise and by how few of its samples are independent. Rivals that come near a best fit at the
+    Evidence is that of the fit (Schwarz) and of the held-out data as it foretells them, χ² divided by what the best
+    residual is larger than noise and by how few of its samples are independent. Rivals that come near a best fit at the
     noise are refitted as finely as it. A single cause gives way to a rival with more evidence.
     """
     here = state.best.causes[index]
@@ -67,9 +71,10 @@ def rated(state: Search, index: int, unseen: Callable[[Named], list[np.ndarray]]
     fits = [state.best, *finer]
     scores = np.zeros(1)
     if finer:
-        left = [_left(one, unseen) for one in fits]
-        coarse = TEMPER * min((_spread(own) for own in left if own), default=1.0)
-        scores = np.array([one.cost / factor + _square(own) / coarse for one, own in zip(fits, left, strict=True)])
+        told = [_foretold(one, ahead, factor) for one in fits]
+        coarse = TEMPER * min((_spread(own.moved) for own in told if own), default=1.0)
+        unseen = [own.score(coarse) if own else HOPELESS for own in told]
+        scores = np.array([one.cost / factor + own for one, own in zip(fits, unseen, strict=True)])
     shares = np.exp(-0.5 * (scores - scores.min()))
     shares /= shares.sum()
     out = [Rated(*name, float(share), one) for name, share, one in zip(names, shares, fits, strict=True)]
@@ -86,21 +91,24 @@ def _in_place(named: Named, index: int) -> Named:
     return replace(named, trial=replace(named.trial, causes=(*rest[:index], last, *rest[index:])))
 
 
-def held_out(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> float:
+def held_out(named: Named, ahead: Callable[[Named], list[Ahead]]) -> float:
     """χ² of a fit on unseen data; huge where it does not simulate."""
-    return _square(_left(named, unseen))
-
-
-def _left(named: Named, unseen: Callable[[Named], list[np.ndarray]]) -> list[np.ndarray]:
-    """Residuals (t, y) on unseen data, in times the noise; none where it does not simulate."""
     try:
-        return unseen(named)
+        return _square(residuals(ahead(named)))
     except (FloatingPointError, np.linalg.LinAlgError):
-        return []
+        return HOPELESS
 
 
-def _square(residuals: list[np.ndarray]) -> float:
-    return float(sum(np.nansum(own**2) for own in residuals)) if residuals else 1e30
+def _foretold(named: Named, ahead: Callable[[Named], list[Ahead]], factor: float) -> Prediction | None:
+    """What a fit foretells of unseen data; None where it does not simulate."""
+    try:
+        return prediction(named.fit, ahead(named), factor)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+
+
+def _square(parts: list[np.ndarray]) -> float:
+    return float(sum(np.nansum(own**2) for own in parts)) if parts else HOPELESS
 
 
 def spread(named: Named) -> float:
@@ -109,12 +117,12 @@ def spread(named: Named) -> float:
     return _spread([np.where(s.counts, own, np.nan) for s, own in zip(segments, named.fit.by_sensor(), strict=True)])
 
 
-def _spread(residuals: list[np.ndarray]) -> float:
-    count = sum(int(np.isfinite(own).sum()) for own in residuals)
-    square = _square(residuals) / max(count, 1)
+def _spread(parts: list[np.ndarray]) -> float:
+    count = sum(int(np.isfinite(own).sum()) for own in parts)
+    square = _square(parts) / max(count, 1)
     if square < 1.05:
         return max(square, 1.0)
-    shares = [effective_share(own[:, j]) for own in residuals for j in range(own.shape[1]) if np.nansum(own[:, j] ** 2)]
+    shares = [effective_share(own[:, j]) for own in parts for j in range(own.shape[1]) if np.nansum(own[:, j] ** 2)]
     return square / min(shares, default=1.0)
 
 

@@ -1,0 +1,58 @@
+"""Dry friction is not taken for a kind that holds it as a special case, nor for two causes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant.case import make_case
+from plant.engine import compiler
+
+from matching.diagnosis.candidates import fitted, with_cause
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.preparation import prepare_data, split
+from matching.diagnosis.resolve import FINAL, resolved
+from modelling.files import load
+from modelling.recording import read_recording
+from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
+
+
+def test_friction_of_a_short_recording_is_not_stribeck() -> None:
+    """2 s tell the drag badly: the rest drifts away from either kind, from the simpler one by chance a little more."""
+    drive = chain(3, 4)
+    system, recording = made(drive, hidden_in(drive, "coulomb_friction"), 2.0)
+    found = diagnose(system, [recording])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [("coulomb_friction", "inertias.part1")]
+    own, _ = found.causes[0].parameters["torque"]
+    assert abs(own.value - 6.0) < 4 * own.standard_uncertainty < 0.1
+
+
+def test_sharp_friction_is_not_two_causes(tmp_path: Path) -> None:
+    """With few steps a sample the friction turns so smoothly that its fit is not at the noise."""
+    case = make_case("two_mass", ["coulomb_friction"], 30.0, "normal", 7, 2.0, 500.0)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    recording = read_recording(tmp_path / "recording.csv", system)
+    found = diagnose(system, [recording])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [("coulomb_friction", "inertias.motor")]
+    for key, value in case.answer["parameters"].items():
+        own, _ = found.causes[0].parameters[key]
+        assert abs(own.value - value) < 4 * own.standard_uncertainty
+
+
+def test_friction_is_sharpened_while_that_pays(tmp_path: Path) -> None:
+    case = make_case("two_mass", ["coulomb_friction"], 30.0, "normal", 7, 2.0, 500.0)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    data, _ = split(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    base = solve(*base_problem(system, data))
+    assert resolved(base) is base  # no friction
+    trial = with_cause(system, base, (), "coulomb_friction", "inertias.motor", {"torque": 0.35, "torque_reverse": 0.65})
+    coarse = fitted(trial, base)
+    fine = resolved(coarse, FINAL)
+    assert fine.problem.stick < coarse.problem.stick / 3
+    assert fine.cost < coarse.cost - 50
+    assert fine.problem.steps * np.diff(data.segments[0].time).mean() <= FINAL * 1.01
+    assert resolved(fine, FINAL).cost == fine.cost
