@@ -47,7 +47,9 @@ def executor_of(workers: int | None = None, scheduler: str | None = None) -> Ite
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--scheduler", "Dask is not installed", "pip install 'rigmatch[dask]'") from None
+        raise InputError(
+            "--scheduler", "Dask is not installed", "in rigmatch's folder: pip install -e '.[dask]'"
+        ) from None
     try:
         client = Client(scheduler, timeout=SECONDS)
     except (OSError, ValueError, TypeError) as fault:

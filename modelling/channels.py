@@ -90,7 +90,7 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     InputError
         If a channel is not in the file; with what it might be.
     """
-    header, values = list(table.header), table.values.copy()
+    header, values, notes = list(table.header), table.values.copy(), list(table.notes)
     names = [text.partition("[")[0].strip() for text in header]
     for name, own in channels.items():
         if own.name not in names:
@@ -100,7 +100,10 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         if name in names and name != own.name:
             raise InputError(source, f"has a column {name!r} beside {own.name!r}, which is to be {name!r}", "drop one")
         column = names.index(own.name)
-        unit = own.unit if own.unit is not None else table.header[column].partition("[")[2].rpartition("]")[0]
+        there = table.header[column].partition("[")[2].rpartition("]")[0]
+        unit = own.unit if own.unit is not None else there
+        if there and there != unit:
+            notes.append(f"{own.name} is in {there} by the file, taken in {unit or 'SI'} by the channel file")
         header[column] = f"{name} [{unit}]" if unit else name
         if own.sign < 0:
             values[:, column] = -values[:, column]
@@ -108,4 +111,4 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         first = names.index(channels["time"].name)
         order = [first, *(i for i in range(len(header)) if i != first)]
         header, values = [header[i] for i in order], values[:, order]
-    return replace(table, header=header, values=np.ascontiguousarray(values))
+    return replace(table, header=header, values=np.ascontiguousarray(values), notes=tuple(notes))

@@ -12,7 +12,7 @@ import numpy as np
 
 from modelling.channels import Channel, called, renamed
 from modelling.errors import InputError
-from modelling.readers import Table, read_table
+from modelling.readers import Table, name_time, read_table
 from modelling.system import System, listed, unknown
 from modelling.units import factor
 
@@ -115,7 +115,7 @@ def from_table(table: Table, system: System, source: str) -> Recording:
     """Check a table, convert to SI and mend what may be mended; see :func:`read_recording`."""
     names, units = columns_of(table.header, source)
     if names[0] != "time":
-        raise InputError(f"{source}: line 1", f"the first column is {names[0]!r}", "it must be 'time [s]'")
+        raise InputError(f"{source}: line 1", f"the first column is {names[0]!r}, not 'time [s]'", name_time(names))
     wanted = {part.name: "N*m" for part in system.inputs} | {part.name: part.unit for part in system.sensors}
     for part in system.inputs:
         if part.name not in names:

@@ -46,7 +46,9 @@ def labelled(
         import xarray
     except ImportError:
         raise InputError(
-            "to_xarray", "xarray is not installed", "pip install 'rigmatch[notebooks]', or use to_dict()"
+            "to_xarray",
+            "xarray is not installed",
+            "in rigmatch's folder: pip install -e '.[notebooks]', or use to_dict()",
         ) from None
     return xarray.Dataset(
         {name: (tuple(dimensions), values, {"units": unit}) for name, (dimensions, values, unit) in variables.items()},

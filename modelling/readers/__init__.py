@@ -23,7 +23,10 @@ READERS = {
     ".mat": "matlab",
     ".parquet": "parquet",
     ".mf4": "mdf",
+    ".mdf": "mdf",
+    ".dat": "mdf",
 }
+TIMES = {"t", "time", "zeit", "times", "timestamp", "timestamps", "time_s", "t_s"}
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,12 @@ class Table:
     place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+
+
+def name_time(names: Collection[str]) -> str:
+    """What to do where no column is called ``time``, with the one that may well be it."""
+    likely = next((name for name in names if name.strip().lower() in TIMES), "NAME")
+    return f'call it time, or write time = "{likely}" into a channel file (--channels)'
 
 
 def read_table(path: str | Path, used: Collection[str] | None = None) -> Table:
@@ -61,5 +70,5 @@ def read_table(path: str | Path, used: Collection[str] | None = None) -> Table:
     except OSError as fault:
         raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
     except ModuleNotFoundError as fault:
-        right = "install rigmatch[measurement], or save as CSV"
+        right = "in rigmatch's folder: pip install -e '.[measurement]', or save as CSV"
         raise InputError(str(path), f"reading {suffix} needs the package {fault.name}", right) from None

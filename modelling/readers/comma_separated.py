@@ -1,4 +1,4 @@
-"""CSV: a header row, then numbers."""
+"""CSV: a header row, then numbers; parted by commas, or by semicolons or tabs, and then with decimal commas too."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from modelling.readers import Table
 
 LONGEST_LINE = 65_536
 LARGEST = 2_000_000_000  # bytes
+MARKS = ",;\t"
+SECONDS = {"s", "sec", "ms", "us", "µs", "min", "h"}  # what stands below the name of time in a row of units
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
 
 
 def read(path: Path, used: Collection[str] | None = None) -> Table:
-    """Read a CSV file; empty cells and ``nan`` are missing values.
+    """Read a CSV file; empty cells and ``nan`` are missing values, units may stand in a row of their own.
 
     Raises
     ------
@@ -32,43 +34,71 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         )
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = _header(path, file)
+            header, mark = _header(path, file)
             begin = file.tell()
+            if below := _units(file.readline(LONGEST_LINE), header, mark):
+                header, begin = below, file.tell()
+            first = 3 if below else 2
+            file.seek(begin)
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # no rows: told below
-                    values = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, dtype=float)
+                    rows = file if mark == "," else _points(file)
+                    values = np.loadtxt(rows, delimiter=mark, ndmin=2, comments=None, dtype=float)
                 if values.size and values.shape[1] != len(header):
                     raise ValueError
             except ValueError:
                 file.seek(begin)
-                return _with_care(path, file, header)
+                return _with_care(path, file, header, mark, first)
     except UnicodeDecodeError as fault:
         raise InputError(str(path), f"is not UTF-8 text: {fault.reason}", "save it as UTF-8 CSV") from None
-    return Table(header, values.reshape(-1, len(header)), lambda row: f"line {row + 2}")
+    return Table(header, values.reshape(-1, len(header)), lambda row: f"line {row + first}")
 
 
-def _header(path: Path, file: TextIO) -> list[str]:
+def _header(path: Path, file: TextIO) -> tuple[list[str], str]:
     line = file.readline(LONGEST_LINE)
     if not line.strip():
         raise InputError(str(path), "is empty", "a header row 'time [s],name [unit],…' is needed")
     if "\0" in line or (len(line) >= LONGEST_LINE and not line.endswith("\n")):
         raise InputError(str(path), "line 1 is no header row", "'time [s],name [unit],…' is needed")
-    names = [cell.strip() for cell in next(csv.reader([line]))]
-    if len(names) < 2 and any(mark in line for mark in ";\t"):
-        raise InputError(
-            str(path), "columns are parted by semicolons or tabs", "save with commas, and points in numbers"
-        )
-    return names
+    mark = max(MARKS, key=line.count)
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark))], mark
 
 
-def _with_care(path: Path, file: TextIO, header: list[str]) -> Table:
+def _units(line: str, header: list[str], mark: str) -> list[str]:
+    """The header with the units that stand in the row below it; empty if none do."""
+    cells = [cell.strip().strip("[]()") for cell in line.split(mark)]
+    if cells[0] not in SECONDS or len(cells) != len(header) or any("[" in name for name in header):
+        return []
+    known = [unit if unit.lower() not in MISSING else "" for unit in cells]
+    return [f"{name} [{unit}]" if unit else name for name, unit in zip(header, known)]
+
+
+def _points(file: TextIO) -> Iterator[str]:
+    """Lines with decimal points for decimal commas; a file that has both is for :func:`_with_care` to refuse."""
+    seen: set[str] = set()
+    for line in file:
+        seen |= {",", "."} & {*line}
+        if len(seen) > 1:
+            raise ValueError
+        yield line.replace(",", ".")
+
+
+def _with_care(path: Path, file: TextIO, header: list[str], mark: str, first: int) -> Table:
     """Row by row: slower, takes missing values and quotes, finds the line of a fault."""
     rows: list[list[float | None]] = []
     lines: list[int] = []
-    for line, cells in _rows(path, file):
+    seen: set[str] = set()
+    for line, cells in _rows(path, file, mark, first):
         if len(cells) != len(header):
             raise InputError(f"{path}: line {line}", f"{len(cells)} cells", f"the header has {len(header)} columns")
+        if mark != ",":
+            seen |= {",", "."} & {*"".join(cells)}
+            if len(seen) > 1:
+                raise InputError(
+                    f"{path}: line {line}", "numbers have points here and commas there", "write one kind, ungrouped"
+                )
+            cells = [cell.replace(",", ".") for cell in cells]
         row = [_number(cell) for cell in cells]
         if None in row:
             column = row.index(None)
@@ -81,16 +111,16 @@ def _with_care(path: Path, file: TextIO, header: list[str]) -> Table:
     return Table(header, values, lambda row: f"line {lines[row]}")
 
 
-def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
+def _rows(path: Path, file: TextIO, mark: str, first: int) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells of the rows after the header that are not blank."""
-    line = 1
+    line = first - 1
     while text := file.readline(LONGEST_LINE):
         line += 1
         if len(text) >= LONGEST_LINE and not text.endswith("\n"):
             raise InputError(f"{path}: line {line}", "is longer than any row of numbers", "mend the file")
         if text.strip():
             try:
-                yield line, next(csv.reader([text], strict=True))
+                yield line, next(csv.reader([text], strict=True, delimiter=mark))
             except (csv.Error, StopIteration) as fault:
                 raise InputError(
                     f"{path}: line {line}", f"is no row of a CSV file: {fault}", "mend that line"

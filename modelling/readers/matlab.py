@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError
-from modelling.readers import Table
+from modelling.readers import Table, name_time
 
 
 def read(path: Path, used: Collection[str] | None = None) -> Table:
@@ -40,7 +40,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         found = structs[0]
     units: dict = given if isinstance(given := found.get("units"), dict) else {}
     if "time" not in found and (used is None or "time" in used):
-        raise InputError(str(path), "has no vector 'time'", "save time and channels as vectors of one length")
+        raise InputError(str(path), "has no vector 'time'", name_time(found))
     sizes = [np.size(found[name]) for name in known & {*found}]
     length = np.size(found["time"]) if "time" in found else max(sizes, key=sizes.count, default=0)
     columns = {
@@ -65,7 +65,7 @@ def _version_7_3(path: Path) -> dict[str, Any]:
     try:
         import h5py
     except ImportError:
-        right = "install rigmatch[measurement], or save it with -v7"
+        right = "in rigmatch's folder: pip install -e '.[measurement]', or save it with -v7"
         raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
     with h5py.File(path) as file:
         return _members(file)

@@ -1,4 +1,4 @@
-"""MDF4 measurement files, by asammdf: channels by name, units as they stand, on one time base."""
+"""MDF measurement files, versions 3 and 4, by asammdf: channels by name, units as they stand, on one time base."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAME = 1e-3  # of a step: nearer time stamps are one
 
 
 def read(path: Path, used: Collection[str] | None = None) -> Table:
-    """Read an MDF4 file on the time base with most samples; slower channels are missing between their samples.
+    """Read an MDF file on the time base with most samples; slower channels are missing between their samples.
 
     Only channels that are used are read, and only they decide the time base. A sample marked invalid is missing. Where
     groups hold the same channel the one with most samples is taken.

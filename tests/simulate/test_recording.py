@@ -123,7 +123,7 @@ BAD = {
     "infinite": (HEADER + "\n0,1,1,1,1\n1,1,1,inf,1\n", "line 3: 'motor_speed' is infinite"),
     "column twice": (HEADER + ",motor_speed\n0,1,1,1,1,1\n1,1,1,1,1,1\n", "'motor_speed' stands twice"),
     "column without name": ("time,motor_torque,,brake_torque\n0,1,1,1\n", "column 3 has no name"),
-    "semicolons": ("time [s];motor_torque;brake_torque\n0;1,5;2\n", "parted by semicolons"),
+    "thousands": ("time [s];motor_torque;brake_torque\n0;1.500,5;2\n", "points here and commas there"),
     "underscored number": (HEADER + "\n0,1,1,1,1\n1,1_0,1,1,1\n", "line 3: '1_0'"),
     "zero bytes": ("\0" * 50, "line 1 is no header row"),
 }
