@@ -173,7 +173,7 @@ def _problem(trial: Trial, parent: Fit, fine: float) -> tuple[Problem, np.ndarra
     if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
         least = ABRUPT * sampling
     if np.isfinite(parent.problem.stick):  # friction that had to be sharper stays so
-        least = max(least, parent.problem.steps)
+        least = max(least, min(parent.problem.steps, ABRUPT * sampling))
     steps, stick = runs.steps_and_stick(model, p, points, sampling, fine, least)
     anchors = None
     if parent.problem.anchors is not None:

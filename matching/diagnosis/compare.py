@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.diagnosis.candidates import Cause, Trial, compile_all, fitted, nearer, with_cause
 from matching.diagnosis.fit import Fit
-from matching.diagnosis.resolve import resolved
+from matching.diagnosis.resolve import UTMOST, resolved
 from matching.diagnosis.screening import Screen, Screened
 from matching.diagnosis.statistics import SCALES, Noise, noise_of
 from modelling.effects import EFFECTS
@@ -154,7 +154,7 @@ def refit(
                 continue
         done = sharper(done)
         if windows and done and not at_noise(done[0]):
-            done = closer(parent, done, screen, tried, budget)
+            done = sharper(closer(parent, done, screen, tried, budget))
         if done and (at_noise(done[0]) or taken(parent, done[0]) > MOST_OF_IT):
             promise = SHARE * max(one.screened for one in done)
             if not rest or rest[0].reduction < promise:
@@ -168,7 +168,15 @@ def sharper(named: Sequence[Named]) -> list[Named]:
     near = [i for i, one in enumerate(out[:SHARPER]) if one.cost < NEAR * out[0].cost]
     for i in near:
         out[i] = replace(out[i], fit=resolved(out[i].fit))
+    out.sort(key=lambda one: one.cost)
+    out[:1] = [sharpest(one) for one in out[:1]]
     return sorted(out, key=lambda one: one.cost)
+
+
+def sharpest(named: Named) -> Named:
+    """A fit that is not at the noise with its friction as sharp as ever pays: no further cause is to be sought for what
+    smooth friction leaves."""
+    return named if at_noise(named) else replace(named, fit=resolved(named.fit, UTMOST))
 
 
 def taken(parent: Named, child: Named) -> float:

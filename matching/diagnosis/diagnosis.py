@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.diagnosis import runs
 from matching.diagnosis.candidates import fitted, without_cause
-from matching.diagnosis.compare import Named, at_noise, where_not_noise
+from matching.diagnosis.compare import Named, at_noise, sharpest, where_not_noise
 from matching.diagnosis.extend import extended
 from matching.diagnosis.fit import Fit, base_problem, solve
 from matching.diagnosis.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments
@@ -141,7 +141,7 @@ def _without(state: Search, index: int) -> Named:
     if len(state.best.causes) == 1:
         return state.base
     trial = without_cause(state.best.trial, index, state.best.fit)
-    return Named(trial, fitted(trial, state.best.fit))
+    return sharpest(Named(trial, fitted(trial, state.best.fit)))
 
 
 def _causes(

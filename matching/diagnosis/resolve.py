@@ -13,8 +13,8 @@ import numpy as np
 
 from matching.diagnosis.fit import Fit, Quadratic, solve
 
-SEARCH, FINAL = 8, 16  # steps a sample at most
-PAYS = 3.0  # decrease of χ² that is worth another halving
+SEARCH, FINAL, UTMOST = 8, 16, 256  # steps a sample at most
+PAYS, SHARE = 3.0, 1e-4  # decrease of χ² that is worth another halving: so much, and so much of it
 
 
 def resolved(fit: Fit, most: int = SEARCH) -> Fit:
@@ -22,14 +22,15 @@ def resolved(fit: Fit, most: int = SEARCH) -> Fit:
     segments = fit.problem.data.segments
     sampling = 1 / float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
     while np.isfinite(fit.problem.stick) and fit.problem.steps < 0.75 * most * sampling:
+        pays = max(PAYS, SHARE * fit.cost)
         half = replace(fit.problem, steps=2 * fit.problem.steps, stick=fit.problem.stick / 2)
-        if fit.cost - _promised(fit, half.residuals(fit.v[None])[0]) < PAYS:
+        if fit.cost - _promised(fit, half.residuals(fit.v[None])[0]) < pays:
             break
         try:
             again = solve(half, fit.v, fit.jacobian, 12, exact=False)
         except (FloatingPointError, np.linalg.LinAlgError):
             break
-        if again.cost > fit.cost - PAYS:
+        if again.cost > fit.cost - pays:
             break
         fit = again
     return fit

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from matching.diagnosis.candidates import Cause, Trial, fitted, without_cause
-from matching.diagnosis.compare import MANY, Budget, Named, at_noise, refit, taken, unique
+from matching.diagnosis.compare import MANY, Budget, Named, at_noise, refit, sharpest, taken, unique
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.null import offer, threshold
 from matching.diagnosis.screening import Screen, Screened
@@ -127,7 +127,7 @@ def _prune_and_swap(system: System, state: Search, budget: Budget, tell: Callabl
                 return
             trial = without_cause(state.best.trial, index, state.best.fit)
             try:
-                rest = Named(trial, fitted(trial, state.best.fit))
+                rest = sharpest(Named(trial, fitted(trial, state.best.fit)))
             except (FloatingPointError, np.linalg.LinAlgError):  # it does not even simulate without this cause
                 rivals.append([state.best])
                 continue

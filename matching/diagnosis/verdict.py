@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.candidates import fitted
-from matching.diagnosis.compare import Named, at_noise
+from matching.diagnosis.compare import Named, at_noise, sharpest
 from matching.diagnosis.holdout import Ahead, residuals
 from matching.diagnosis.prediction import Prediction, prediction
 from matching.diagnosis.resolve import FINAL, resolved
@@ -46,6 +46,7 @@ def polished(named: Named) -> Named:
         fine = sharpened(resolved(fitted(trial, named.fit, 12, True, 6.0), FINAL))
     except (FloatingPointError, np.linalg.LinAlgError):
         return named
+    fine = sharpest(replace(named, fit=fine)).fit
     return replace(named, fit=fine) if fine.cost < 1.01 * named.fit.cost + 10 else named
 
 
