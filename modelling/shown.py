@@ -1,4 +1,4 @@
-"""What every result can do in a notebook: draw itself and show itself, and hand its arrays on with labels."""
+"""What every result can do: draw itself, show itself in print and notebook, hand its arrays on with labels."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ class Shown:
     def plot(self) -> Any:
         """The picture of this result, a Matplotlib figure without any global state."""
         return import_module(self._view).plot(self)
+
+    def __str__(self) -> str:
+        said: str = import_module(self._view).said(self)
+        return said
 
     def _repr_html_(self) -> str:
         html: str = import_module(self._view).html(self)

@@ -185,6 +185,11 @@ class MatchResult:
 
         return overview(self)
 
+    def __str__(self) -> str:
+        from matching.report.match_text import content, summary
+
+        return summary(content(self))
+
     def _repr_html_(self) -> str:
         from matching.report.match_page import summary_html
 

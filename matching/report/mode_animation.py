@@ -72,6 +72,11 @@ class ModeAnimation(Shown):
         Path(path).write_text(alone, encoding="utf-8")
 
 
+def said(animation: ModeAnimation) -> str:
+    """What it is."""
+    return f"mode {animation.mode.number} at {animation.mode.frequency:.4g} Hz as a moving drawing: .save(PATH)"
+
+
 def html(animation: ModeAnimation) -> str:
     """The drawing itself."""
     return animation.svg

@@ -47,6 +47,10 @@ def test_results_are_frozen_and_show_themselves(name, recording):
         setattr(result, dataclasses.fields(result)[0].name, None)
     assert isinstance(result.plot(), Figure)
     assert result._repr_html_().startswith(("<p>", "<table>", "<pre>"))
+    printed = str(result).splitlines()
+    assert len(printed) > 1
+    assert max(map(len, printed)) < 250
+    assert type(result).__name__ not in printed[0]
     content = result.to_dict()
     if name != "response":  # complex numbers, which JSON has not
         assert json.loads(strict_json(content))

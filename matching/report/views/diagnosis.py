@@ -19,6 +19,11 @@ def plot(found: Diagnosis) -> Figure:
         return unseen_figure(found, views(found.extended, found.pictures))
 
 
-def html(found: Diagnosis) -> str:
+def said(found: Diagnosis) -> str:
     """The answer in a sentence, then errors and causes."""
-    return lines(summary(content(found)))
+    return summary(content(found))
+
+
+def html(found: Diagnosis) -> str:
+    """The same for a notebook."""
+    return lines(said(found))

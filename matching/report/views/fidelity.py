@@ -15,6 +15,11 @@ def plot(found: XilFidelity) -> Figure:
     return attribution(found.content) if "attribution" in found.content else delay_curve(found.content)
 
 
-def html(found: XilFidelity) -> str:
+def said(found: XilFidelity) -> str:
     """The partial fidelities and what follows from them."""
-    return lines(summary(found.content))
+    return summary(found.content)
+
+
+def html(found: XilFidelity) -> str:
+    """The same for a notebook."""
+    return lines(said(found))

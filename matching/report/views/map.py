@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from matching.frequency.map import Map
 from matching.report.map_figure import map_figure
-from matching.report.views.table import table
+from matching.report.views.table import aligned, table
 
 
 def plot(found: Map) -> Figure:
@@ -14,10 +14,19 @@ def plot(found: Map) -> Figure:
     return map_figure(found)
 
 
-def html(found: Map) -> str:
+def said(found: Map) -> str:
     """Response errors, one row a value of the upright axis."""
+    return aligned(_rows(found), found.title)
+
+
+def html(found: Map) -> str:
+    """The same for a notebook."""
+    return table(_rows(found), found.title)
+
+
+def _rows(found: Map) -> list[dict[str, str]]:
     rows = []
     for y, errors in zip(found.y.values, found.errors(), strict=True):
         rows.append({f"{found.y.name} \\ {found.x.name}": f"{y:.4g} {found.y.unit}"})
         rows[-1] |= {f"{x:.4g} {found.x.unit}": f"{own:.3g}" for x, own in zip(found.x.values, errors, strict=True)}
-    return table(rows, found.title)
+    return rows

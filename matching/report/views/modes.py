@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.report.modal_figures import mode_table, shares_figure
-from matching.report.views.table import table
+from matching.report.views.table import aligned, table
 from modelling.modes import Modes
 
 
@@ -14,6 +14,11 @@ def plot(modes: Modes) -> Figure:
     return shares_figure(modes)
 
 
-def html(modes: Modes) -> str:
+def said(modes: Modes) -> str:
     """The mode table."""
+    return aligned(mode_table(modes.to_dict()["modes"]))
+
+
+def html(modes: Modes) -> str:
+    """The mode table for a notebook."""
     return table(mode_table(modes.to_dict()["modes"]))

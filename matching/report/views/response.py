@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.report.style import curve, figure, styled
-from matching.report.views.table import table
+from matching.report.views.table import aligned, table
 from modelling.response import Response
 
 
@@ -29,8 +29,17 @@ def plot(response: Response) -> Figure:
     return drawn
 
 
-def html(response: Response) -> str:
+def said(response: Response) -> str:
     """Where every response is largest."""
+    return aligned(_rows(response))
+
+
+def html(response: Response) -> str:
+    """The same for a notebook."""
+    return table(_rows(response))
+
+
+def _rows(response: Response) -> list[dict[str, str]]:
     rows = []
     for sensor in response.sensors:
         for source in response.inputs:
@@ -43,4 +52,4 @@ def html(response: Response) -> str:
                     "at [Hz]": f"{response.frequencies[int(size.argmax())]:.4g}",
                 }
             )
-    return table(rows)
+    return rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.report.style import VEHICLE, figure, styled
-from matching.report.views.table import table
+from matching.report.views.table import aligned, table
 from modelling.simulation.result import Simulation
 
 
@@ -23,12 +23,22 @@ def plot(done: Simulation) -> Figure:
     return drawn
 
 
-def html(done: Simulation) -> str:
+def said(done: Simulation) -> str:
     """Range of every reading."""
-    return table(
-        [
-            {"reading": name, "from": f"{value.min():.4g}", "to": f"{value.max():.4g}", "unit": done.units[name]}
-            for name, value in done.readings.items()
-        ],
-        f"{len(done.time)} samples over {done.time[-1] - done.time[0]:g} s",
-    )
+    return aligned(_rows(done), _title(done))
+
+
+def html(done: Simulation) -> str:
+    """The same for a notebook."""
+    return table(_rows(done), _title(done))
+
+
+def _title(done: Simulation) -> str:
+    return f"{len(done.time)} samples over {done.time[-1] - done.time[0]:g} s"
+
+
+def _rows(done: Simulation) -> list[dict[str, str]]:
+    return [
+        {"reading": name, "from": f"{value.min():.4g}", "to": f"{value.max():.4g}", "unit": done.units[name]}
+        for name, value in done.readings.items()
+    ]

@@ -1,4 +1,4 @@
-"""A small table for a notebook."""
+"""A small table, for a notebook and in print."""
 
 from __future__ import annotations
 
@@ -17,6 +17,14 @@ _TABLE = (
 def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> str:
     """HTML of rows that share their keys."""
     return environment().from_string(_TABLE).render(rows=rows, title=title)
+
+
+def aligned(rows: Sequence[Mapping[str, Any]], title: str = "") -> str:
+    """Rows that share their keys, in columns of text."""
+    cells = [[*rows[0]], *([str(cell) for cell in row.values()] for row in rows)] if rows else []
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    said = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in cells]
+    return "\n".join([title, *said] if title else said)
 
 
 def lines(text: str) -> str:

@@ -37,9 +37,14 @@ def plot(found: Tolerance) -> Figure:
     return drawn
 
 
-def html(found: Tolerance) -> str:
+def said(found: Tolerance) -> str:
     """Spread, yield and drivers."""
-    return lines(text(found.to_dict()))
+    return text(found.to_dict())
+
+
+def html(found: Tolerance) -> str:
+    """The same for a notebook."""
+    return lines(said(found))
 
 
 def text(result: Mapping[str, Any]) -> str:

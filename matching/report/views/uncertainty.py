@@ -15,6 +15,11 @@ def plot(found: Uncertainty) -> Figure:
     return contributions(found.content["measurands"][0])
 
 
-def html(found: Uncertainty) -> str:
+def said(found: Uncertainty) -> str:
     """The budget table and what follows from it."""
-    return lines(summary(found.content))
+    return summary(found.content)
+
+
+def html(found: Uncertainty) -> str:
+    """The same for a notebook."""
+    return lines(said(found))
