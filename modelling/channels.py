@@ -20,6 +20,7 @@ import numpy as np
 from modelling.errors import InputError
 from modelling.readers import Table
 from modelling.system import unknown
+from modelling.units import factor
 
 KEYS = ("channel", "unit", "sign")
 
@@ -77,6 +78,16 @@ def _channel(value: Any, where: str) -> Channel:
     return Channel(name.strip(), unit, float(sign))
 
 
+def _same(unit: str, other: str) -> bool:
+    """Whether two units of a sensor or input are one, as rpm and 1/min."""
+    for si in ("rad/s", "N*m", "rad", "rad/s^2", "s"):
+        try:
+            return factor(unit, si) == factor(other, si)
+        except InputError:
+            continue
+    return unit == other
+
+
 def called(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
     """What names of the model are called in the file; time under its own name too."""
     return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
@@ -102,7 +113,7 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         column = names.index(own.name)
         there = table.header[column].partition("[")[2].rpartition("]")[0]
         unit = own.unit if own.unit is not None else there
-        if there and there != unit:
+        if there and not _same(there, unit):
             notes.append(f"{own.name} is in {there} by the file, taken in {unit or 'SI'} by the channel file")
         header[column] = f"{name} [{unit}]" if unit else name
         if own.sign < 0:

@@ -101,3 +101,5 @@ def test_a_unit_that_overrides_the_file_is_told(tmp_path):
     check(got)
     assert any("rad/s by the file, taken in 1/min" in note for note in got.notes)
     assert not read_recording(path, SYSTEM).notes
+    path.write_text(path.read_text(encoding="utf-8").replace("rad/s", "U/min"), encoding="utf-8")
+    assert not read_recording(path, SYSTEM, {"motor_speed": Channel("motor_speed", "1/min")}).notes
