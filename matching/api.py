@@ -50,7 +50,7 @@ def load_case(path: File) -> Case:
 
 
 def read_recording(path: File, model: System | File, channels: File | None = None) -> Recording:
-    """The channels of a model from CSV, MDF4, ``.mat`` or Parquet, SI.
+    """The channels of a model from CSV, MDF, ``.mat`` or Parquet, SI.
 
     Parameters
     ----------

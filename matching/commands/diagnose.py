@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model, recordings, hold-out, place to write to."""
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument(
-        "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF4, .mat, Parquet)"
+        "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF, .mat, Parquet)"
     )
     parser.add_argument("--holdout", metavar="RECORDING", help="a recording that judges and is not fitted")
     parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recordings (TOML)")

@@ -6,7 +6,7 @@ from typing import Any
 HELP = (
     "Judge how faithfully a test bed reproduces a manoeuvre: partial fidelities of system dynamics, residual vehicle "
     "model and measurement, their total R_XiL with its uncertainty, and what is lost where; write fidelity.json, the "
-    "table and figures. Recordings that the case names may be CSV, MDF4, .mat or Parquet."
+    "table and figures. Recordings that the case names may be CSV, MDF, .mat or Parquet."
 )
 
 

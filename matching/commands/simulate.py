@@ -13,7 +13,7 @@ STARTS = ("recorded", "rest", "steady")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model, recording, start, place to write to."""
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
-    parser.add_argument("recording", metavar="RECORDING", help="recording (CSV, MDF4, .mat or Parquet)")
+    parser.add_argument("recording", metavar="RECORDING", help="recording (CSV, MDF, .mat or Parquet)")
     parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recording (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
     parser.add_argument(
