@@ -62,7 +62,7 @@ def change(before: float, after: float) -> str:
 
 def plain(name: str) -> str:
     """``shafts.side_left.stiffness`` as a reader says it: side left, stiffness."""
-    name = name.replace("dynamometers.", "dynamometer ")
+    name = name.replace("dynamometers.dynamometer", "dynamometer").replace("dynamometers.", "dynamometer ")
     parts = [part for part in name.split(".") if part not in ("inertias", "shafts", "gears", "rig", "residual_vehicle")]
     return ", ".join(part.replace("_", " ") for part in parts)
 
