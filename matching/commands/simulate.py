@@ -91,11 +91,12 @@ def _picture(done: Any, recording: Any) -> bytes:
         axes = drawn.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for one, name in zip(axes, names, strict=True):
             if name in recording.channels:
-                one.plot(recording.time, recording[name], color=LIMIT, linewidth=1.6, alpha=0.6, label="recorded")
+                one.plot(recording.time, recording[name], color=LIMIT, linewidth=3.2, alpha=0.35, label="recorded")
             one.plot(done.time, done[name], color=VEHICLE, linewidth=0.8, label="simulated")
             one.set_ylabel(f"{name.replace('_', ' ')}\nin {done.units[name].replace('*', '·').replace('^2', '²')}")
             one.margins(x=0)
-        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        named = max((one.get_legend_handles_labels() for one in axes), key=lambda own: len(own[0]))
+        drawn.legend(*named, loc="outside upper right", ncols=2)
         axes[-1].set_xlabel("time in s")
         drawn.align_ylabels(axes)
         return image(drawn)
