@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import warnings
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -16,6 +17,7 @@ from modelling.readers import Table
 LONGEST_LINE = 65_536
 LARGEST = 2_000_000_000  # bytes
 MARKS = ",;\t"
+WINDOWS = "cp1252"  # what spreadsheets write where UTF-8 is not chosen: ° and µ in units
 SECONDS = {"s", "sec", "ms", "us", "µs", "min", "h"}  # what stands below the name of time in a row of units
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
 
@@ -26,32 +28,41 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     Raises
     ------
     InputError
-        Naming the line: no header, text among numbers, a row of another length, not UTF-8, too large.
+        Naming the line: no header, text among numbers, a row of another length; neither UTF-8 nor Windows-1252; too
+        large.
     """
     if path.stat().st_size > LARGEST:
         raise InputError(
             str(path), f"{path.stat().st_size / 1e9:.1f} GB are too much", "cut the recording: at most 2 GB are read"
         )
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header, mark = _header(path, file)
-            begin = file.tell()
-            if below := _units(file.readline(LONGEST_LINE), header, mark):
-                header, begin = below, file.tell()
-            first = 3 if below else 2
-            file.seek(begin)
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # no rows: told below
-                    rows = file if mark == "," else _points(file)
-                    values = np.loadtxt(rows, delimiter=mark, ndmin=2, comments=None, dtype=float)
-                if values.size and values.shape[1] != len(header):
-                    raise ValueError
-            except ValueError:
-                file.seek(begin)
-                return _with_care(path, file, header, mark, first)
+        return _read(path, "utf-8-sig")
     except UnicodeDecodeError as fault:
-        raise InputError(str(path), f"is not UTF-8 text: {fault.reason}", "save it as UTF-8 CSV") from None
+        try:
+            found = _read(path, WINDOWS)
+        except UnicodeDecodeError:
+            raise InputError(str(path), f"is not UTF-8 text: {fault.reason}", "save it as UTF-8 CSV") from None
+    return replace(found, notes=("is not UTF-8 text, read as Windows-1252",))
+
+
+def _read(path: Path, encoding: str) -> Table:
+    with path.open(encoding=encoding, newline="") as file:
+        header, mark = _header(path, file)
+        begin = file.tell()
+        if below := _units(file.readline(LONGEST_LINE), header, mark):
+            header, begin = below, file.tell()
+        first = 3 if below else 2
+        file.seek(begin)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # no rows: told below
+                rows = file if mark == "," else _points(file)
+                values = np.loadtxt(rows, delimiter=mark, ndmin=2, comments=None, dtype=float)
+            if values.size and values.shape[1] != len(header):
+                raise ValueError
+        except ValueError:
+            file.seek(begin)
+            return _with_care(path, file, header, mark, first)
     return Table(header, values.reshape(-1, len(header)), lambda row: f"line {row + first}")
 
 

@@ -49,6 +49,15 @@ def test_units_in_a_row_of_their_own(tmp_path, below):
         read_recording(path, SYSTEM, CALLED)
 
 
+def test_a_spreadsheet_of_windows(tmp_path):
+    head = ["time [s];motor_torque [N·m];motor_speed [1/min];Öltemperatur [°C]"]
+    path = written(tmp_path / "run.csv", head, ";", ",", "cp1252")
+    path.write_bytes(path.read_bytes().replace(b"\n", b";80,5\r\n").replace(b"C];80,5", b"C]"))
+    got = read_recording(path, SYSTEM)
+    check(got)
+    assert any("Windows-1252" in note for note in got.notes)
+
+
 def test_missing_values_between_semicolons(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("time;motor_torque;motor_speed\n0;0,5;\n0,5;1;2,5\n1;1;-\n", encoding="utf-8")
