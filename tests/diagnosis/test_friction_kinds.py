@@ -8,10 +8,12 @@ from plant.case import make_case
 from plant.engine import compiler
 
 from matching.diagnosis.candidates import fitted, with_cause
+from matching.diagnosis.compare import Named, at_noise, sharpest
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.resolve import FINAL, resolved
+from matching.diagnosis.uncertainty import estimates
 from modelling.files import load
 from modelling.recording import read_recording
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
@@ -56,3 +58,24 @@ def test_friction_is_sharpened_while_that_pays(tmp_path: Path) -> None:
     assert fine.cost < coarse.cost - 50
     assert fine.problem.steps * np.diff(data.segments[0].time).mean() <= FINAL * 1.01
     assert resolved(fine, FINAL).cost == fine.cost
+
+
+def test_stick_slip_comes_to_the_noise_before_a_further_cause_is_sought(tmp_path: Path) -> None:
+    """A light inertia held by strong friction creeps where the friction turns smoothly."""
+    case = make_case("test_bed", ["coulomb_friction"], "plain", "high", 380891909, 4.0, 500.0)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    data, _ = split(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    base = solve(*base_problem(system, data))
+    truth = case.answer["parameters"]
+    near = {key: 1.02 * value for key, value in truth.items()}
+    trial = with_cause(system, base, (), "coulomb_friction", "inertias.differential", near)
+    coarse = Named(trial, fitted(trial, base))
+    assert not at_noise(coarse)
+    sharp = sharpest(coarse)
+    assert at_noise(sharp)
+    assert sharpest(sharp) is sharp
+    numbers = estimates(sharp.fit)
+    for key, value in truth.items():
+        own = numbers[f"inertias.differential.coulomb_friction.{key}"]
+        assert abs(own.value - value) < 4 * own.standard_uncertainty < 0.05 * value
