@@ -64,14 +64,19 @@ def with_cause(
     system: System, fit: Fit, before: tuple[Cause, ...], kind: str, at: str, parameters: dict[str, float]
 ) -> Trial:
     """A trial of one more cause, from a fit with the causes before it."""
+    return added(Trial(system, before, fit.problem.bounds, fit.values), fit, kind, at, parameters)
+
+
+def added(trial: Trial, fit: Fit, kind: str, at: str, parameters: dict[str, float]) -> Trial:
+    """A trial with one more cause."""
     cause = Cause(kind, at, tuple(parameters))
     step = float(np.median(np.diff(fit.problem.data.segments[0].time)))
-    bounds, values = dict(fit.problem.bounds), dict(fit.values)
+    bounds, values = dict(trial.bounds), dict(trial.values)
     for key, name in cause.names().items():
         low, high = EFFECTS[kind].fit_bounds(key, parameters[key], step)
         values[name] = float(np.clip(parameters[key], low, high))
         bounds[name] = (low, high)
-    return Trial(system, (*before, cause), bounds, values)
+    return Trial(trial.system, (*trial.causes, cause), bounds, values)
 
 
 def without_cause(trial: Trial, index: int, fit: Fit) -> Trial:

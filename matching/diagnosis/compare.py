@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from matching.diagnosis.candidates import Cause, Trial, compile_all, fitted, nearer, with_cause
+from matching.diagnosis.candidates import (
+    WRONG,
+    Cause,
+    Trial,
+    added,
+    compile_all,
+    fitted,
+    nearer,
+    with_cause,
+    without_cause,
+)
 from matching.diagnosis.fit import Fit
 from matching.diagnosis.resolve import UTMOST, resolved
 from matching.diagnosis.screening import Screen, Screened
@@ -127,6 +137,7 @@ def refit(
     done: list[Named] = []
     rest = list(found)
     tried: set[tuple[Cause, ...]] = set()
+    simpler: set[tuple[Cause, ...]] = set()
     while rest and len(done) < most and budget.left > 0:
         lead = rest[0].reduction
         count = FEW if not done else 4
@@ -152,7 +163,7 @@ def refit(
                 done.append(Named(trial, fit, promised[trial.causes]))
             except (FloatingPointError, np.linalg.LinAlgError, ValueError):
                 continue
-        done = sharper(done)
+        done = simplified(sharper(done), simpler)
         if windows and done and not at_noise(done[0]):
             done = sharper(closer(parent, done, screen, tried, budget))
         if done and (at_noise(done[0]) or taken(parent, done[0]) > MOST_OF_IT):
@@ -177,6 +188,34 @@ def sharpest(named: Named) -> Named:
     """A fit that is not at the noise with its friction as sharp as ever pays: no further cause is to be sought for what
     smooth friction leaves."""
     return named if at_noise(named) else replace(named, fit=resolved(named.fit, UTMOST))
+
+
+def simplified(named: Sequence[Named], tried: set[tuple[Cause, ...]]) -> list[Named]:
+    """Fits, best first, with those of the simpler kinds that the best and those near it may pass for."""
+    out = {one.causes: one for one in named}
+    near = [one for one in named[:SHARPER] if one.cost < NEAR * named[0].cost and one.causes not in tried]
+    for one in near:
+        tried.add(one.causes)
+        for trial in _simpler(one):
+            try:
+                fit = fitted(trial, one.fit)
+            except (FloatingPointError, np.linalg.LinAlgError, ValueError):
+                continue
+            if trial.causes not in out or fit.cost < out[trial.causes].fit.cost:
+                out[trial.causes] = Named(trial, fit, one.screened)
+    return sorted(out.values(), key=lambda one: one.cost)
+
+
+def _simpler(named: Named) -> Iterator[Trial]:
+    """Trials of a fit with simpler kinds in the place of its last cause."""
+    cause, fit, system = named.causes[-1], named.fit, named.trial.system
+    value = dict(zip(fit.problem.model.parameters, (float(x) for x in fit.problem.unpack(fit.v)[0]), strict=True))
+    parameters = {key: fit.values[name] for key, name in cause.names().items()}
+    rest = without_cause(named.trial, len(named.causes) - 1, fit)
+    there = {(other.kind, other.at) for other in rest.causes}
+    for kind, at, own in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+        if (kind, at) not in there and not (kind == WRONG and system.parameters[at].uncertain):
+            yield added(rest, fit, kind, at, own)
 
 
 def taken(parent: Named, child: Named) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from modelling.assembly import Assembly, ShaftLaw, Symbols
+    from modelling.system import System
 
 
 class Compliance(Kind):
@@ -48,6 +49,16 @@ class Compliance(Kind):
                 d_rate2 = seen.each(lambda t, s: np.gradient(s, t), d_rate)
                 push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (seen.acceleration[second] + d_rate2)}
                 yield Guess((push,), partial(_softer, k2, J))
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+        """A stiff one is a softer shaft, or a larger inertia at its second end."""
+        name = f"{at}.stiffness"
+        yield "wrong_parameter", name, {"value": 1 / (1 / value[name] + 1 / parameters["stiffness"])}
+        second = next(shaft.between[1] for shaft in system.shafts if f"shafts.{shaft.name}" == at)
+        name = f"inertias.{second}.J"
+        yield "wrong_parameter", name, {"value": value[name] + parameters["J"]}
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (guess / 20, guess * 20)

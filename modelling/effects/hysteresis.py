@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from modelling.assembly import Assembly, ShaftLaw, Symbols
+    from modelling.system import System
 
 
 class Hysteresis(Kind):
@@ -42,6 +43,13 @@ class Hysteresis(Kind):
                 ({at: seen.each(partial(_dahl, angle), seen.rate[name])},),
                 positive("torque", angle=angle),
             )
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+        """Over an angle that is never reached it is a spring."""
+        name = f"{at}.stiffness"
+        yield "wrong_parameter", name, {"value": value[name] + parameters["torque"] / parameters["angle"]}
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.1 * guess, 10 * guess) if key == "angle" else super().fit_bounds(key, guess, step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -59,6 +59,16 @@ class Kind:
 
     def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterable[Guess]:
         """Further guesses about the best one, where a fit would not find from one to the other; here none."""
+        return ()
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+    ) -> Iterable[tuple[str, str, dict[str, float]]]:
+        """Kinds with fewer parameters that this effect, with these, may pass for: kind, place, parameters; here none.
+
+        A fit may come near such an effect from here where it does not from a first guess. ``value`` holds the
+        quantities of the system.
+        """
         return ()
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from modelling.assembly import Assembly, Motion, Symbols
+    from modelling.system import System
 
 
 class StribeckFriction(Kind):
@@ -32,6 +33,12 @@ class StribeckFriction(Kind):
 
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
         assembly.act(name, -assembly.sign(motion.speed) * sliding, motion)
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+        """Where it hardly falls, or the speed is seldom below that over which it does, it is Coulomb's."""
+        yield "coulomb_friction", at, {"torque": parameters["torque"]}
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         import numpy as np
