@@ -39,12 +39,16 @@ class End(NamedTuple):
 
 @dataclass(frozen=True)
 class Solution:
-    """Tuned values by name (SI), the objective there and that of every start (None: infeasible or unstable)."""
+    """Tuned values by name (SI), the objective there and that of every start (None: infeasible or unstable).
+
+    ``added`` are the frequencies (Hz) at which the margin was asked for beside the grid.
+    """
 
     values: dict[str, float]
     objective: float
     starts: tuple[float | None, ...]
     feasible: bool
+    added: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,7 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
         if end is not None and end.objective < best.objective:
             margin, _, stable = _check(problem, end.v)
             best = end if stable and margin >= least else best
-    return Solution(problem.values(best.v), best.objective, starts, True)
+    return Solution(problem.values(best.v), best.objective, starts, True, tuple(extra.tolist()))
 
 
 def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
