@@ -26,11 +26,20 @@ SAME_PLACE = 0.05
 
 
 def candidates(drive: Drive, effect: Hidden) -> list[Hidden]:
-    """The same kind at other places, other kinds of its group at its place."""
+    """The same kind at other places, other kinds of its group at its place; further ones are :func:`crossed`."""
     group = next((g for g in ALIKE if effect.kind in g), (effect.kind,))
     elsewhere = [at for at in places(drive, effect.kind) if at != effect.at]
     same = [Hidden(effect.kind, at) for at in elsewhere if at not in drive.tolerance]  # an uncertain value is fitted
     return same + [Hidden(kind, effect.at) for kind in group if kind != effect.kind]
+
+
+def crossed(drive: Drive, effect: Hidden, near: list[dict[str, str]]) -> list[Hidden]:
+    """Other kinds at other places, both of which look alike by themselves."""
+    said = {one["kind"] for one in near if one["at"] == effect.at}
+    kinds = [kind for kind in KINDS if SPOKEN.get(kind, kind) in said and effect.at in places(drive, kind)]
+    spoken = SPOKEN.get(effect.kind, effect.kind)
+    where = [one["at"] for one in near if one["at"] != effect.at and one["kind"] == spoken]
+    return [Hidden(kind, at) for kind in kinds for at in where if at in places(drive, kind)]
 
 
 def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) -> list[dict[str, Any]]:
@@ -48,8 +57,9 @@ def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) 
     base = heard()
     target = heard(effect) - base
     own = float(np.sum(remainder(target, free)[0] ** 2))
-    found = []
-    for rival in candidates(drive, effect):
+    found: list[dict[str, Any]] = []
+    tried = candidates(drive, effect)
+    for rival in tried:
         parameters = scaled(scene, rival.kind, rival.at, effect.draw)
         s, best = 0.03, np.inf
         for _ in range(4):  # the rival's own size, by its share in the regression
@@ -64,6 +74,8 @@ def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) 
             s *= share
         where = {"kind": SPOKEN.get(rival.kind, rival.kind), "at": rival.at}
         found.append(where | {"chi_square": best * SPARSE, "mean_square": best / target.size})
+        if rival is tried[-1]:
+            tried += [one for one in crossed(drive, effect, alike(effect, found)) if one not in tried]
     return sorted(found, key=lambda one: float(one["chi_square"]))
 
 

@@ -128,6 +128,17 @@ def test_places_that_only_a_torque_sensor_could_part_are_told() -> None:
     assert clear.answer["equivalent_causes"] == []
 
 
+def test_other_kinds_at_other_places_are_told_where_both_look_alike() -> None:
+    """Always forwards, friction is a constant torque; behind a stiff gearbox it may sit on either side."""
+    case = make_case(
+        "test_bed", [("coulomb_friction", "inertias.motor")], "plain", "low", 2073528951, 8.0,
+        closed_loop=True, moving=True, rivals=True,
+    )  # fmt: skip
+    alike = {(one["kind"], one["at"]) for one in case.answer["equivalent_causes"]}
+    assert ("constant_torque", "inertias.differential") in alike
+    assert all(at not in ("inertias.dyno_left", "inertias.dyno_right") for _, at in alike)
+
+
 def test_the_campaign_is_balanced() -> None:
     orders = campaign_cases(400, seed=1)
     assert len(orders) == 400
