@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from matching.diagnosis import runs
-from matching.diagnosis.candidates import fitted, without_cause
-from matching.diagnosis.compare import Named, at_noise, sharpest, where_not_noise
+from matching.diagnosis.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.extend import extended
 from matching.diagnosis.fit import Fit, base_problem, solve
-from matching.diagnosis.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments
+from matching.diagnosis.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments, unseen_segments
 from matching.diagnosis.motion import seen
 from matching.diagnosis.next_recording import propose
 from matching.diagnosis.one_sided import bounded_below
 from matching.diagnosis.preparation import prepare_data, split
 from matching.diagnosis.result import Candidate, CauseFound, Diagnosis, Pictures, finite
-from matching.diagnosis.several import Search, search
+from matching.diagnosis.several import Search
 from matching.diagnosis.uncertainty import Estimate, discretisation, estimates
 from matching.diagnosis.unseen import Unseen, fidelity
 from matching.diagnosis.unseen import unseen as laid_out
 from matching.diagnosis.valley import as_good, widened
-from matching.diagnosis.verdict import Rated, confidence, held_out, polished, rated, spread
+from matching.diagnosis.verdict import Rated, confidence
+from matching.diagnosis.walk import walk, without
 from modelling.effects import EFFECTS
 from modelling.recording import Recording
 from modelling.system import System
@@ -71,17 +71,8 @@ def diagnose(
 
     tell("base model")
     runs.prepare([system])
-    problem, start = base_problem(system, train)
-    state = search(system, solve(problem, start), tell)
-    tell("final fit")
-    if not at_noise(state.best):
-        _drop_overfitted(state, ahead)
-    state.best = polished(state.best)
-    _drop_idle(state)
-    rivals = []
-    for index in range(len(state.best.causes)):
-        tell("rivals")
-        rivals.append(rated(state, index, ahead))
+    rest = other if holdout is not None else replace(whole, segments=tuple(unseen_segments(whole, counts)))
+    state, rivals = walk(system, solve(*base_problem(system, train)), ahead, rest, tell)
     valley = as_good(state.best.fit, state.best.causes)
     state.best = final = replace(state.best, fit=valley[0])
     residual_after, residual_before = (residuals(ahead(named)) for named in (final, state.base))
@@ -94,8 +85,8 @@ def diagnose(
         verdict = "explained" if white and good_holdout else "unexplained"
     numbers = widened(estimates(final.fit, discretisation(final.fit)), valley)
     numbers = bounded_below(numbers, final.fit, final.causes)
-    without = [_without(state, index) for index in range(len(final.causes))]
-    causes, proposal = _causes(system, final, numbers, rivals, without, verdict == "explained")
+    less = [without(state, index) for index in range(len(final.causes))]
+    causes, proposal = _causes(system, final, numbers, rivals, less, verdict == "explained")
     segments = [
         list(other.segments) if holdout is not None else rest_segments(named.fit, whole, counts)
         for named in (state.base, final)
@@ -107,41 +98,6 @@ def diagnose(
         _gain(system, whole, base_unseen, after), fidelity(system, judged), _candidates(final, rivals), _rest(final),
         proposal, notes, extended(system, final.causes, final.fit.values), _pictures(state, final, judged),
     )  # fmt: skip
-
-
-def _drop_overfitted(state: Search, ahead: Callable[[Named], list[Ahead]]) -> None:
-    """Drop the causes found last while unseen data are met better without: they fitted what does not come again."""
-    while state.best.causes:
-        last = len(state.best.causes) - 1
-        rest = _without(state, last)
-        if held_out(rest, ahead) >= held_out(state.best, ahead):
-            break
-        state.best = rest
-        state.rivals = state.rivals[:last]
-    if len(state.best.causes) == 1 and state.best is not state.single[0]:
-        here = {(cause.kind, cause.at) for cause in state.best.causes}
-        others = [one for one in state.single if {(cause.kind, cause.at) for cause in one.causes} != here]
-        state.rivals = [[state.best, *others]]
-
-
-def _drop_idle(state: Search) -> None:
-    """Drop causes of several without which the polished fit is as good, e.g. free play of no width."""
-    index = 0
-    while len(state.best.causes) > 1 and index < len(state.best.causes):
-        rest = polished(_without(state, index))
-        price = len(state.best.causes[index].keys) * float(np.log(state.best.fit.problem.data.samples.sum()))
-        if rest.fit.cost < state.best.fit.cost + max(state.null, price) * spread(state.best):
-            state.best = rest
-            del state.rivals[index : index + 1]
-        else:
-            index += 1
-
-
-def _without(state: Search, index: int) -> Named:
-    if len(state.best.causes) == 1:
-        return state.base
-    trial = without_cause(state.best.trial, index, state.best.fit)
-    return sharpest(Named(trial, fitted(trial, state.best.fit)))
 
 
 def _causes(
@@ -183,11 +139,10 @@ def _causes(
 
 
 def _candidates(final: Named, rivals: Sequence[Sequence[Rated]]) -> list[Candidate]:
-    count = float(final.fit.problem.data.samples.sum())
     out = []
     for cause, own in zip(final.causes, rivals, strict=True):
         for one in own:
-            chi_square = one.named.fit.cost
+            chi_square, count = one.named.fit.cost, float(one.named.fit.problem.data.samples.sum())
             misfit = float(np.sqrt(chi_square / count))
             out.append(Candidate(one.kind, one.at, f"{cause.kind} at {cause.at}", misfit, chi_square, one.share))
     return out

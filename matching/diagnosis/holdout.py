@@ -86,11 +86,16 @@ def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[Ahead]:
 
 def rest_segments(fit: Fit, whole: Data, seen: list[int]) -> list[Segment]:
     """The stretches of data on which ``rest_of`` gives residuals, in its order."""
-    rests = [segment.part(count, len(segment.time)) for segment, count in zip(whole.segments, seen, strict=True)]
+    rests = unseen_segments(whole, seen)
     if len(fit.problem.data.segments) != sum(count > 0 for count in seen):
         return [rest for rest in rests if len(rest.time)]
     known = [rest for rest, count in zip(rests, seen, strict=True) if count and len(rest.time)]
     return known + [rest for rest, count in zip(rests, seen, strict=True) if not count]
+
+
+def unseen_segments(whole: Data, seen: list[int]) -> list[Segment]:
+    """What follows the samples a fit saw of each segment; empty where it saw all."""
+    return [segment.part(count, len(segment.time)) for segment, count in zip(whole.segments, seen, strict=True)]
 
 
 def elsewhere(fit: Fit, data: Data) -> list[Ahead]:
