@@ -36,8 +36,8 @@ RESERVE = 1.002  # on the modulus margin, for what lies between grid points
 IN_BAND = 48  # frequencies of the response error
 WIDE = np.concatenate(
     [
-        np.geomspace(0.02, 5, 8, endpoint=False),
-        np.geomspace(5, 150, 36, endpoint=False),
+        np.geomspace(0.02, 5, 18, endpoint=False),
+        np.geomspace(5, 150, 64, endpoint=False),
         np.geomspace(150, 500, 12),
     ]
 )  # Hz, where the modulus margin is held from the start
@@ -56,7 +56,7 @@ _FAST = {
     "limited_memory_aug_solver": "extended",
     "min_refinement_steps": 0,
     "mu_strategy": "adaptive",
-    "max_iter": 130,
+    "max_iter": 250,
 }
 _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
 

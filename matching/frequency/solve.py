@@ -1,11 +1,16 @@
-"""Many starts, the best solved again tightly."""
+"""Many starts, the best solved again tightly.
+
+Where starts do not agree, as with feedback alone across a long dead time, more begin at a shorter dead time and are led
+to the case's own in steps: good optima are reached that way that no start at the full dead time finds.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -24,7 +29,12 @@ from modelling import floating_point
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
+MINORITY = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
+LED = 3  # starts at a shorter dead time where the others do not agree
+STEPS = (0.4, 0.55, 0.7, 0.78, 0.85, 0.9, 0.95, 1.0)  # of the dead time on the way to it
+LOST = 2  # steps in a row that end infeasible or unstable: it is not led any further
 WORTH_A_PROCESS = 4.0  # s that a start takes
+TRIED = 3  # ends that are tried for one that holds the margin between the grid as well
 ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
 AROUND = 0.015  # about such a frequency more are held, as it moves when it is held; a third of it the next time
 
@@ -41,13 +51,15 @@ class End(NamedTuple):
 class Solution:
     """Tuned values by name (SI), the objective there and that of every start (None: infeasible or unstable).
 
-    ``added`` are the frequencies (Hz) at which the margin was asked for beside the grid.
+    ``holds`` is whether the modulus margin is kept between the frequencies of the grid, too, and ``added`` are those
+    (Hz) at which it was asked for beside the grid.
     """
 
     values: dict[str, float]
     objective: float
     starts: tuple[float | None, ...]
     feasible: bool
+    holds: bool = True
     added: tuple[float, ...] = ()
 
 
@@ -82,24 +94,27 @@ def solve(
     seed : int
         Of the random starts; the first is the case's own start with a gentle loop.
     starts : int
-        At most; the search ends when three agree on the best.
+        At most; the search ends when three, and a third of all, agree on the best, and up to three led ones are added
+        where they do not.
     workers : int
         Processes; the outcome does not depend on how many.
     """
     ends: list[End | None] = []
-    for number, end in enumerate(_ends(task, seed, starts, workers)):
+    enough, led = min(ENOUGH, starts), 0 if task.aim or task.case.loop.torqueless else min(LED, starts)
+    for end in chain(_ends(task, seed, starts, workers), (_led(task, seed, number) for number in range(led))):
         ends.append(end)
         if progress:
-            progress(f"start {number + 1} of {starts} at most")
-        good = sorted(end.objective for end in ends if end)
-        if len(good) >= ENOUGH and good[ENOUGH - 1] <= good[0] * (1 + AGREE):
+            progress(f"start {len(ends)} of {starts + led} at most")
+        best = min((end.objective for end in ends if end), default=np.inf)
+        agreeing = sum(end.objective <= best * (1 + AGREE) for end in ends if end)
+        if agreeing >= max(enough, len(ends) / MINORITY):
             break
     kept = [end for end in ends if end]
     values = tuple(None if end is None else end.objective for end in ends)
     if not kept:
         problem = task.build()
-        return Solution(problem.values(_start(problem, None)), float("nan"), values, False)
-    return _tight(task, min(kept, key=lambda end: end.objective), values)
+        return Solution(problem.values(_start(problem, None)), float("nan"), values, False, False)
+    return _first_that_holds(task, kept, values)
 
 
 def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
@@ -139,6 +154,36 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
     return end if end and _check(problem, end.v)[2] else None
 
 
+def _led(task: Task, seed: int, number: int) -> End | None:
+    """One start at a shorter dead time, led to the case's own; None if the last step or two in a row end nowhere."""
+    loop, v, end, failed = task.case.loop, None, None, 0
+    for part in STEPS:
+        shorter = replace(task.case, loop=loop.with_values({"dead_time": part * loop["dead_time"]}))
+        problem = replace(task, case=shorter).build()
+        if v is None:
+            v = _start(problem, np.random.default_rng([seed, number]) if number else None)
+        ends = (_run(problem, begin) for begin in (v, *_gentler(problem, v)))
+        end = next((end for end in ends if end and _check(problem, end.v)[2]), None)
+        v, failed = (v, failed + 1) if end is None else (end.v, 0)
+        if failed == LOST:
+            return None
+    return end
+
+
+def _first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
+    """The best end that can be made to hold the margin between the grid as well; the best of all if none can."""
+    found: list[Solution] = []
+    last = -np.inf
+    for end in sorted(ends, key=lambda end: end.objective):
+        if end.objective <= last + AGREE * abs(last):  # the one before again
+            continue
+        last = end.objective
+        found.append(_tight(task, end, starts))
+        if found[-1].holds or len(found) == TRIED:
+            break
+    return next((one for one in found if one.holds), found[0])
+
+
 def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
     """Ask for the margin where it is missed between the grid as well and solve again, until it holds.
 
@@ -146,9 +191,9 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
     """
     problem, extra = task.build(slots=SLOTS), np.zeros(0)
     least = task.case.limits["modulus_margin"]
-    for number in range(ROUNDS):
+    for number in range(ROUNDS + 1):
         margin, frequency, _ = _check(problem, best.v)
-        if margin >= least:
+        if margin >= least or number == ROUNDS:
             break
         missed = np.append(problem.missed(best.v), frequency)
         apart = AROUND / 3**number
@@ -161,9 +206,10 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
     if not best.converged:
         end = _run(task.build(slots=SLOTS, exact=True), best.v, extra)
         if end is not None and end.objective < best.objective:
-            margin, _, stable = _check(problem, end.v)
-            best = end if stable and margin >= least else best
-    return Solution(problem.values(best.v), best.objective, starts, True, tuple(extra.tolist()))
+            sharper, _, stable = _check(problem, end.v)
+            if stable and sharper >= least:
+                best, margin = end, sharper
+    return Solution(problem.values(best.v), best.objective, starts, True, bool(margin >= least), tuple(extra.tolist()))
 
 
 def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:

@@ -6,7 +6,7 @@ differentials or other effects.
 """
 
 import numpy as np
-from scipy.linalg import expm, solve
+from scipy.linalg import expm, matrix_balance, solve
 
 
 def mechanics(system):
@@ -124,7 +124,7 @@ def transport(delay, nodes):
 
 
 def poles(case, nodes=20):
-    """Poles of the feedback loop with the dead time as a transport line."""
+    """Poles of the feedback loop with the dead time as a transport line; angles of rigid motions are left out."""
     A, B, _, C = bed(case)
     F, G, H, D = controller(case)
     k = B.shape[1]
@@ -139,7 +139,18 @@ def poles(case, nodes=20):
         whole[at : at + z, at : at + z] = line
         whole[at : at + z, :n] += np.outer(enters, D[j] @ C)
         whole[at : at + z, n : n + m] += np.outer(enters, H[j])
-    return np.linalg.eigvals(whole)
+    return np.linalg.eigvals(_deflated(whole))
+
+
+def _deflated(A):
+    """The matrix without what it maps to 0: the rest of its eigenvalues, free of the rounding that moves those off 0.
+
+    On the null space N and its orthogonal complement Q the matrix is [0 ∗; 0 QᵀAQ], as A·N = 0.
+    """
+    A = matrix_balance(A, permute=False)[0]
+    _, sizes, rows = np.linalg.svd(A)
+    Q = rows[sizes > 1e-13 * sizes[0]]
+    return Q @ A @ Q.T
 
 
 def margin(case, frequencies):
