@@ -67,8 +67,8 @@ class Demands:
         kept = [row for row in rows if not row.is_constant()]
         return [(ca.vertcat(*kept), 1.0)] if kept else []
 
-    def broken(self, values: Mapping[str, float]) -> list[tuple[str, str, float, float]]:
-        """Limits that the manoeuvre breaks: (dynamometer, limit, demand, allowed), worst first."""
+    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[tuple[str, str, float, float]]:
+        """Limits that the manoeuvre takes more than a part of: (dynamometer, limit, demand, allowed), worst first."""
         found = []
         for chain in self.chains:
             demands = {}
@@ -81,9 +81,20 @@ class Demands:
             demands["dynamometer_power"] = chain.peak(total, chain.speed)
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
             for name, demand in demands.items():
-                if name in self.limits and demand > self.limits[name] * 1.001:
+                if name in self.limits and demand > self.limits[name] * part:
                     found.append((chain.dynamometer, name, demand, self.limits[name]))
         return sorted(found, key=lambda one: one[3] / one[2])
+
+    def quantities(self, limit: str) -> set[str]:
+        """Names of the quantities of the rig that decide what the manoeuvre takes of a limit."""
+        found: set[str] = set()
+        for chain in self.chains:
+            behind = {"dynamometer_torque": chain.inertias, "dynamometer_power": chain.inertias}
+            behind |= {f"shafts.{shaft}.{what}": own for shaft, own in chain.shafts for what in ("torque", "twist")}
+            found |= {f"rig.inertias.{name}.J" for name in behind.get(limit, ())}
+            if limit in behind and limit.endswith(".twist"):
+                found.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
+        return found
 
 
 def _inertia(p: Mapping[str, ca.MX], names: tuple[str, ...]) -> ca.MX:

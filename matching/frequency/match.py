@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from matching.frequency.attempt import attempt
 from matching.frequency.case import Case, Move
-from matching.frequency.demands import Demands, demands
-from matching.frequency.goals import goals, target_modes
+from matching.frequency.demands import demands
+from matching.frequency.goals import target_modes
 from matching.frequency.limits import limits
-from matching.frequency.objective import fidelity_aim
-from matching.frequency.problem import grid
-from matching.frequency.relax import sufficient_dead_time, unkept
+from matching.frequency.relax import sufficient_dead_time
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.solve import Solution, Task, solve
-from matching.frequency.tuned import apply
+from matching.frequency.solve import Solution, Task
 from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.responses import error_figures, responses
-from matching.frequency.verification.verify import Verification, verify
-from matching.frequency.weights import FREEZE_BELOW, counterparts, share
+from matching.frequency.verification.verify import Verification
+from matching.frequency.weights import FREEZE_BELOW, counterparts, price, share
 from modelling.damped_modes import damped_modes
 from modelling.modes import Mode, modes
 from modelling.residual_vehicle import cut
@@ -29,6 +26,8 @@ from modelling.twin import dead_time_bound
 
 SEEN_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
 CURVE_POINTS = 400
+UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
+NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 Progress = Callable[[str], None]
 
@@ -70,27 +69,21 @@ def match(
     shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
-    task = _task(case, shares, targets, asked)
-    beyond = unkept(case, task.moves, asked)
-    if beyond:  # no setting keeps them: the best that keeps the rest is worth more than none
-        task = replace(task, demands=replace(asked, limits={}))
-    solution = solve(task, seed, starts, workers, tell) if task.moves else Solution({}, 0.0, (), True)
-    tuned = apply(case, solution.values)
-    checked = verify(tuned, case.rig)
-    tell("verification")
+    found = attempt(case, shares, targets, asked, seed, starts, workers, tell)
+    task, solution, tuned, checked = found.task, found.solution, found.tuned, found.checked
     results = tuple(
         _target(case, checked, number, pair, mode)
         for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
     )
     missed = any(not target.met for target in results)
     enough = sufficient_dead_time(task, solution, targets) if missed and _feedback_alone(case, solution) else None
-    stands = limits(case, tuned, checked, results, asked, solution, on_rig, beyond, enough)
+    stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, enough)
     error = _errors(case, tuned, checked)
     tell("bound and curves")
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
-        notes=tuple(checked.notes),
+        notes=(*_notes(task, solution, found.thawed, bool(stands)), *checked.notes),
         case=case,
         tuned=tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
@@ -98,7 +91,8 @@ def match(
         matched_modes=tuple(mode.to_dict() for mode in checked.modes),
         targets=results,
         parameters=tuple(
-            _parameter(move, float(part), solution) for move, part in zip(case.moves, shares, strict=True)
+            _parameter(move, float(part), solution, move in task.moves)
+            for move, part in zip(case.moves, shares, strict=True)
         ),
         response_error=error,
         curves=_curves(case, tuned),
@@ -114,25 +108,22 @@ def _feedback_alone(case: Case, solution: Solution) -> bool:
     return case.loop.structure == "pi" and not case.loop.torqueless and solution.feasible
 
 
-def _parameter(move: Move, part: float, solution: Solution) -> ParameterResult:
+def _notes(task: Task, solution: Solution, thawed: Mapping[str, str], limited: bool) -> list[str]:
+    """That nothing had to move, and what moves for a limit's sake only."""
+    found = []
+    own = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
+    if not limited and all(abs(value - move.start) <= UNMOVED * (move.upper - move.lower) for move, value in own):
+        found.append(NOTHING_MOVED)
+    found += [
+        f"{name} holds under {FREEZE_BELOW:.0%} of every target mode's energy and moves for the limit {limit} alone"
+        for name, limit in thawed.items()
+    ]
+    return found
+
+
+def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
     tuned = solution.values.get(move.name, move.start)
-    return ParameterResult(
-        move.name, move.start, tuned, move.unit, move.lower, move.upper, _weight(part), part, part < FREEZE_BELOW
-    )
-
-
-def _weight(part: float) -> float:
-    return float(1 / max(part, FREEZE_BELOW))
-
-
-def _task(case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands) -> Task:
-    free = [i for i, part in enumerate(shares) if part >= FREEZE_BELOW]
-    moves = tuple(case.moves[i] for i in free)
-    weights = np.array([_weight(shares[i]) for i in free])
-    reference = responses(case, grid(case)).vehicle
-    aim = fidelity_aim(case) if case.objective == "fidelity" else None
-    tracked = goals(case, targets) if aim is None else ()
-    return Task(case, moves, weights, tracked, reference, asked, aim)
+    return ParameterResult(move.name, move.start, tuned, move.unit, move.lower, move.upper, price(part), part, not free)
 
 
 def _target(

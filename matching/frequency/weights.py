@@ -16,6 +16,11 @@ from modelling.tracking import mac
 FREEZE_BELOW = 0.01  # share of a target mode's energy below which a quantity stays and needs no identification
 
 
+def price(part: float) -> float:
+    """Weight of a change of what holds this share of a target mode's energy."""
+    return float(1 / max(part, FREEZE_BELOW))
+
+
 def counterparts(case: Case) -> list[Mode | None]:
     """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
     vehicle, rig = modes(case.vehicle), modes(case.rig)

@@ -71,7 +71,9 @@ def summary(result: Mapping[str, Any]) -> str:
     moved = [own for own in result["parameters"] if not own["frozen"] and own["tuned"] != own["start"]]
     moved.sort(key=lambda own: -abs(own["tuned"] - own["start"]) / (own["upper"] - own["lower"]))
     room = max(0, MOST - len(head) - len(body) - len(tail))
-    return "\n".join([*head, *body, *(_moved(own) for own in moved[:room]), *tail][:MOST])
+    checked = result.get("verification", {}).get("notes", [])
+    told = [f"note: {note}" for note in result.get("notes", []) if note not in checked]  # where there is room
+    return "\n".join([*head, *body, *(_moved(own) for own in moved[:room]), *tail, *told][:MOST])
 
 
 def _band(error: Mapping[str, Any]) -> str:
