@@ -15,6 +15,9 @@ from scipy.signal import firwin
 
 MOST = 40  # poles
 WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, at most
+HALVINGS = 4  # of the record, until what dies away soon is seen
+EXPLAINED = 0.9  # of the motion of such a part, or it may be noise
+SHORTEST = 40  # samples of a record
 INSTANTS = 1500  # columns of the Hankel matrix, about
 
 
@@ -83,7 +86,7 @@ def pencil(signals: np.ndarray, step: float) -> Poles:
     rest = y - (modes @ amplitudes).real
     spread = np.std(y, axis=0)
     fit = 1 - float(np.linalg.norm(rest) / max(np.linalg.norm(spread) * np.sqrt(len(y)), 1e-300))
-    return Poles(np.log(z) / step, amplitudes, scale, max(fit, 0.0))
+    return Poles(np.log(z.astype(complex)) / step, amplitudes, scale, max(fit, 0.0))
 
 
 def _order(sizes: np.ndarray, shape: tuple[int, ...]) -> int:
@@ -124,12 +127,26 @@ def read_modes(signals: np.ndarray, step: float, shapes: np.ndarray, top: float 
     -------
     list of Ringing or None
         None where no oscillation moves the sensors like that, holds 1 % of the oscillation or more, and is read alike
-        (frequency within 5 %) from three parts of the record.
+        (frequency within 5 %) from three parts of the record, or of the half, quarter … of it that comes first: what
+        is well damped has died away before most of a long record. Of such a part nine tenths have to be explained.
     """
-    signals = np.asarray(signals, float)
+    signals, shapes = np.asarray(signals, float), np.asarray(shapes, complex)
+    out: list[Ringing | None] = [None] * len(shapes)
+    for length in (len(signals) >> halvings for halvings in range(HALVINGS + 1)):
+        open_yet = [i for i, one in enumerate(out) if one is None]
+        if not open_yet or length < SHORTEST:
+            break
+        for i, one in zip(open_yet, _alike(signals[:length], step, shapes[open_yet], top), strict=True):
+            if one is not None and (length == len(signals) or one.fit > EXPLAINED):
+                out[i] = one
+    return out
+
+
+def _alike(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> list[Ringing | None]:
+    """What three parts of a record show alike."""
     length = len(signals)
     spans = ((0, length), (length // 10, length), (0, 4 * length // 5))
-    runs = [_read(signals[first:last], step, np.asarray(shapes, complex), top) for first, last in spans]
+    runs = [_read(signals[first:last], step, shapes, top) for first, last in spans]
     out: list[Ringing | None] = []
     for found in zip(*runs, strict=True):
         good = [one for one in found if one is not None]
