@@ -38,7 +38,12 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     ]
     if not known & {*found} and len(structs) == 1:
         found = structs[0]
-    units: dict = given if isinstance(given := found.get("units"), dict) else {}
+    given = found.get("units")
+    units = (
+        {name: unit for name, unit in given.items() if isinstance(unit, str) and unit}
+        if isinstance(given, dict)
+        else {}
+    )
     if "time" not in found and (used is None or "time" in used):
         raise InputError(str(path), "has no vector 'time'", name_time(found))
     sizes = [np.size(found[name]) for name in known & {*found}]
