@@ -77,8 +77,8 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     hidden = [(cause["kind"], cause["at"]) for cause in answer["causes"]]
     missed = {"single": named[:1] != hidden[:1], "double": not set(hidden) <= set(named)}
     if named and missed.get(order.category):
-        try:
-            answer = order.make(given.seconds).answer  # again, with the causes that no recording like it tells apart
-        except FloatingPointError:
-            pass  # a motion without the effect runs away under the recorded torques: the answer stays missed
+        # again, with the causes that no recording like it tells apart; where the motion without the effect runs away
+        # under the recorded torques, the answer stays missed
+        with contextlib.suppress(FloatingPointError):
+            answer = order.make(given.seconds).answer
     return row | {"answer": answer}
