@@ -58,7 +58,7 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     row: dict[str, Any] = {"number": number, "order": order.__dict__ | {"effects": list(order.effects)}}
     try:
         folder = made_in(number, order, given.made, given.seconds)
-    except OutOfReach as reason:
+    except (OutOfReach, FloatingPointError) as reason:  # the latter: its own control loop runs away
         return row | {"failed": f"not made: {reason}"}
     answer = json.loads((folder / "answer.json").read_text())
     system = load(folder / "model.toml")
