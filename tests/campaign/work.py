@@ -42,7 +42,7 @@ def prepared(given: Prepared, number: int) -> None:
     """Make a case, if it can be made."""
     from plant.calibrate import OutOfReach
 
-    with contextlib.suppress(OutOfReach):
+    with contextlib.suppress(OutOfReach, FloatingPointError):
         made_in(number, given.orders[number], given.made, given.seconds)
 
 
