@@ -90,6 +90,15 @@ class Problem:
             out.append(r.reshape(len(batch), -1))
         return out[0] if len(out) == 1 else np.concatenate(out, axis=1)
 
+    def by_sensor(self, residual: np.ndarray) -> list[np.ndarray]:
+        """A residual (r,) as (t, y) of every segment."""
+        out, at = [], 0
+        for segment in self.data.segments:
+            size = segment.readings.size
+            out.append(residual[at : at + size].reshape(segment.readings.shape))
+            at += size
+        return out
+
     def simulated(self, v: np.ndarray) -> list[np.ndarray]:
         """Readings (t, y) of every segment."""
         p, starts = self.unpack(v)
@@ -201,12 +210,7 @@ class Fit:
 
     def by_sensor(self) -> list[np.ndarray]:
         """Residual (t, y) of every segment."""
-        out, at, ny = [], 0, len(self.problem.data.noise)
-        for segment in self.problem.data.segments:
-            size = len(segment.time) * ny
-            out.append(self.residual[at : at + size].reshape(-1, ny))
-            at += size
-        return out
+        return self.problem.by_sensor(self.residual)
 
 
 def solve(
@@ -245,9 +249,14 @@ def solve(
     cost, fresh, radius = chi_square(r), jacobian is None, np.inf
     if not np.isfinite(cost):
         raise FloatingPointError("the simulation diverges at the start of the fit")
-    moving = np.ones(problem.size)
-    moving[list(held)] = 0.0
-    J = moving * (problem.jacobian(v, r) if jacobian is None else jacobian)
+
+    def without_held(J: np.ndarray) -> np.ndarray:
+        if held:  # a Jacobian of long recordings is not copied for nothing
+            J = J.copy()
+            J[:, list(held)] = 0.0
+        return J
+
+    J = without_held(problem.jacobian(v, r) if jacobian is None else jacobian)
     quadratic = Quadratic(J)
     last = (0, cost)  # iteration and cost when a step with a Jacobian of its own point was last taken
     for iteration in range(iterations):
@@ -282,7 +291,7 @@ def solve(
                 if predicted < max(0.5, 1e-5 * cost) or length < 1e-10:
                     break
         if (not fresh and not 0.7 < gain < 1.5) or (moved and fresh and gain < 0.5):
-            J, fresh = moving * problem.jacobian(v, r), True
+            J, fresh = without_held(problem.jacobian(v, r)), True
             quadratic = Quadratic(J)
         elif moved:
             fresh = False

@@ -42,11 +42,8 @@ class Ahead:
 
     def parts(self, residual: np.ndarray) -> list[np.ndarray]:
         """Residuals (r,) → (t, y) of what was not seen of each segment; NaN where nothing was measured."""
-        out, at = [], 0
-        for segment, count in zip(self.problem.data.segments, self.seen, strict=True):
-            own = residual[at : at + segment.readings.size].reshape(segment.readings.shape)
-            at += segment.readings.size
-            out.append(np.where(segment.counts, own, np.nan)[count:])
+        every = zip(self.problem.data.segments, self.problem.by_sensor(residual), self.seen, strict=True)
+        out = [np.where(segment.counts, own, np.nan)[count:] for segment, own, count in every]
         return [own for own in out if len(own)]
 
 
