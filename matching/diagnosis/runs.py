@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from matching.diagnosis.data import Segment
 from modelling.assembly import STICK_SPEED
 from modelling.compiled import Model, compiled
 from modelling.simulation import native, virtual
-from modelling.simulation.build import library
+from modelling.simulation.build import compile_ahead
 from modelling.simulation.functions import functions
 from modelling.simulation.task import Task, make_task
 from modelling.system import System
@@ -32,9 +31,7 @@ def threads() -> int:
 
 def prepare(systems: Iterable[System]) -> None:
     """Compile the models of several systems side by side; what the cache holds is not compiled again."""
-    made = [functions(compiled(system)) for system in systems]
-    with ThreadPoolExecutor(2) as pool:  # the compiler is a process of its own
-        list(pool.map(library, made))
+    compile_ahead([functions(compiled(system)) for system in systems])
 
 
 def readings(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 
 from matching.frequency.terms import Term
-from modelling.simulation.build import compiler, shared
+from modelling.simulation.build import compiler, generated, loaded, shared
 
 OPTIMISATION = "-O1"  # beyond it the compiler takes longer than it saves
 LARGEST = 10_000  # operations of a term beyond which the compiler would take minutes over its derivatives
@@ -67,9 +67,7 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
         def source() -> str:
             with one_by_one:
                 derive, term = terms[name]
-                generator = ca.CodeGenerator("generated", {"with_header": False})
-                generator.add(derive(name, term))
-                return str(generator.dump())
+                return generated(derive(name, term))
 
         return shared(keys[name][0], source, OPTIMISATION)
 
@@ -80,7 +78,7 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
     found = {name: _REMEMBERED[key] for name, key in keys.items() if name not in missing}
     for name, library in zip(missing, libraries, strict=True):
         derive, term = terms[name]
-        found[name] = _REMEMBERED[keys[name]] = _loaded(name, library) or derive(name, term)
+        found[name] = _REMEMBERED[keys[name]] = loaded(name, library) or derive(name, term)
     while len(_REMEMBERED) > KEPT:
         _REMEMBERED.pop(next(iter(_REMEMBERED)))
     return found
@@ -94,13 +92,6 @@ def _key(name: str, derive: Derivation, plain: ca.Function) -> str:
 @functools.cache
 def _own_text() -> str:
     return Path(__file__).read_text(encoding="utf-8")
-
-
-def _loaded(name: str, library: Path | None) -> ca.Function | None:
-    try:
-        return None if library is None else ca.external(name, str(library))
-    except RuntimeError:  # e.g. a folder mounted noexec
-        return None
 
 
 def _function(name: str, term: Term, more: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:

@@ -7,7 +7,7 @@ to the case's own in steps: good optima are reached that way that no start at th
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -150,8 +150,7 @@ def _one_prepared(seed: int, number: int) -> End | None:
 def _one(problem: Problem, seed: int, number: int) -> End | None:
     """One start, or None if it ends infeasible or unstable."""
     random = np.random.default_rng([seed, number]) if number else None
-    end = _run(problem, _start(problem, random))
-    return end if end and _check(problem, end.v)[2] else None
+    return next(_stable(problem, [_start(problem, random)]), None)
 
 
 def _led(task: Task, seed: int, number: int) -> End | None:
@@ -162,8 +161,7 @@ def _led(task: Task, seed: int, number: int) -> End | None:
         problem = replace(task, case=shorter).build()
         if v is None:
             v = _start(problem, np.random.default_rng([seed, number]) if number else None)
-        ends = (_run(problem, begin) for begin in (v, *_gentler(problem, v)))
-        end = next((end for end in ends if end and _check(problem, end.v)[2]), None)
+        end = next(_stable(problem, [v, *_gentler(problem, v)]), None)
         v, failed = (v, failed + 1) if end is None else (end.v, 0)
         if failed == LOST:
             return None
@@ -198,8 +196,7 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
         missed = np.append(problem.missed(best.v), frequency)
         apart = AROUND / 3**number
         extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
-        again = (_run(problem, begin, extra) for begin in (best.v, *_gentler(problem, best.v)))
-        end = next((end for end in again if end and _check(problem, end.v)[2]), None)
+        end = next(_stable(problem, [best.v, *_gentler(problem, best.v)], extra), None)
         if end is None:
             break
         best = end
@@ -218,8 +215,7 @@ def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
     begin = _start(problem, None)
     own = [scaled(values[move.name], move) for move in problem.moves]
     begin[: len(own)] = np.clip(own, 0.01, 0.99)
-    ends = [_run(problem, v) for v in (begin, *_gentler(problem, begin))]
-    good = [end for end in ends if end and _check(problem, end.v)[2]]
+    good = list(_stable(problem, [begin, *_gentler(problem, begin)]))
     return _tight(task, min(good, key=lambda end: end.objective), ()).values if good else None
 
 
@@ -245,6 +241,14 @@ def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
         v[at : at + 2] = goal.eigenvalue.real / size, goal.eigenvalue.imag / size
         v[at + 2 : at + 2 + k] = goal.pattern / np.linalg.norm(goal.pattern)
     return v
+
+
+def _stable(problem: Problem, begins: Sequence[np.ndarray], extra: np.ndarray | tuple[()] = ()) -> Iterator[End]:
+    """The feasible and stable ends from several starts, each sought when it is asked for."""
+    for begin in begins:
+        end = _run(problem, begin, extra)
+        if end and _check(problem, end.v)[2]:
+            yield end
 
 
 def _run(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) -> End | None:

@@ -53,7 +53,7 @@ def library(functions: Functions) -> ctypes.CDLL | None:
     """The library with ``field`` and ``reading``, compiled if the cache lacks it; None without a working compiler."""
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        made = _load(_source(functions), GENERATED) if compiler() else None
+        made = _load(generated(functions.field, functions.reading), GENERATED) if compiler() else None
         kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
 
@@ -68,27 +68,30 @@ def external(function: ca.Function) -> ca.Function:
     """A CasADi function compiled, some twenty times faster than as it was; itself without a working compiler."""
     if not compiler():
         return function
+    source = generated(function)
+    return loaded(function.name(), shared(source, lambda: source, GENERATED)) or function
+
+
+def generated(*functions: ca.Function) -> str:
+    """C of CasADi functions."""
     generator = ca.CodeGenerator("generated", {"with_header": False})
-    generator.add(function)
-    source = generator.dump()
-    made = shared(source, lambda: source, GENERATED)
+    for function in functions:
+        generator.add(function)
+    return str(generator.dump())
+
+
+def loaded(name: str, library: Path | None) -> ca.Function | None:
+    """A CasADi function out of a library; None without one, or where it cannot be loaded."""
     try:
-        return ca.external(function.name(), str(made)) if made else function
+        return None if library is None else ca.external(name, str(library))
     except RuntimeError:  # e.g. a folder mounted noexec
-        return function
+        return None
 
 
 def compile_ahead(functions: Iterable[Functions], processes: int = 2) -> None:
     """Compile many at once, for a search over structures; afterwards :func:`library` finds them."""
     with ThreadPoolExecutor(processes) as pool:  # the work is the compiler's, in processes of its own
         list(pool.map(library, functions))
-
-
-def _source(functions: Functions) -> str:
-    generator = ca.CodeGenerator("generated", {"with_header": False})
-    generator.add(functions.field)
-    generator.add(functions.reading)
-    return generator.dump()
 
 
 def shared(content: str, source: Callable[[], str], optimisation: str) -> Path | None:
