@@ -45,26 +45,23 @@ class Common:
 
 @dataclass(frozen=True)
 class Margins:
-    """Scaled minors of the stability margin at s and least distance (3, f), one minor after the other."""
+    """The scaled stability margin at s and least distance (3, f)."""
 
     common: Common
     at: ca.MX
 
     def value(self) -> ca.MX:
-        """(k·f, 1)."""
-        return ca.vec(self.common.over("margin", self.at)[0].T)
+        """(f, 1)."""
+        return self.common.over("margin", self.at)[0].T
 
     def slope(self) -> tuple[ca.MX, ca.MX]:
-        """Value and Jacobian (k·f, v)."""
+        """Value and Jacobian (f, v)."""
         value, each = self.common.over("margin_slope", self.at)
-        k = value.shape[0]
-        return ca.vec(value.T), self.common.wide(ca.vertcat(*(each[i::k, :].T for i in range(k))))
+        return value.T, self.common.wide(each.T)
 
     def bend(self, multipliers: ca.MX) -> ca.MX:
         """Hessian (v, v) of multipliersᵀ·value."""
-        f = self.at.shape[1]
-        weight = ca.reshape(multipliers, f, multipliers.numel() // f).T
-        return _summed(self.common, self.common.over("margin_bend", self.at, weight)[0])
+        return _summed(self.common, self.common.over("margin_bend", self.at, multipliers.T)[0])
 
 
 @dataclass(frozen=True)

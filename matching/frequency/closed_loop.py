@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from matching.frequency.case import Case
+from matching.frequency.case import Case, Compared
 from modelling.compiled import Model, compiled
 from modelling.complex_sx import Complex, Row, exp, solve
 from modelling.loop import LEAD_SPREAD, Dynamometer
@@ -61,6 +61,31 @@ class ClosedLoop:
         return ca.Function(general.name(), inputs, ca.cse(list(outputs)), ["s_re", "s_im", "p"], ["re", "im"])
 
 
+@dataclass(frozen=True)
+class _Structure:
+    """What the expressions are made from; ``known`` are the values that are 0 or 1, None for the others."""
+
+    rig: System
+    parts: tuple[System, ...]
+    interfaces: tuple[Interface, ...]
+    dynamometers: tuple[Dynamometer, ...]
+    compared: tuple[Compared, ...]
+    names: tuple[str, ...]
+    known: tuple[float | None, ...]
+    moving: tuple[tuple[str, ...], ...]
+
+    @property
+    def still(self) -> list[int]:
+        """Entries of ``names`` that neither move nor are known."""
+        moved = {name for group in self.moving for name in group}
+        own = enumerate(zip(self.names, self.known, strict=True))
+        return [i for i, (name, value) in own if name not in moved and value is None]
+
+    def cut(self, dyno: Dynamometer) -> Interface:
+        """The interface that a dynamometer follows."""
+        return next(own for own in self.interfaces if own.shaft == dyno.follows)
+
+
 def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoop:
     """Build the loop of a case; ``knows`` and the twin are left out: this is what feedback alone does.
 
@@ -76,47 +101,59 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     InputError
         If a name is unknown.
     """
-    rig, parts = compiled(case.rig), [compiled(part) for part in case.residual_vehicle.parts]
-    names = [f"rig.{name}" for name in rig.parameters]
-    values = list(rig.p0)
-    for part in parts:
-        names += [f"residual_vehicle.{name}" for name in part.parameters]
-        values += list(part.p0)
-    names += [f"loop.{name}" for name in case.loop.values]
-    values += list(case.loop.values.values())
+    systems = {"rig": [case.rig], "residual_vehicle": case.residual_vehicle.parts}
+    values: list[tuple[str, float]] = []
+    for prefix, own in systems.items():
+        models = [compiled(system) for system in own]
+        values += [
+            (f"{prefix}.{name}", value) for one in models for name, value in zip(one.parameters, one.p0, strict=True)
+        ]
+    values += [(f"loop.{name}", value) for name, value in case.loop.values.items()]
+    names = tuple(name for name, _ in values)
     groups = [(name,) for name in names] if moving is None else list(moving)
-    symbols = ca.SX.sym("p", len(groups))
-    moves = {name: i for i, group in enumerate(groups) for name in group}
-    for name in moves:
+    for name in (name for group in groups for name in group):
         if name not in names:
-            raise unknown(name, names, "")
-    still = [i for i, name in enumerate(names) if name not in moves and values[i] not in (0.0, 1.0)]
-    fixed = ca.SX.sym("fixed", len(still))
-    p = ca.SX(values)
+            raise unknown(name, list(names), "")
+    structure = _Structure(
+        case.rig,
+        tuple(case.residual_vehicle.parts),
+        tuple(case.residual_vehicle.interfaces),
+        tuple(case.loop.dynamometers),
+        tuple(case.compared),
+        names,
+        tuple(float(value) if value in (0.0, 1.0) else None for _, value in values),
+        tuple(groups),
+    )
+    kept = np.array([values[names.index(group[0])][1] for group in groups])
+    given = np.array([values[i][1] for i in structure.still])
+    return ClosedLoop(tuple(group[0] for group in groups), kept, given, *_expressions(structure))
+
+
+@lru_cache(maxsize=16)
+def _expressions(own: _Structure) -> tuple[ca.Function, ca.Function]:
+    """Compared responses and return difference as functions of (s_re, s_im, p, fixed)."""
+    rig, parts, still = compiled(own.rig), [compiled(part) for part in own.parts], own.still
+    symbols, fixed = ca.SX.sym("p", len(own.moving)), ca.SX.sym("fixed", len(still))
+    p = ca.SX([0.0 if value is None else value for value in own.known])
     for i, entry in enumerate(still):
         p[entry] = fixed[i]
-    for name, i in moves.items():
-        p[names.index(name)] = symbols[i]
+    for i, group in enumerate(own.moving):
+        for name in group:
+            p[own.names.index(name)] = symbols[i]
     s = Complex(ca.SX.sym("s_re"), ca.SX.sym("s_im"))
-    by_name = {name: p[i] for i, name in enumerate(names)}
-    loop = {name: by_name[f"loop.{name}"] for name in case.loop.values}
-
+    loop = {name.removeprefix("loop."): p[i] for i, name in enumerate(own.names) if name.startswith("loop.")}
     starts = np.cumsum([0, len(rig.parameters), *(len(part.parameters) for part in parts)])
     bodies = [
         _Body(model, p[int(a) : int(b)], s) for model, a, b in zip([rig, *parts], starts[:-1], starts[1:], strict=True)
     ]
-    H, difference = _close(case, bodies[0], bodies[1:], loop, s)
+    H, difference = _close(own, bodies[0], bodies[1:], loop, s)
     inputs, names_in = [s.re, s.im, symbols, fixed], ["s_re", "s_im", "p", "fixed"]
 
     def function(name: str, values: list[Complex]) -> ca.Function:
         parts = [ca.vertcat(*(value.re for value in values)), ca.vertcat(*(value.im for value in values))]
         return ca.Function(name, inputs, parts, names_in, ["re", "im"])
 
-    response = function("response", H)
-    return_difference = function("difference", [entry for row in difference for entry in row])
-    kept = np.array([values[names.index(group[0])] for group in groups])
-    given = np.array([values[i] for i in still])
-    return ClosedLoop(tuple(group[0] for group in groups), kept, given, response, return_difference)
+    return function("response", H), function("difference", [entry for row in difference for entry in row])
 
 
 class _Body:
@@ -185,9 +222,9 @@ def _given(value: ca.SX) -> bool:
 
 
 def _close(
-    case: Case, rig: _Body, parts: list[_Body], loop: dict[str, ca.SX], s: Complex
+    own: _Structure, rig: _Body, parts: list[_Body], loop: dict[str, ca.SX], s: Complex
 ) -> tuple[list[Complex], list[list[Complex]]]:
-    dynos = case.loop.dynamometers
+    dynos = own.dynamometers
     lag = 1 / (1 + s * loop["torque_sensor_lag"])
     lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_SPREAD))
     actuator = exp(-(s * loop["dead_time"])) / (1 + s * loop["inverter_lag"]) * lead
@@ -199,10 +236,10 @@ def _close(
         measured = [torque * lag for torque in torques]
         wanted = roads
         for k, other in enumerate(dynos):
-            wanted = wanted + _residual(case, parts, dynos[j], other) * measured[k]
+            wanted = wanted + _residual(own, parts, dynos[j], other) * measured[k]
         return actuator * (reference * wanted - speed_error * speed - measured[j] * loop["torque_feed_forward"])
 
-    toward = [sensor_sign(case.rig, dyno) for dyno in dynos]
+    toward = [sensor_sign(own.rig, dyno) for dyno in dynos]
     size = len(dynos)
 
     def sensed(dyno: Dynamometer, source: str) -> tuple[list[Complex], Complex]:
@@ -213,7 +250,7 @@ def _close(
     gain = [[command(j, *sensed(dyno, c.torque_input), Complex(0.0)) for c in dynos] for j, dyno in enumerate(dynos)]
     difference = [[(1 if j == c else 0) - gain[j][c] for c in range(size)] for j in range(size)]
 
-    sources = list(dict.fromkeys(pair.input for pair in case.compared))
+    sources = list(dict.fromkeys(pair.input for pair in own.compared))
     right = []
     for j, dyno in enumerate(dynos):
         row = []
@@ -221,7 +258,7 @@ def _close(
             if source in rig.inputs:
                 row.append(command(j, *sensed(dyno, source), Complex(0.0)))
             else:
-                row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(case, parts, dyno, source)))
+                row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(own, parts, dyno, source)))
         right.append(row)
     torque = solve([dict(enumerate(row)) for row in difference], right)
 
@@ -235,36 +272,32 @@ def _close(
         part = next(part for part in parts if sensor in part.sensors)
         total = part.response(sensor, source) if source in part.inputs else Complex(0.0)
         for k, dyno in enumerate(dynos):
-            if (own := _cut(case, dyno).torque) in part.inputs:
-                total = total + part.response(sensor, own) * (on_rig(dyno.torque_sensor, source) * lag * toward[k])
+            if (driven := own.cut(dyno).torque) in part.inputs:
+                total = total + part.response(sensor, driven) * (on_rig(dyno.torque_sensor, source) * lag * toward[k])
         return total
 
     H = [
         on_rig(pair.sensor, pair.input) if pair.sensor in rig.sensors else emulated(pair.sensor, pair.input)
-        for pair in case.compared
+        for pair in own.compared
     ]
     return H, difference
 
 
-def _residual(case: Case, parts: list[_Body], of: Dynamometer, by: Dynamometer) -> Complex:
+def _residual(own: _Structure, parts: list[_Body], of: Dynamometer, by: Dynamometer) -> Complex:
     """Reference speed of one dynamometer for a torque at another one's interface."""
-    wanted, driven = _cut(case, of), _cut(case, by)
+    wanted, driven = own.cut(of), own.cut(by)
     for part in parts:
         if wanted.speed in part.sensors and driven.torque in part.inputs:
             return part.response(wanted.speed, driven.torque)
     return Complex(0.0)
 
 
-def _road(case: Case, parts: list[_Body], of: Dynamometer, source: str) -> Complex:
-    wanted = _cut(case, of)
+def _road(own: _Structure, parts: list[_Body], of: Dynamometer, source: str) -> Complex:
+    wanted = own.cut(of)
     for part in parts:
         if wanted.speed in part.sensors and source in part.inputs:
             return part.response(wanted.speed, source)
     return Complex(0.0)
-
-
-def _cut(case: Case, dyno: Dynamometer) -> Interface:
-    return next(own for own in case.residual_vehicle.interfaces if own.shaft == dyno.follows)
 
 
 def sensor_sign(rig: System, dyno: Dynamometer) -> float:

@@ -3,7 +3,7 @@
 Minimise   error² + EIGEN · Σ[(Δf/f)² + Δζ²] + PRICE · Σ weight·(change/range)²
 over the scaled quantities that move and, for every target, an explicit eigenpair (s, x) of the closed loop,
 subject to  (I + L(s))·x = 0, x normalised to the target's pattern over the dynamometers      (tracked eigenvalues)
-            σ_min(I + L(jω)) ≥ modulus margin on a grid                                        (Sylvester's criterion)
+            σ_min(I + L(jω)) ≥ modulus margin on a grid
             the same, halved, on the ray of the smallest damping ratio: no root may cross it   (damping and stability)
             torque, speed and power the vehicle's own manoeuvre asks of adapters and dynamometers within limits.
 With ``objective = "fidelity"`` in the case the first two terms give way to 1 − R² over the manoeuvre
@@ -44,7 +44,7 @@ WIDE = np.concatenate(
 SLOTS = 30  # frequencies beside that grid, where a solution turns out to miss the margin
 UNUSED = 600.0  # Hz: where the loop has no gain left
 DENSE = np.geomspace(0.02, 500, 1200)  # Hz, where such are looked for
-MISSED = 1e-5  # of a scaled minor: what is no longer taken for kept
+MISSED = 1e-5  # of a scaled margin: what is no longer taken for kept
 RAY = np.geomspace(0.3, 150, 30)  # Hz, where no root may have less damping
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
@@ -101,7 +101,7 @@ class Problem:
 
     def missed(self, v: np.ndarray) -> np.ndarray:
         """Frequencies in Hz of the valleys of the margin, on a dense grid, that reach below what is wanted."""
-        least = self.survey(v).full().min(0)
+        least = self.survey(v).full().ravel()
         padded = np.concatenate([[np.inf], least, [np.inf]])
         return DENSE[(least < -MISSED) & (least <= padded[:-2]) & (least <= padded[2:])]
 

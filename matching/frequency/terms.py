@@ -10,6 +10,8 @@ import numpy as np
 
 from matching.frequency.closed_loop import ClosedLoop
 
+MEET = 1e-3  # of least²: how near both singular values have to be before they count as one
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -61,9 +63,9 @@ def logarithm(loop: ClosedLoop, count: int, free: ca.SX, p: ca.SX, fixed: ca.SX)
 
 
 def margin(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
-    """Leading minors of DᴴD − least²·I, scaled by its diagonal: all positive where σ_min(D) > least (Sylvester).
+    """How far the smallest singular value of D = I + L is above ``least``, (σ² − least²)/(1 + σ²); at s and least (3,).
 
-    D = I + L; at s and least, (3,).
+    Smooth where both singular values meet: there it is less than it is by the order of :data:`MEET`, never more.
 
     Raises
     ------
@@ -77,13 +79,13 @@ def margin(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
         raise NotImplementedError("more than two dynamometers")
     D = [[(re[row * k + i], im[row * k + i]) for i in range(k)] for row in range(k)]
     gram = [sum(D[row][i][0] ** 2 + D[row][i][1] ** 2 for row in range(k)) for i in range(k)]
-    diagonal = [own - least**2 for own in gram]
-    minors = [diagonal[0] / (1 + gram[0])]
+    smallest = gram[0]
     if k == 2:
         a = sum(D[row][0][0] * D[row][1][0] + D[row][0][1] * D[row][1][1] for row in range(2))
         b = sum(D[row][0][0] * D[row][1][1] - D[row][0][1] * D[row][1][0] for row in range(2))
-        minors.append((diagonal[0] * diagonal[1] - a**2 - b**2) / ((1 + gram[0]) * (1 + gram[1])))
-    return Term(at, free, fixed, ca.vertcat(*minors))
+        apart = ca.sqrt(((gram[0] - gram[1]) / 2) ** 2 + a**2 + b**2 + (MEET * least**2) ** 2)
+        smallest = (gram[0] * gram[1] - a**2 - b**2) / ((gram[0] + gram[1]) / 2 + apart)
+    return Term(at, free, fixed, (smallest - least**2) / (1 + smallest))
 
 
 def eigenpair(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
