@@ -6,51 +6,68 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+Part = ca.SX | float  # 0.0 where it is known to be zero: most parts of a dynamic stiffness, and calls into CasADi cost
+
 
 @dataclass(frozen=True)
 class Complex:
     """A complex number whose parts are CasADi scalars or floats."""
 
-    re: ca.SX | float
-    im: ca.SX | float = 0.0
+    re: Part
+    im: Part = 0.0
 
-    def __add__(self, other: Complex | ca.SX | float) -> Complex:
+    def __add__(self, other: Complex | Part) -> Complex:
         other = as_complex(other)
-        return Complex(self.re + other.re, self.im + other.im)
+        return Complex(_sum(self.re, other.re), _sum(self.im, other.im))
 
     __radd__ = __add__
 
     def __neg__(self) -> Complex:
         return Complex(-self.re, -self.im)
 
-    def __sub__(self, other: Complex | ca.SX | float) -> Complex:
-        return self + (-as_complex(other))
+    def __sub__(self, other: Complex | Part) -> Complex:
+        other = as_complex(other)
+        return Complex(_difference(self.re, other.re), _difference(self.im, other.im))
 
-    def __rsub__(self, other: Complex | ca.SX | float) -> Complex:
+    def __rsub__(self, other: Complex | Part) -> Complex:
         return as_complex(other) - self
 
-    def __mul__(self, other: Complex | ca.SX | float) -> Complex:
-        if not isinstance(other, Complex):
-            return Complex(self.re * other, self.im * other)
-        return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
+    def __mul__(self, other: Complex | Part) -> Complex:
+        a, b = self, as_complex(other)
+        return Complex(
+            _difference(_product(a.re, b.re), _product(a.im, b.im)), _sum(_product(a.re, b.im), _product(a.im, b.re))
+        )
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Complex | ca.SX | float) -> Complex:
-        if not isinstance(other, Complex):
-            return Complex(self.re / other, self.im / other)
-        return self * other.conjugate() / other.square()
+    def __truediv__(self, other: Complex | Part) -> Complex:
+        return self * as_complex(other).inverse()
 
-    def __rtruediv__(self, other: ca.SX | float) -> Complex:
-        return as_complex(other) / self
+    def __rtruediv__(self, other: Part) -> Complex:
+        return self.inverse() * other
 
-    def conjugate(self) -> Complex:
-        """The complex conjugate."""
-        return Complex(self.re, -self.im)
+    def inverse(self) -> Complex:
+        """1 over it."""
+        if _zero(self.im):
+            return Complex(1 / self.re)
+        size = _sum(_product(self.re, self.re), self.im * self.im)
+        return Complex(0.0 if _zero(self.re) else self.re / size, -self.im / size)
 
-    def square(self) -> ca.SX | float:
-        """The squared magnitude."""
-        return self.re * self.re + self.im * self.im
+
+def _zero(part: Part) -> bool:
+    return part.is_zero() if isinstance(part, ca.SX) else part == 0.0
+
+
+def _sum(a: Part, b: Part) -> Part:
+    return b if _zero(a) else a if _zero(b) else a + b
+
+
+def _difference(a: Part, b: Part) -> Part:
+    return a if _zero(b) else -b if _zero(a) else a - b
+
+
+def _product(a: Part, b: Part) -> Part:
+    return 0.0 if _zero(a) or _zero(b) else a * b
 
 
 def as_complex(value: Complex | ca.SX | float) -> Complex:
@@ -86,14 +103,16 @@ def solve(rows: list[Row], right: list[list[Complex]]) -> list[list[Complex]]:
     rows, right = [dict(row) for row in rows], [list(row) for row in right]
     left = set(range(len(rows)))
     order: list[int] = []
+    inverse: dict[int, Complex] = {}
     while left:
         pivot = min(left, key=lambda i: (sum(j in left for j in rows[i]), i))
         left.remove(pivot)
         order.append(pivot)
+        inverse[pivot] = rows[pivot][pivot].inverse()
         for i in left:
             if pivot not in rows[i]:
                 continue
-            factor = rows[i].pop(pivot) / rows[pivot][pivot]
+            factor = rows[i].pop(pivot) * inverse[pivot]
             for j, value in rows[pivot].items():
                 if j in left:
                     rows[i][j] = rows[i][j] - factor * value if j in rows[i] else -(factor * value)
@@ -104,5 +123,5 @@ def solve(rows: list[Row], right: list[list[Complex]]) -> list[list[Complex]]:
             total = right[pivot][column]
             for j, value in done:
                 total = total - value * right[j][column]
-            right[pivot][column] = total / rows[pivot][pivot]
+            right[pivot][column] = total * inverse[pivot]
     return right

@@ -191,19 +191,24 @@ class _Body:
         right = [[Complex(fu[i, j]) for j in range(fu.shape[1])] for i in range(n)]
         right += [[Complex(zu[i, j]) for j in range(zu.shape[1])] for i in range(extra)]
         self.solution = solve(rows, right)
-        self._yx, self._yu, self._n, self._extra, self._s = yx, yu, n, extra, s
+        self._yx, self._yu, self._n, self._s = yx, yu, n, s
+        self._found: dict[tuple[str, str], Complex] = {}
 
     def response(self, sensor: str, source: str) -> Complex:
         """Transfer function from an input to a sensor."""
-        i, j = self.sensors.index(sensor), self.inputs.index(source)
-        total = Complex(self._yu[i, j])
-        for k in range(self._n):
-            weight = Complex(self._yx[i, k]) + self._s * self._yx[i, self._n + k]
-            if _given(self._yx[i, k]) or _given(self._yx[i, self._n + k]):
-                total = total + weight * self.solution[k][j]
-        for k in range(self._extra):
-            if _given(self._yx[i, 2 * self._n + k]):
-                total = total + self.solution[self._n + k][j] * self._yx[i, 2 * self._n + k]
+        if (sensor, source) not in self._found:
+            self._found[sensor, source] = self._response(self.sensors.index(sensor), self.inputs.index(source))
+        return self._found[sensor, source]
+
+    def _response(self, i: int, j: int) -> Complex:
+        n, total = self._n, Complex(self._yu[i, j])
+        row = self._yx[i, :]
+        for k in range(n):
+            if row.sparsity().has_nz(0, k) or row.sparsity().has_nz(0, n + k):
+                total = total + (Complex(row[k]) + self._s * row[n + k]) * self.solution[k][j]
+        for k in range(n, len(self.solution)):
+            if row.sparsity().has_nz(0, n + k):
+                total = total + self.solution[k][j] * row[n + k]
         return total
 
 

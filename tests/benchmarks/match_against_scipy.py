@@ -8,17 +8,22 @@ programmes built within the clock; the whole match, with starts that agree, is p
 ``least_squares, helped``        the same with our own compiled functions as its objective
 ``differential_evolution``       with our own compiled functions
 
+Constraints enter the peers as a penalty on what is short of them, relative: the smallest singular value of the return
+difference under its bound, loads over their limits. It starts light, which finds good optima, and grows tenfold from
+each end to the next, as long as that is worth it; then comes another start, where our starts begin. A heavier penalty
+from the beginning, or one on our own scaled rows, was slower to arrive (measured).
+
 Peers are helped further: told the frequencies at which our end holds the margin beside the grid, spared the tracked
-eigenpairs, which a secant iteration finds for them, forgiven a violation of 5e-3, and stopped as soon as they come
-within 1 % of our value. Constraints enter as a penalty on their violation; what is unstable by encirclements does not
-count. ``least_squares`` begins where our starts begin, anew after each end. Where a peer has not arrived within its
-budget the ratio is a lower bound. Processor time, so that other load does not count, without the checks of stability
-and margin on either side.
+eigenpairs, which a secant iteration finds for them, spared heavier penalties where the lightest ends at a poor optimum,
+forgiven 2e-3 of every constraint, and stopped as soon as they come within 1 % of our value. What is unstable by
+encirclements does not count. Where a peer has not arrived within its budget the ratio is a lower bound. Processor time,
+so that other load does not count, without the checks of stability and margin on either side.
 """
 
 import os
 import time
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 import casadi as ca
@@ -27,10 +32,12 @@ from scipy.optimize import differential_evolution, least_squares
 
 from matching.frequency import solve as solving
 from matching.frequency.case import load_case
+from matching.frequency.closed_loop import _expressions
 from matching.frequency.demands import demands
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, grid, scaled, unscaled
 from matching.frequency.solve import Solution, Task, _check, _one, _start, _tight, solve
+from matching.frequency.terms import MEET
 from matching.frequency.verification import responses
 from matching.frequency.weights import FREEZE_BELOW, counterparts, price, share
 from modelling.modes import modes
@@ -38,12 +45,14 @@ from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import row
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
-SEEDS = int(os.environ.get("MATCH_SEEDS", 3))  # of our starts and the peers'; the median counts
-BUDGET = float(os.environ.get("MATCH_BUDGET", 25))  # of a peer, in times of ours
+SEEDS = int(os.environ.get("MATCH_SEEDS", 5))  # of our starts and the peers', seed 0 first at the case's own; the median counts
+BUDGET = float(os.environ.get("MATCH_BUDGET", 100))  # of a peer, in times of ours
+PEERS = ("least_squares, NumPy", "least_squares, helped", "differential_evolution")
 NEAR = 1.01
-PENALTY = 1e3  # of a violation squared: large enough that its minimum keeps SLACK
+PENALTIES = (30.0, 300.0, 3000.0)  # of a relative violation squared, one after the other
+POOR = 1.5  # times our value: an end at the lightest penalty that is not followed any further
 NEXT = 1e-7  # relative step of a root after which the next one would be lost in rounding
-SLACK = 5e-3  # violation forgiven to a peer; ours has to keep 1e-5
+SLACK = 2e-3  # relative violation forgiven to a peer; ours has to keep all
 
 
 _spent_on_checks = 0.0
@@ -80,6 +89,7 @@ class Reduced:
     evaluations: int = 0
     best: float = np.inf
     arrived: bool = False
+    penalty: float = PENALTIES[0]
 
     def __post_init__(self) -> None:
         own = self.problem
@@ -89,6 +99,8 @@ class Reduced:
         self.response = own.loop.response.map(len(self.task.reference))
         self.s = ca.DM(2 * np.pi * grid(own.case)).T
         self.extra = own.extra(self.added)
+        extra = ca.MX.sym("extra", own.slots)
+        self.places = ca.Function("places", [extra], [_places(own.case, extra)])(self.extra).full()
 
     def vector(self, moves: np.ndarray) -> np.ndarray:
         """The decision vector with the eigenpairs of these moves, each followed from the last, else from its goal."""
@@ -129,30 +141,30 @@ class Reduced:
                 return s, x, True
         return s, x, False
 
-    def violation(self, g: np.ndarray) -> np.ndarray:
-        """How far each constraint is missed, (g,)."""
-        return np.maximum(np.maximum(self.problem.g_lower - g, g - self.problem.g_upper), 0.0)
+    def both(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of the objective, and what is kept of the constraints, relative, to stay above 0; no eigenpairs."""
+        g = self.problem.objective(v, self.extra)[1].full().ravel()
+        least, limits = self.places[2], self.problem.g_upper[np.isfinite(self.problem.g_upper)]
+        held, asked = g[: len(least)], g[np.isfinite(self.problem.g_upper)]
+        smallest = np.sqrt(np.maximum((held + least**2) / (1 - held), 0.0))
+        loads = limits != 0  # the others are rows of the eigenpairs
+        p = ca.repmat(ca.DM(self.values(v[: self.size])), 1, self.s.shape[1])
+        re, im = self.response(0 * self.s, self.s, p)
+        wrong = self.wrong(v, (re.full() + 1j * im.full()).T)
+        return wrong, np.concatenate([smallest / least - 1, 1 - asked[loads] / limits[loads]])
 
     def scalar(self, moves: np.ndarray) -> float:
         """Objective and penalty."""
-        v = self.vector(np.asarray(moves, float))
-        f, g = (part.full().ravel() for part in self.problem.objective(v, self.extra))
-        return self._seen(v, float(f[0]), self.violation(g))
+        residuals = self.residuals(moves)
+        return min(float(residuals @ residuals), 1e6)
 
     def residuals(self, moves: np.ndarray) -> np.ndarray:
         """Residuals whose squares add up to objective and penalty."""
         v = self.vector(np.asarray(moves, float))
-        g = self.problem.objective(v, self.extra)[1].full().ravel()
-        missed = self.violation(g)
-        wrong = self.plain(v)
+        wrong, kept = self.both(v)
+        missed = np.maximum(-kept, 0.0)
         self._seen(v, float(wrong @ wrong), missed)
-        return np.nan_to_num(np.concatenate([wrong, np.sqrt(PENALTY) * missed]), nan=1e3)
-
-    def plain(self, v: np.ndarray) -> np.ndarray:
-        """Residuals of the objective alone."""
-        p = ca.repmat(ca.DM(self.values(v[: self.size])), 1, self.s.shape[1])
-        re, im = self.response(0 * self.s, self.s, p)
-        return self.wrong(v, (re.full() + 1j * im.full()).T)
+        return np.nan_to_num(np.concatenate([wrong, np.sqrt(self.penalty) * missed]), nan=1e3)
 
     def wrong(self, v: np.ndarray, H: np.ndarray) -> np.ndarray:
         """The same from responses (f, h)."""
@@ -167,20 +179,14 @@ class Reduced:
             wrong.append(np.sqrt(EIGEN) * np.array([natural - 1, -sigma / natural - ratio_wanted]))
         return np.concatenate(wrong)
 
-    def _seen(self, v: np.ndarray, f: float, missed: np.ndarray) -> float:
-        """Count, watch the clock, and see whether this is as good as ours; the penalised value."""
+    def _seen(self, v: np.ndarray, f: float, missed: np.ndarray) -> None:
+        """Count, watch the clock, and see whether this is as good as ours."""
         self.evaluations += 1
-        value = f + PENALTY * float(missed @ missed)
-        if not np.isfinite(value):
-            return 1e6
-        if value < self.best and missed.max(initial=0.0) <= SLACK:
-            if not checked(self.problem, v)[2]:
-                return value + 10.0
-            self.best = value
-            self.arrived = value <= NEAR * self.target
+        if f < self.best and missed.max(initial=0.0) <= SLACK and checked(self.problem, v)[2]:
+            self.best = f
+            self.arrived = f <= NEAR * self.target
         if self.arrived or clock() - self.began > self.budget:
             raise Arrived
-        return value
 
 
 @dataclass
@@ -191,10 +197,8 @@ class Plain(Reduced):
         super().__post_init__()
         own = self.problem
         self.loop = NumpyLoop(own.case, own.moves)
-        extra = ca.MX.sym("extra", own.slots)
-        places = ca.Function("places", [extra], [_places(own.case, extra)])(self.extra).full()
         self.band = 2j * np.pi * grid(own.case)
-        self.at, self.least = np.concatenate([self.band, places[0] + 1j * places[1]]), places[2]
+        self.at = np.concatenate([self.band, self.places[0] + 1j * self.places[1]])
         goals = own.goals
         self.patterns = np.array([goal.pattern / np.linalg.norm(goal.pattern) for goal in goals])
         self.wanted = np.array([goal.eigenvalue for goal in goals])
@@ -231,16 +235,16 @@ class Plain(Reduced):
         return np.concatenate([moves, *parts])
 
     def both(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of the objective and the constraints' rows, those of the eigenpairs left out, to stay above 0."""
+        """As there, for two dynamometers."""
         p = self.values(v[: self.size])
         H, D = self.loop.at(self.at, p, len(self.band))
-        D, least = D[len(self.band) :], self.least
+        D, least = D[len(self.band) :], self.places[2]
         gram = np.conj(np.swapaxes(D, 1, 2)) @ D
-        own = np.real(np.diagonal(gram, axis1=1, axis2=2))
-        first = (own[:, 0] - least**2) / (1 + own[:, 0])
-        rest = (own[:, 0] - least**2) * (own[:, 1] - least**2) - np.abs(gram[:, 0, 1]) ** 2
-        minors = np.concatenate([first, rest / ((1 + own[:, 0]) * (1 + own[:, 1]))])
-        return self.wrong(v, H), np.concatenate([minors, 1 - self.demands(p)])
+        own, across = np.real(np.diagonal(gram, axis1=1, axis2=2)), np.abs(gram[:, 0, 1]) ** 2
+        apart = np.sqrt(((own[:, 0] - own[:, 1]) / 2) ** 2 + across + (MEET * least**2) ** 2)
+        smallest = (own[:, 0] * own[:, 1] - across) / (own.sum(1) / 2 + apart)
+        kept = np.sqrt(np.maximum(smallest, 0.0)) / least - 1
+        return self.wrong(v, H), np.concatenate([kept, 1 - self.demands(p)])
 
     def demands(self, p: np.ndarray) -> np.ndarray:
         """What the manoeuvre asks of shafts and dynamometers, over its limits."""
@@ -262,14 +266,6 @@ class Plain(Reduced):
             rows += [chain.peak(total, factor) / limits[name] for name, factor in peaks if name in limits]
         return np.array(rows)
 
-    def residuals(self, moves: np.ndarray) -> np.ndarray:
-        """As there."""
-        v = self.vector(np.asarray(moves, float))
-        wrong, kept = self.both(v)
-        missed = np.maximum(-kept, 0.0)
-        self._seen(v, float(wrong @ wrong), missed)
-        return np.nan_to_num(np.concatenate([wrong, np.sqrt(PENALTY) * missed]), nan=1e3)
-
 
 def task_of(path: Path) -> Task:
     """The programme of a case file, as :func:`matching.frequency.match.match` sets it up."""
@@ -287,13 +283,11 @@ def disagreement(helped: Reduced, plain: Plain) -> float:
     random, worst = np.random.default_rng(1), 0.0
     for _ in range(10):
         v = helped.vector(random.uniform(0.05, 0.95, helped.size))
-        f, g = (part.full().ravel() for part in helped.problem.objective(v, helped.extra))
-        wrong, kept = plain.both(v)
-        worst = max(worst, abs(float(wrong @ wrong) / float(f[0]) - 1))
-        held = 2 * len(plain.least)
-        worst = max(worst, float(np.abs(kept[:held] - g[:held]).max()))
-        asked = helped.problem.g_upper[-1] - g[len(g) - (len(kept) - held) :]
-        worst = max(worst, float(np.abs(kept[held:] - asked).max()))
+        f = float(helped.problem.objective(v, helped.extra)[0])
+        (wrong, kept), (own, own_kept) = plain.both(v), helped.both(v)
+        worst = max(worst, abs(float(wrong @ wrong) / f - 1), abs(float(own @ own) / f - 1))
+        near = np.minimum([kept, own_kept], 1.0)  # far from its bound a margin is lost in our rows' rounding
+        worst = max(worst, float(np.abs(near[0] - near[1]).max()))
     return worst
 
 
@@ -305,12 +299,17 @@ def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduc
     run.began = clock()
     try:
         if by == "differential_evolution":
+            run.penalty = PENALTIES[1]
             differential_evolution(run.scalar, bounds, seed=seed, maxiter=10**6, tol=0, polish=False, init="sobol")
-        for number in range(0 if by == "differential_evolution" else 10**6):
+        for number in () if by == "differential_evolution" else count(min(seed, 1)):
             random = np.random.default_rng([seed, number]) if number else None
             begin = _start(run.problem, random)[: run.size]
             run.roots = [goal.eigenvalue for goal in run.problem.goals]
-            least_squares(run.residuals, begin, bounds=(0.0, 1.0), x_scale=1.0)
+            for run.penalty in PENALTIES:
+                end = least_squares(run.residuals, begin, bounds=(0.0, 1.0), x_scale=1.0)
+                if 2 * end.cost > POOR * ours.objective:
+                    break
+                begin = end.x
     except Arrived:
         pass
     return run
@@ -318,9 +317,10 @@ def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduc
 
 def first_arrival(task: Task, target: float, seed: int) -> float:
     """Processor time of our starts until one ends tightly within 1 % of the target, s."""
+    _expressions.cache_clear()
     began = clock()
     problem = task.build()
-    for number in range(14):
+    for number in range(min(seed, 1), 14):
         end = _one(problem, seed, number)
         if end is not None and (found := _tight(task, end, ())).holds and found.objective <= NEAR * target:
             return clock() - began
@@ -331,6 +331,7 @@ def main() -> None:
     solving._check = checked  # our own checks are off the clock as well
     task = task_of(CASE)
     task.build()  # compiles what the cache lacks
+    _expressions.cache_clear()
     began = clock()
     found = solve(task)
     whole = clock() - began
@@ -350,7 +351,7 @@ def main() -> None:
     if not worst < 1e-9:
         raise SystemExit("the NumPy peer's objective is another one")
     ours = {seed: first_arrival(task, found.objective, seed) for seed in range(SEEDS)}
-    for by in ("least_squares, NumPy", "least_squares, helped", "differential_evolution"):
+    for by in PEERS:
         runs = []
         for seed, own in ours.items():
             run = peer(task, found, BUDGET * own, by, seed)
