@@ -30,6 +30,8 @@ FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
 MINORITY = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
+DRAWS = 6  # of which a random start is the best: one far off ends where the phase is wrong by whole turns
+MISSING = 10.0  # price of a missed constraint, scaled, in choosing it
 LED = 3  # starts at a shorter dead time where the others do not agree
 STEPS = (0.4, 0.55, 0.7, 0.78, 0.85, 0.9, 0.95, 1.0)  # of the dead time on the way to it
 LOST = 2  # steps in a row that end infeasible or unstable: it is not led any further
@@ -226,6 +228,19 @@ def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
 
 
 def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
+    """The case's own start, or the most promising of some drawn at random."""
+    if random is None:
+        return _drawn(problem, None)
+
+    def merit(v: np.ndarray) -> float:
+        f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
+        missed = np.maximum(problem.g_lower - g, g - problem.g_upper).max(initial=0.0)
+        return float(np.nan_to_num(f[0] + MISSING * min(missed, 1.0), nan=np.inf))
+
+    return min((_drawn(problem, random) for _ in range(DRAWS)), key=merit)
+
+
+def _drawn(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
     """A start: mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets."""
     v = np.zeros(len(problem.lower))
     for i, move in enumerate(problem.moves):
