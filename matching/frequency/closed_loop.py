@@ -23,6 +23,14 @@ from modelling.residual_vehicle import Interface
 from modelling.system import Gear, Shaft, System, unknown
 
 
+@dataclass(frozen=True, eq=False)
+class General:
+    """Compared responses and return difference of (s_re, s_im, p, fixed): one object for all cases of one structure."""
+
+    response: ca.Function
+    difference: ca.Function
+
+
 @dataclass(frozen=True)
 class ClosedLoop:
     """The loop of a case as CasADi functions.
@@ -35,25 +43,24 @@ class ClosedLoop:
         Values as the case has them.
     fixed : ndarray (c,)
         What does not move, as far as it is neither 0 nor 1, which are part of the structure.
-    general_response, general_difference : Function
-        :attr:`response` and :attr:`difference` of (s_re, s_im, p, fixed): the same for every case of one structure.
+    general : General
+        :attr:`response` and :attr:`difference` for every case of the structure.
     """
 
     parameters: tuple[str, ...]
     values: np.ndarray
     fixed: np.ndarray
-    general_response: ca.Function
-    general_difference: ca.Function
+    general: General
 
     @cached_property
     def response(self) -> ca.Function:
         """(s_re, s_im, p) → H re (h,), H im (h,) of the compared functions."""
-        return self._here(self.general_response)
+        return self._here(self.general.response)
 
     @cached_property
     def difference(self) -> ca.Function:
         """(s_re, s_im, p) → return difference I + L, re (u·u,) and im, row by row."""
-        return self._here(self.general_difference)
+        return self._here(self.general.difference)
 
     def _here(self, general: ca.Function) -> ca.Function:
         inputs = [ca.SX.sym("s_re"), ca.SX.sym("s_im"), ca.SX.sym("p", len(self.values))]
@@ -126,12 +133,11 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     )
     kept = np.array([values[names.index(group[0])][1] for group in groups])
     given = np.array([values[i][1] for i in structure.still])
-    return ClosedLoop(tuple(group[0] for group in groups), kept, given, *_expressions(structure))
+    return ClosedLoop(tuple(group[0] for group in groups), kept, given, _expressions(structure))
 
 
 @lru_cache(maxsize=16)
-def _expressions(own: _Structure) -> tuple[ca.Function, ca.Function]:
-    """Compared responses and return difference as functions of (s_re, s_im, p, fixed)."""
+def _expressions(own: _Structure) -> General:
     rig, parts, still = compiled(own.rig), [compiled(part) for part in own.parts], own.still
     symbols, fixed = ca.SX.sym("p", len(own.moving)), ca.SX.sym("fixed", len(still))
     p = ca.SX([0.0 if value is None else value for value in own.known])
@@ -153,7 +159,7 @@ def _expressions(own: _Structure) -> tuple[ca.Function, ca.Function]:
         parts = [ca.vertcat(*(value.re for value in values)), ca.vertcat(*(value.im for value in values))]
         return ca.Function(name, inputs, parts, names_in, ["re", "im"])
 
-    return function("response", H), function("difference", [entry for row in difference for entry in row])
+    return General(function("response", H), function("difference", [entry for row in difference for entry in row]))
 
 
 class _Body:

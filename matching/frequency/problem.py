@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -23,7 +24,7 @@ import numpy as np
 
 from matching.frequency.blocks import Common, Fidelity, Margins, Pairs, ResponseError
 from matching.frequency.case import Case, Move
-from matching.frequency.closed_loop import ClosedLoop, closed_loop
+from matching.frequency.closed_loop import ClosedLoop, General, closed_loop
 from matching.frequency.demands import Demands
 from matching.frequency.evaluators import Derivation, bend, pull, slope, together, value
 from matching.frequency.objective import Aim
@@ -179,7 +180,9 @@ def build(
     loop = closed_loop(case, [move.together for move in moves])
     size, count = len(moves), len(moves) + sum(2 + 2 * len(goal.pattern) for goal in goals)
     v, extra = ca.MX.sym("v", count), ca.MX.sym("extra", slots)
-    common = Common(_functions(loop, moves, bool(goals), aim is None, exact, compiled), v, size, _fixed(loop, moves))
+    logarithmic = tuple(_logarithmic(move) for move in moves)
+    functions = _functions(loop.general, logarithmic, len(loop.fixed), bool(goals), aim is None, exact, compiled)
+    common = Common(functions, v, size, _fixed(loop, moves))
     stable, pairs = Margins(common, _places(case, extra)), Pairs(common, goals)
     error: ResponseError | Fidelity
     if aim is None:
@@ -244,34 +247,42 @@ def _fixed(loop: ClosedLoop, moves: Sequence[Move]) -> np.ndarray:
     return np.concatenate([loop.fixed, *scales]) if scales else loop.fixed
 
 
-def _symbols(loop: ClosedLoop, moves: Sequence[Move]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """What moves, the fixed numbers of :func:`_fixed`, and p as expressions of both."""
-    free, fixed = ca.SX.sym("free", len(moves)), ca.SX.sym("fixed", len(loop.fixed) + 2 * len(moves))
-    p = ca.SX(len(moves), 1)
-    for i, move in enumerate(moves):
-        low, span = fixed[len(loop.fixed) + 2 * i], fixed[len(loop.fixed) + 2 * i + 1]
-        p[i] = low * ca.exp(span * free[i]) if _logarithmic(move) else low + span * free[i]
+def _symbols(known: int, logarithmic: tuple[bool, ...]) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """What moves, the fixed numbers of :func:`_fixed`, ``known`` of them the loop's, and p as expressions of both."""
+    count = len(logarithmic)
+    free, fixed = ca.SX.sym("free", count), ca.SX.sym("fixed", known + 2 * count)
+    p = ca.SX(count, 1)
+    for i, log in enumerate(logarithmic):
+        low, span = fixed[known + 2 * i], fixed[known + 2 * i + 1]
+        p[i] = low * ca.exp(span * free[i]) if log else low + span * free[i]
     return free, fixed, p
 
 
 def _plain_responses(loop: ClosedLoop, moves: Sequence[Move], compiled: bool) -> dict[str, ca.Function]:
     """Responses and their derivatives, for the fidelity."""
-    free, fixed, p = _symbols(loop, moves)
-    term = response(loop, free, p, fixed)
+    free, fixed, p = _symbols(len(loop.fixed), tuple(_logarithmic(move) for move in moves))
+    term = response(loop.general, free, p, fixed)
     plain = {"plain": term.plain}  # CasADi differentiates what is not compiled any further
     return plain | together({"response": (value, term), "response_pull": (pull, term)}, compiled)
 
 
+@lru_cache(maxsize=16)
 def _functions(
-    loop: ClosedLoop, moves: Sequence[Move], tracked: bool, responses: bool, exact: bool, compiled: bool
+    loop: General,
+    logarithmic: tuple[bool, ...],
+    known: int,
+    tracked: bool,
+    responses: bool,
+    exact: bool,
+    compiled: bool,
 ) -> dict[str, ca.Function]:
     """The terms and their derivatives; no number of the case stands in them."""
-    free, fixed, p = _symbols(loop, moves)
+    free, fixed, p = _symbols(known, logarithmic)
     held = margin(loop, free, p, fixed)
     wanted: dict[str, tuple[Derivation, Term]] = {"margin": (value, held), "margin_slope": (slope, held)}
     second: dict[str, tuple[Derivation, Term]] = {"margin_bend": (bend, held)}
     if responses:
-        ratio, log = logarithm(loop, loop.general_response.numel_out(0), free, p, fixed)
+        ratio, log = logarithm(loop, loop.response.numel_out(0), free, p, fixed)
         wanted |= {"ratio": (value, ratio), "pull": (pull, log)}
         second |= {"log_slope": (slope, log), "log_bend": (bend, log)}
     if tracked:

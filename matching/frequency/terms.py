@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from matching.frequency.closed_loop import ClosedLoop
+from matching.frequency.closed_loop import General
 
 MEET = 1e-3  # of least²: how near both singular values have to be before they count as one
 
@@ -42,19 +42,19 @@ class Term:
         return ca.Function("plain", [self.at, self.free, self.fixed], [self.value])
 
 
-def response(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
+def response(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
     """H (2·h,), real parts first, at s (2,)."""
     s = ca.SX.sym("s", 2)
-    return Term(s, free, fixed, ca.vertcat(*_at(loop.general_response, s, p, fixed)))
+    return Term(s, free, fixed, ca.vertcat(*_at(loop.response, s, p, fixed)))
 
 
-def logarithm(loop: ClosedLoop, count: int, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Term, Term]:
+def logarithm(loop: General, count: int, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Term, Term]:
     """H/wanted (2·h,), real parts first, and its logarithm (2·h,) for ``count`` responses; at s and wanted (2 + 2·h,).
 
     ``p`` holds the values of what moves as expressions of ``free``, and of the bounds in ``fixed`` after the loop's.
     """
     s, wanted = ca.SX.sym("s", 2), [ca.SX.sym(f"wanted_{part}", count) for part in ("re", "im")]
-    re, im = _at(loop.general_response, s, p, fixed)
+    re, im = _at(loop.response, s, p, fixed)
     size = wanted[0] ** 2 + wanted[1] ** 2
     ratio_re, ratio_im = (re * wanted[0] + im * wanted[1]) / size, (im * wanted[0] - re * wanted[1]) / size
     log = ca.vertcat(ca.log(ratio_re**2 + ratio_im**2 + 1e-12) / 2, ca.atan2(ratio_im, ratio_re))
@@ -62,7 +62,7 @@ def logarithm(loop: ClosedLoop, count: int, free: ca.SX, p: ca.SX, fixed: ca.SX)
     return Term(at, free, fixed, ca.vertcat(ratio_re, ratio_im)), Term(at, free, fixed, log)
 
 
-def margin(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
+def margin(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
     """How far the smallest singular value of D = I + L is above ``least``, (σ² − least²)/(1 + σ²); at s and least (3,).
 
     Smooth where both singular values meet: there it is less than it is by the order of :data:`MEET`, never more.
@@ -73,7 +73,7 @@ def margin(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
         For more than two dynamometers.
     """
     at = ca.SX.sym("s", 3)
-    re, im = _at(loop.general_difference, at, p, fixed)
+    re, im = _at(loop.difference, at, p, fixed)
     k, least = round(re.numel() ** 0.5), at[2]
     if k > 2:
         raise NotImplementedError("more than two dynamometers")
@@ -88,16 +88,16 @@ def margin(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
     return Term(at, free, fixed, (smallest - least**2) / (1 + smallest))
 
 
-def eigenpair(loop: ClosedLoop, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
+def eigenpair(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
     """Rows (2·u + 2,) that are zero at an eigenpair of the loop, and last its squared distance from the goal.
 
     At :attr:`Goal.numbers`; what moves is ``free`` and after it the pair (2 + 2·u,): σ and ω over the goal's |s|, and
     the vector's real and imaginary parts, normalised by patternᵀx = 1.
     """
-    k = round(loop.general_difference.numel_out(0) ** 0.5)
+    k = round(loop.difference.numel_out(0) ** 0.5)
     own, goal = ca.SX.sym("pair", 2 + 2 * k), ca.SX.sym("goal", 2 + k)
     x_re, x_im, pattern = own[2 : 2 + k], own[2 + k :], goal[2:]
-    re, im = _at(loop.general_difference, own[:2] * goal[0], p, fixed)
+    re, im = _at(loop.difference, own[:2] * goal[0], p, fixed)
     D_re, D_im = ca.reshape(re, k, k).T, ca.reshape(im, k, k).T
     scale = 1 / (1 + ca.sqrt(ca.sumsqr(re) + ca.sumsqr(im)))
     natural = ca.sqrt(own[0] ** 2 + own[1] ** 2)

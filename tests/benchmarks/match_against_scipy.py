@@ -1,8 +1,10 @@
 """The reference match: IPOPT with exact derivatives against SciPy, same objective, bounds and constraints, one run.
 
-Both sides begin at the same starts, one after the other, are told the frequencies at which the end of the whole match
-holds the margin beside the grid, are forgiven 2e-3 of every constraint, and are stopped at the first point that is
-within 1 % of the whole match's value and stable. Ours builds its programme within the clock. Peers:
+Two races. *The whole match*: starts until three agree to 0.5 %, and a third of all, by either side. Ours finds itself
+the frequencies at which the margin has to be held beside the grid; the peer is told them. *First arrival*: both sides
+told them, forgiven 2e-3 of every constraint, and stopped at the first point within 1 % of the whole match's value that
+is stable; nobody is told that value in practice, so a search that only ever comes near gets the most out of it. Both
+sides begin at the same starts, one after the other; ours builds its programme within the clock. Peers:
 
 ``least_squares, NumPy``         finite differences; the objective as an engineer writes it without CasADi: stacks of
                                  complex matrices over all frequencies, vectorised (:mod:`tests.benchmarks.numpy_loop`)
@@ -16,8 +18,7 @@ on our own scaled rows, was slower to arrive (measured). Peers are helped furthe
 eigenpairs for them, and where the lightest penalty ends at a poor optimum they are spared the heavier ones.
 
 Where a peer has not arrived within its budget the ratio is a lower bound. Processor time, so that other load does not
-count, without the checks of stability on either side. The time of the whole match, whose starts have to agree and which
-finds those frequencies by itself, is printed beside it.
+count, without the checks of stability and margin on either side.
 """
 
 import os
@@ -37,7 +38,7 @@ from matching.frequency.closed_loop import _expressions
 from matching.frequency.demands import demands
 from matching.frequency.goals import goals, target_modes
 from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, grid, scaled, unscaled
-from matching.frequency.solve import Solution, Task, _check, _run, _start, solve
+from matching.frequency.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _run, _start, solve
 from matching.frequency.terms import MEET
 from matching.frequency.verification import responses
 from matching.frequency.weights import FREEZE_BELOW, counterparts, price, share
@@ -51,7 +52,8 @@ BUDGET = float(os.environ.get("MATCH_BUDGET", 100))  # of a peer, in times of ou
 PEERS = ("least_squares, NumPy", "least_squares, helped", "differential_evolution")
 NEAR = 1.01  # times the whole match's value
 PENALTIES = (30.0, 300.0, 3000.0)  # of a relative violation squared, one after the other
-POOR = 1.5  # times our value: an end at the lightest penalty that is not followed any further
+POOR = 1.5  # times the best value: an end at the lightest penalty that is not followed any further
+LOOSE = 1e-4  # tolerances of the peer's whole match: it then ends to three or four digits
 NEXT = 1e-7  # relative step of a root after which the next one would be lost in rounding
 SLACK = 2e-3  # relative violation forgiven
 
@@ -317,6 +319,25 @@ def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduc
     return run
 
 
+def whole(task: Task, ours: Solution, seed: int) -> tuple[float, float, int]:
+    """``least_squares, NumPy`` as a match would use it: processor time in s, objective, number of starts."""
+    run, ends = Plain(task.build(slots=SLOTS), task, -np.inf, np.inf, ours.added), []
+    began = clock()
+    for number in range(20):
+        end = _start(run.problem, np.random.default_rng([seed, number]) if number else None)[: run.size]
+        run.roots = [goal.eigenvalue for goal in run.problem.goals]
+        for run.penalty in PENALTIES:
+            found = least_squares(run.residuals, end, bounds=(0.0, 1.0), ftol=LOOSE, xtol=LOOSE, gtol=LOOSE)
+            end, value = found.x, 2 * found.cost
+            if value > POOR * min(ends, default=np.inf):
+                break
+        if checked(run.problem, run.vector(end))[2]:
+            ends.append(value)
+        if sum(value <= min(ends) * (1 + AGREE) for value in ends) >= max(ENOUGH, (number + 1) / MINORITY):
+            break
+    return clock() - began, min(ends), number + 1
+
+
 class Watch(ca.Callback):
     """Looks at every iterate of IPOPT and stops it where it has arrived."""
 
@@ -373,10 +394,7 @@ def main() -> None:
     solving._check = checked  # our own checks are off the clock as well
     task = task_of(CASE)
     task.build()  # compiles what the cache lacks
-    _expressions.cache_clear()
-    began = clock()
     found = solve(task)
-    whole = clock() - began
     if not found.feasible or not found.holds:
         raise SystemExit("our own match is infeasible")
     moves = np.array([scaled(found.values[move.name], move) for move in task.moves])
@@ -392,6 +410,22 @@ def main() -> None:
     print(f"objective and constraints in NumPy are ours to {worst:.1e}")
     if not worst < 1e-9:
         raise SystemExit("the NumPy peer's objective is another one")
+    runs = []
+    for seed in range(SEEDS):
+        _expressions.cache_clear()
+        began = clock()
+        own = solve(task, seed)
+        spent = clock() - began
+        if abs(own.objective / found.objective - 1) > NEAR - 1:
+            raise SystemExit(f"seed {seed}: our match ends at {own.objective}, not {found.objective}")
+        theirs, value, starts = whole(task, found, seed)
+        runs.append((spent, theirs))
+        told = (
+            f"{spent:.3g} s, {len(own.starts)} starts, {own.objective:.5f}; peer {theirs:.3g} s, {starts}, {value:.5f}"
+        )
+        print(f"  whole match, seed {seed}: {told}", flush=True)
+    spent, theirs = (float(np.median(own)) for own in zip(*runs, strict=True))
+    print(row("a whole match against least_squares, NumPy, medians", spent, theirs, ">= 20"), flush=True)
     ours = {seed: watched(task, found, seed) for seed in range(SEEDS)}
     print("ours: " + ", ".join(f"{own:.3f} s" for own in ours.values()))
     for by in PEERS:
@@ -409,8 +443,8 @@ def main() -> None:
             )
         own, spent = (float(np.median([one[i] for one in runs])) for i in (1, 2))
         arrived = sum(one[3].arrived for one in runs)
-        note = f">= 20; {arrived} of {len(runs)} arrived; whole match {whole:.3g} s: {spent / whole:.1f}"
-        print(row(f"a match against {by}, medians", own, spent, note), flush=True)
+        note = f">= 20; {arrived} of {len(runs)} arrived"
+        print(row(f"first arrival against {by}, medians", own, spent, note), flush=True)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from matching.frequency.case import load_case
 from matching.frequency.demands import demands
 from matching.frequency.evaluators import _REMEMBERED
 from matching.frequency.goals import goals, target_modes
-from matching.frequency.problem import build, grid
+from matching.frequency.problem import _functions, build, grid
 from matching.frequency.solve import _start
 from matching.frequency.verification.responses import responses
 from modelling.simulation.build import compiler, folder
@@ -113,6 +113,7 @@ def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch)
     monkeypatch.setenv("RIGMATCH_CACHE", str(tmp_path))
     folder.cache_clear()
     _REMEMBERED.clear()
+    _functions.cache_clear()
     case = load_case(EXAMPLES / "compact_bev" / "case.toml")
     own, found = goals(case, target_modes(case)), []
     fewer = replace(case, moves=case.moves[1:])
@@ -122,6 +123,7 @@ def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch)
         weights, reference = np.ones(len(one.moves)), responses(one, grid(one)).vehicle
         build(one, one.moves, weights, own, reference, demands(one))
         _REMEMBERED.clear()
+        _functions.cache_clear()
         found.append(len(list(tmp_path.glob("*.so"))))
     folder.cache_clear()
     assert found[0] == found[1] == found[2] == 6
