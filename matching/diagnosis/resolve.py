@@ -15,6 +15,7 @@ from matching.diagnosis.fit import Fit, Quadratic, solve
 
 SEARCH, FINAL, UTMOST = 8, 16, 256  # steps a sample at most
 PAYS, SHARE = 3.0, 1e-4  # decrease of χ² that is worth another halving: so much, and so much of it
+OF_MISFIT = 0.05  # the same beyond ``FINAL``, of the misfit beyond noise: what takes less is not what is missing
 
 
 def resolved(fit: Fit, most: int = SEARCH) -> Fit:
@@ -23,6 +24,8 @@ def resolved(fit: Fit, most: int = SEARCH) -> Fit:
     sampling = 1 / float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
     while np.isfinite(fit.problem.stick) and fit.problem.steps < 0.75 * most * sampling:
         pays = max(PAYS, SHARE * fit.cost)
+        if fit.problem.steps > 0.75 * FINAL * sampling:
+            pays = max(pays, OF_MISFIT * (fit.cost - float(fit.problem.data.samples.sum())))
         half = replace(fit.problem, steps=2 * fit.problem.steps, stick=fit.problem.stick / 2)
         if fit.cost - _promised(fit, half.residuals(fit.v[None])[0]) < pays:
             break
