@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from matching.diagnosis.result import Diagnosis
     from matching.frequency.case import Case
-    from matching.frequency.map import Axis, Map
+    from matching.frequency.map import Map
+    from matching.frequency.map_axis import Axis
     from matching.frequency.result import MatchResult
     from matching.frequency.tolerance import Tolerance
     from matching.validity.answers import Uncertainty, XilFidelity

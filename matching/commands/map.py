@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _quantities(arguments: argparse.Namespace) -> list[str]:
     from matching.frequency.case import load_case
-    from matching.frequency.map import quantities
+    from matching.frequency.map_axis import quantities
 
     return list(quantities(load_case(arguments.case)))
 
@@ -38,7 +38,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.arguments import cores, progress
     from matching.frequency.case import load_case
-    from matching.frequency.map import axis, map_case
+    from matching.frequency.map import map_case
+    from matching.frequency.map_axis import axis
     from matching.report.map_figure import map_figure
     from matching.report.style import image
     from matching.studies import executor_of

@@ -13,7 +13,7 @@ from matching.frequency.goals import goals
 from matching.frequency.objective import fidelity_aim
 from matching.frequency.problem import grid
 from matching.frequency.relax import Unkept, unkept
-from matching.frequency.solve import Solution, Task, solve
+from matching.frequency.solve import Near, Solution, Task, solve
 from matching.frequency.thaw import needed_for_more, needed_to_keep
 from matching.frequency.tuned import apply
 from matching.frequency.verification.responses import responses
@@ -43,7 +43,7 @@ class Attempt:
 
 def attempt(
     case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands,
-    seed: int, starts: int, workers: int, tell: Progress,
+    seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
 ) -> Attempt:  # fmt: skip
     """Solve and verify; a second time, with the limits drawn in, where the simulated manoeuvre overruns some.
 
@@ -52,7 +52,7 @@ def attempt(
     """
 
     def once(asked: Demands) -> Attempt:
-        return _verified(case, _solved(case, shares, targets, asked, seed, starts, workers, tell))
+        return _verified(case, _solved(case, shares, targets, asked, seed, starts, workers, tell, near))
 
     first = once(asked)
     tell("verification")
@@ -72,7 +72,7 @@ def _verified(case: Case, found: tuple[Task, Solution, list[Unkept], dict[str, s
 
 def _solved(
     case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands,
-    seed: int, starts: int, workers: int, tell: Progress,
+    seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
 ) -> tuple[Task, Solution, list[Unkept], dict[str, str]]:  # fmt: skip
     """Task, solution, limits beyond reach, thawed; solved again where a limit at the end depends on what was frozen."""
     free = [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
@@ -82,7 +82,7 @@ def _solved(
         task, beyond = task_of(case, shares, moves, targets, asked), unkept(case, moves, asked)
         if beyond:  # no setting keeps them: the best that keeps the rest is worth more than none
             task = replace(task, demands=replace(asked, limits={}))
-        solution = solve(task, seed, starts, workers, tell) if moves else Solution({}, 0.0, (), True)
+        solution = solve(task, seed, starts, workers, tell, near) if moves else Solution({}, 0.0, (), True)
         more = {}
         if not beyond and solution.feasible:
             more = needed_for_more(case, moves, asked, apply(case, solution.values))

@@ -14,7 +14,7 @@ from matching.frequency.goals import target_modes
 from matching.frequency.limits import limits
 from matching.frequency.relax import sufficient_dead_time
 from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.solve import Solution, Task
+from matching.frequency.solve import Near, Solution, Task
 from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.responses import error_figures, responses
 from matching.frequency.verification.verify import Verification
@@ -33,8 +33,9 @@ Progress = Callable[[str], None]
 
 
 def match(
-    case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1
-) -> MatchResult:
+    case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
+    near: Near | None = None,
+) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
     Parameters
@@ -49,6 +50,8 @@ def match(
         Called with a word on what was just done.
     workers : int
         Processes for the starts; the result does not depend on how many.
+    near : Near, optional
+        Solutions of like cases, to start from these alone.
 
     Returns
     -------
@@ -60,6 +63,8 @@ def match(
     ------
     InputError
         If the case cannot be worked on as it stands.
+    NoBetter
+        If ``near`` leads to nothing better than it has to.
     """
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
@@ -69,7 +74,7 @@ def match(
     shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
-    found = attempt(case, shares, targets, asked, seed, starts, workers, tell)
+    found = attempt(case, shares, targets, asked, seed, starts, workers, tell, near)
     task, solution, tuned, checked = found.task, found.solution, found.tuned, found.checked
     results = tuple(
         _target(case, checked, number, pair, mode)
@@ -99,6 +104,7 @@ def match(
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,
+        pairs=solution.pairs,
         seconds=time.perf_counter() - begin,
     )
 

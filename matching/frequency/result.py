@@ -127,7 +127,8 @@ class MatchResult:
     verification : Verification
         See :mod:`matching.frequency.verification`.
     objective : float
-        Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable).
+        Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable); ``pairs`` as
+        :class:`matching.frequency.solve.Solution` has them.
     """
 
     status: str
@@ -145,6 +146,7 @@ class MatchResult:
     verification: Any = field(repr=False)
     objective: float = float("nan")
     starts: tuple[float | None, ...] = ()
+    pairs: tuple[float, ...] = ()
     seconds: float = 0.0
 
     @cached_property

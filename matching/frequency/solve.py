@@ -54,7 +54,7 @@ class Solution:
     """Tuned values by name (SI), the objective there and that of every start (None: infeasible or unstable).
 
     ``holds`` is whether the modulus margin is kept between the frequencies of the grid, too, and ``added`` are those
-    (Hz) at which it was asked for beside the grid.
+    (Hz) at which it was asked for beside the grid. ``pairs`` are the goals' eigenpairs as the decision vector has them.
     """
 
     values: dict[str, float]
@@ -63,6 +63,27 @@ class Solution:
     feasible: bool
     holds: bool = True
     added: tuple[float, ...] = ()
+    pairs: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Near:
+    """Solutions of like cases to start from, in place of starts of its own.
+
+    Each is its tuned values by name (SI) and its eigenpairs as :class:`Solution` has them. ``below`` is the objective
+    that has to be beaten, None where there is none yet.
+    """
+
+    solutions: tuple[tuple[Mapping[str, float], Sequence[float]], ...]
+    below: float | None = None
+
+    def beaten_by(self, objective: float) -> bool:
+        """Whether an objective is lower by more than ends of one optimum differ."""
+        return self.below is None or objective < self.below - AGREE * abs(self.below)
+
+
+class NoBetter(Exception):
+    """Nothing below the objective that had to be beaten."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +107,9 @@ class Task:
 
 
 def solve(
-    task: Task, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None
-) -> Solution:
+    task: Task, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None,
+    near: Near | None = None,
+) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts.
 
     Parameters
@@ -100,7 +122,16 @@ def solve(
         where they do not.
     workers : int
         Processes; the outcome does not depend on how many.
+    near : Near, optional
+        To start from these alone.
+
+    Raises
+    ------
+    NoBetter
+        If those lead to nothing better.
     """
+    if near is not None:
+        return _from(task, near)
     ends: list[End | None] = []
     enough, led = min(ENOUGH, starts), 0 if task.aim or task.case.loop.torqueless else min(LED, starts)
     for end in chain(_ends(task, seed, starts, workers), (_led(task, seed, number) for number in range(led))):
@@ -208,15 +239,38 @@ def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
             sharper, _, stable = _check(problem, end.v)
             if stable and sharper >= least:
                 best, margin = end, sharper
-    return Solution(problem.values(best.v), best.objective, starts, True, bool(margin >= least), tuple(extra.tolist()))
+    holds, pairs = bool(margin >= least), best.v[len(problem.moves) :]
+    values = problem.values(best.v)
+    return Solution(values, best.objective, starts, True, holds, tuple(extra.tolist()), tuple(pairs.tolist()))
+
+
+def _from(task: Task, near: Near) -> Solution:
+    """The best end from the solutions of like cases, with their eigenpairs and with those on their targets."""
+    problem = task.build()
+    begins = [_begin(problem, values, own) for values, pairs in near.solutions for own in (pairs, ())]
+    ends = list(_stable(problem, begins))
+    if not any(near.beaten_by(end.objective) for end in ends):
+        raise NoBetter
+    found = _first_that_holds(task, ends, tuple(end.objective for end in ends))
+    if not near.beaten_by(found.objective):
+        raise NoBetter
+    return found
+
+
+def _begin(problem: Problem, values: Mapping[str, float], pairs: Sequence[float] = ()) -> np.ndarray:
+    """A start at given values, eigenpairs as given or on their targets."""
+    begin = _start(problem, None)
+    own = [scaled(values[move.name], move) for move in problem.moves]
+    begin[: len(own)] = np.clip(own, 0.01, 0.99)
+    if len(pairs) == len(begin) - len(own):
+        begin[len(own) :] = pairs
+    return begin
 
 
 def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
     """Solve a programme from the values of a neighbouring one and from gentler loops; None if all ends are unstable."""
     problem = task.build()
-    begin = _start(problem, None)
-    own = [scaled(values[move.name], move) for move in problem.moves]
-    begin[: len(own)] = np.clip(own, 0.01, 0.99)
+    begin = _begin(problem, values)
     good = list(_stable(problem, [begin, *_gentler(problem, begin)]))
     return _tight(task, min(good, key=lambda end: end.objective), ()).values if good else None
 

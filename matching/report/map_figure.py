@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-    from matching.frequency.map import Axis, Map
+    from matching.frequency.map import Map
+    from matching.frequency.map_axis import Axis
 
 _READABLE = 12  # values an axis up to which every error is written out
 
