@@ -5,8 +5,9 @@ from typing import Any
 
 HELP = """Match the case at every pair of values of two quantities and draw the response error that is reached. A
 quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and the
-number of values: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms:8 ms". Mirror images go along. Writes map.json
-and map.svg. Points are kept in map.partial.jsonl as they come; started again, a map that was stopped goes on."""
+number of values, or all of them: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images go
+along. Every point is then tried again from its neighbours' solutions until none gets better. Writes map.json, map.svg
+and map.png. Points are kept in map.partial.jsonl as they come; started again, a map that was stopped goes on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,7 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     for name in ("x", "y"):
-        axis = parser.add_argument(f"--{name}", metavar="QUANTITY", required=True, help="QUANTITY[=LOW:HIGH[:N]]")
+        axis = parser.add_argument(
+            f"--{name}", metavar="QUANTITY", required=True, help="QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…"
+        )
         completed(axis, _quantities)
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
     parser.add_argument(
@@ -56,13 +59,15 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             case, x, y, executor, seed=arguments.seed, starts=arguments.starts, record=record, progress=advance
         )
     result = found.to_dict()
-    write_all(arguments.out, {"map.json": strict_json(result), "map.svg": image(map_figure(found))})
+    drawn = map_figure(found)
+    pictures = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
+    write_all(arguments.out, {"map.json": strict_json(result), **pictures})
     record.unlink(missing_ok=True)
     return result
 
 
 def summary(result: dict[str, Any]) -> str:
-    """The best point, and how many match."""
+    """The best point, how many match, and how many are better than from starts of their own."""
     from matching.report.words import amount, number
 
     points = [own for own in result["points"] if own["error"] is not None]
@@ -72,4 +77,7 @@ def summary(result: dict[str, Any]) -> str:
         best = min(matched or points, key=lambda own: own["error"])
         place = ", ".join(f"{result[key]['name']} {amount(best[key], result[key]['unit'])}" for key in ("x", "y"))
         lines.append(f"least error {number(best['error'], 3)} at {place} ({best['status']})")
+    better = [own for own in points if own["objective"] != own["first"]]
+    if better:
+        lines.append(f"{len(better)} points improved from their neighbours' solutions")
     return "\n".join(lines)

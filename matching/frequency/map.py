@@ -34,9 +34,10 @@ class Map(Shown):
 
     _view = "matching.report.views.map"
 
-    def errors(self) -> np.ndarray:
-        """Response errors (y, x), NaN where there is none."""
-        return np.array([[np.nan if own.error is None else own.error for own in row] for row in self.points])
+    def errors(self, which: str = "error") -> np.ndarray:
+        """Response errors (y, x), or ``unannounced`` or ``bound``; NaN where there is none."""
+        found = [[getattr(own, which) for own in row] for row in self.points]
+        return np.array([[np.nan if own is None else own for own in row] for row in found])
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``map.json``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,8 +30,11 @@ class Axis:
 
     @property
     def by_ratio(self) -> bool:
-        """Whether the values are better drawn on a logarithmic axis."""
-        return self.values[0] > 0 and self.values[-1] >= WIDE * self.values[0]
+        """Whether the values lie more evenly on a logarithmic axis."""
+        if self.values[0] <= 0 or len(self.values) < 2:
+            return False
+        plain, log = np.diff(self.values), np.diff(np.log(self.values))
+        return bool(log.std() / log.mean() < plain.std() / plain.mean())
 
 
 def quantities(case: Case) -> dict[str, tuple[float, str, tuple[str, ...]]]:
@@ -39,9 +43,9 @@ def quantities(case: Case) -> dict[str, tuple[float, str, tuple[str, ...]]]:
 
 
 def axis(case: Case, text: str, where: str = "") -> Axis:
-    """An axis from ``QUANTITY``, ``QUANTITY=LOW:HIGH`` or ``QUANTITY=LOW:HIGH:N``; bounds in SI or with a unit.
+    """An axis from ``QUANTITY``, ``QUANTITY=LOW:HIGH[:N]`` or ``QUANTITY=VALUE,VALUE,…``; SI or each with a unit.
 
-    Without bounds those of the case's ``[move]`` are taken, else a third to three times what the case has.
+    Without values those of the case's ``[move]`` are taken, else a third to three times what the case has.
 
     Raises
     ------
@@ -54,21 +58,44 @@ def axis(case: Case, text: str, where: str = "") -> Axis:
         raise unknown(name, list(known), where)
     here, unit, _ = known[name]
     low, high = _usual(case, name, here)
-    count = STEPS
-    if given:
-        parts = span.split(":")
-        if len(parts) not in (2, 3):
-            raise InputError(where, f"{span!r} is no range", f"write {name}=LOW:HIGH or {name}=LOW:HIGH:N")
-        low, high = (to_si(_number(part), unit, f"{where} {name}".strip()) for part in parts[:2])
-        if len(parts) == 3:
-            if not parts[2].strip().isdigit() or not 2 <= int(parts[2]) <= MOST:
-                raise InputError(where, f"{parts[2]!r} is no number of values", f"2 … {MOST} are needed")
-            count = int(parts[2])
+    if not given:
+        values = _spread(low, high, STEPS)
+    elif "," in span:
+        values = tuple(_si(part, unit, where, name) for part in span.split(","))
+    else:
+        values = _range(span, unit, where, name)
+    if any(a >= b for a, b in pairwise(values)):
+        raise InputError(
+            where, f"{span!r} is no row of rising values of {name}", "let every value be given once, least first"
+        )
+    if len(values) > MOST:
+        raise InputError(where, f"{len(values)} values of {name} are too many", f"2 … {MOST} are needed")
+    _check(case, name, values[0], values[-1], where)
+    return Axis(name, unit, values, here)
+
+
+def _range(span: str, unit: str, where: str, name: str) -> tuple[float, ...]:
+    """Values of LOW:HIGH or LOW:HIGH:N."""
+    parts = span.split(":")
+    if len(parts) not in (2, 3):
+        right = f"write {name}=LOW:HIGH, {name}=LOW:HIGH:N or {name}=VALUE,VALUE"
+        raise InputError(where, f"{span!r} is no range", right)
+    if len(parts) == 3 and (not parts[2].strip().isdigit() or not 2 <= int(parts[2]) <= MOST):
+        raise InputError(where, f"{parts[2]!r} is no number of values", f"2 … {MOST} are needed")
+    low, high = (_si(part, unit, where, name) for part in parts[:2])
     if not low < high:
         raise InputError(where, f"{low:g} … {high:g} is an empty range of {name}", "LOW < HIGH is needed")
-    _check(case, name, low, high, where)
-    values = np.geomspace(low, high, count) if low > 0 and high >= WIDE * low else np.linspace(low, high, count)
-    return Axis(name, unit, tuple(values.tolist()), here)
+    return _spread(low, high, int(parts[2]) if len(parts) == 3 else STEPS)
+
+
+def _spread(low: float, high: float, count: int) -> tuple[float, ...]:
+    """So many values: by ratio where they reach far, else by difference."""
+    spaced = np.geomspace if low > 0 and high >= WIDE * low else np.linspace
+    return tuple(spaced(low, high, count).tolist())
+
+
+def _si(text: str, unit: str, where: str, name: str) -> float:
+    return to_si(_number(text), unit, f"{where} {name}".strip())
 
 
 def _usual(case: Case, name: str, here: float) -> tuple[float, float]:

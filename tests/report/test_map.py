@@ -12,7 +12,9 @@ import pytest
 from matching.cli import main
 from matching.frequency.case import load_case
 from matching.frequency.case_file import case_files
-from matching.frequency.map import Axis, Map, Point, axis, held_at, map_case, quantities
+from matching.frequency.map import Map, map_case
+from matching.frequency.map_axis import Axis, axis, quantities
+from matching.frequency.map_point import Point, held_at
 from matching.report.map_figure import map_figure
 from matching.report.style import image
 from modelling.errors import InputError
@@ -31,6 +33,10 @@ def test_axes_take_bounds_units_and_numbers_of_values(case):
     np.testing.assert_allclose(given.values, [1e-3, 2e-3, 4e-3, 8e-3])  # so far apart, spread by ratio
     assert (given.here, given.unit) == (3e-3, "s")
     np.testing.assert_allclose(axis(case, "loop.dead_time=0.001:0.002:3").values, [1e-3, 1.5e-3, 2e-3])
+    listed = axis(case, "loop.dead_time=0.5 ms,0.001,2 ms,3 ms")
+    assert listed.values == pytest.approx((5e-4, 1e-3, 2e-3, 3e-3))
+    assert not listed.by_ratio  # as even as they come
+    assert axis(case, f"{STIFFNESS}=2e4:2e6:9").by_ratio
     moved = axis(case, STIFFNESS)  # bounds of [move]
     assert (moved.values[0], moved.values[-1]) == pytest.approx((1e5, 4e5))
     other = axis(case, "rig.inertias.rotor_left.J")  # does not move: about what it is
@@ -45,6 +51,9 @@ def test_axes_take_bounds_units_and_numbers_of_values(case):
         ("loop.dead_time=1e-3", "is no range"),
         ("loop.dead_time=1e-3:2e-3:1", "no number of values"),
         ("loop.dead_time=1e-3:2e-3:many", "no number of values"),
+        ("loop.dead_time=1 ms,3 ms,2 ms", "no row of rising values"),
+        ("loop.dead_time=1 ms,1 ms", "no row of rising values"),
+        ("loop.dead_time=1 ms,", "does not fit"),
         ("loop.dead_time=nan:1", "is not finite"),
         ("loop.dead_time=1 kg:2 kg", "does not fit"),
         ("loop.dead_time=-1:0.1", "not possible"),
@@ -86,21 +95,59 @@ def test_a_quantity_is_on_one_axis_only(case):
         map_case(case, STIFFNESS, "rig.shafts.flange_right.stiffness")
 
 
-def test_figure_shows_errors_and_hatches_what_is_not_met():
-    x, y = Axis("loop.dead_time", "s", (1e-3, 8e-3), 3e-3), Axis(STIFFNESS, "N*m/rad", (1e5, 2e5), 9e5)
-    kinds = [("matched", 0.01, True), ("limited", 0.2, True), ("limited", 2.0, False), ("impossible", None, False)]
-    points = [
-        Point(x.values[i % 2], y.values[i // 2], status, error, error, 0.01, stable, 0.5, ())
-        for i, (status, error, stable) in enumerate(kinds)
-    ]
-    found = Map("two by two", (0.5, 30.0), x, y, (tuple(points[:2]), tuple(points[2:])))
-    axes = map_figure(found).axes[0]
-    assert [patch.get_hatch() for patch in axes.patches] == ["//", "xx", "xx"]
-    assert [text.get_text() for text in axes.texts] == ["0.01", "0.2", "2"]
+KINDS = [
+    ("matched", 0.01, ()),
+    ("limited", 0.2, ("shafts.flange_left.twist", "targets")),
+    ("limited", 2.0, ("stability",)),
+]
+
+
+def drawn_up(case, x, y, kind):
+    """A map whose points are KINDS by a function of the place."""
+    rows = []
+    for i, b in enumerate(y):
+        row = []
+        for j, a in enumerate(x):
+            status, error, names = KINDS[kind(i, j)]
+            stable = names != ("stability",)
+            row.append(Point(a, b, status, error * (1 + 0.1 * j), 3 * error, 0.01, stable, 0.5, (), limited_by=names))
+        rows.append(tuple(row))
+    axes = Axis("loop.dead_time", "s", tuple(x), case.loop["dead_time"]), Axis(STIFFNESS, "N*m/rad", tuple(y), 2e5)
+    return Map("drawn up", (0.5, 30.0), *axes, tuple(rows))
+
+
+def test_a_small_map_shows_its_errors_and_hatches_what_holds_it_up(case):
+    found = drawn_up(case, (1e-3, 8e-3), (1e5, 2e5), lambda i, j: (i + j) % 3)
+    drawn = map_figure(found)
+    axes, other = (own for own in drawn.axes if own.get_xlabel())
+    assert [patch.get_hatch() for patch in axes.patches] == ["//", "\\\\", "//", "\\\\", "xx"]
+    assert [text.get_text() for text in axes.texts] == ["0.01", "0.22", "0.2", "2.2"]
+    assert [text.get_text() for text in other.texts] == ["0.03", "0.6", "0.6", "6"]
     assert axes.get_xlabel() == "loop.dead_time in ms"
     assert axes.get_ylabel() == f"{STIFFNESS} in N·m/rad"
-    nothing = replace(found, points=((points[3], points[3]), (points[3], points[3])))
+    said = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert said == [
+        "no stable loop found",
+        "target mode not met",
+        "shaft twist beyond its limit",
+        "the case as it stands",
+    ]
+    none = Point(1e-3, 1e5, "impossible", None, None, None, False, None, ("so",))
+    nothing = replace(found, points=((none, none), (none, none)))
     assert image(map_figure(nothing), "png").startswith(b"\x89PNG")
+
+
+def test_a_large_map_shows_contours_with_the_border_of_what_is_held_up(case):
+    x, y = np.arange(1, 8) * 1e-3, np.geomspace(1e5, 1e6, 7)
+    axes = map_figure(drawn_up(case, x, y, lambda i, j: int(j > 4))).axes[0]
+    labels = {float(text.get_text()) for text in axes.texts}
+    assert labels
+    assert all(0.01 < own < 0.32 for own in labels)
+    border = next(own for own in axes.collections if type(own).__name__ == "LineCollection")
+    assert {x for line in border.get_segments() for x, _ in line} == {pytest.approx(5.5e-3)}
+    same = drawn_up(case, x, y, lambda i, j: 0)
+    points = tuple(tuple(replace(own, unannounced=own.error) for own in row) for row in same.points)
+    assert len([own for own in map_figure(replace(same, points=points)).axes if own.get_xlabel()]) == 1
 
 
 def test_command_draws_a_map(case, tmp_path, capsys):
@@ -120,11 +167,14 @@ def test_command_draws_a_map(case, tmp_path, capsys):
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "map.json").read_text())
     assert (out / "map.svg").read_bytes().startswith(b"<?xml")
+    assert (out / "map.png").read_bytes().startswith(b"\x89PNG")
     errors = {(own["x"], own["y"]): own["error"] for own in printed["points"]}
     assert len(errors) == 4
     for own in printed["points"]:
         assert own["status"] == "limited" or (own["stable"] and own["modulus_margin"] >= 0.499)
         assert math.isfinite(own["error"])
+        assert own["objective"] <= own["first"]
+        assert bool(own["limited_by"]) == (own["status"] == "limited")
     for y in printed["y"]["values"]:  # dead time costs
         assert errors[0.001, y] < errors[0.003, y]
 
