@@ -122,7 +122,7 @@ def map(  # noqa: A001
     seed: int = 0, starts: int = 2,
     workers: int | None = None, record: File | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Map:  # fmt: skip
-    """The achievable error over two quantities, each ``NAME`` or ``NAME=LOW:HIGH[:N]``.
+    """The achievable error over two quantities, each ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``.
 
     It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
     on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped goes on. See

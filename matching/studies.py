@@ -15,9 +15,9 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any
 
 from modelling.errors import InputError
@@ -38,7 +38,7 @@ def executor_of(workers: int | None = None, scheduler: str | None = None) -> Ite
         If Dask is not installed or the scheduler does not answer.
     """
     if scheduler is None:
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _end_with_parent)
         try:
             yield pool
         finally:
@@ -58,6 +58,18 @@ def executor_of(workers: int | None = None, scheduler: str | None = None) -> Ite
         raise InputError("--scheduler", f"{scheduler!r} does not answer ({said})", right) from None
     with client:
         yield client.get_executor()
+
+
+def _end_with_parent() -> None:
+    """Have a worker end when the process that began it is gone: a kill leaves none of them waiting for ever."""
+    parent = parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=wait, daemon=True).start()
 
 
 def run(

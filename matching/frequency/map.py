@@ -73,7 +73,10 @@ def map_case(
     record: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Map:
-    """Match a case at every pair of values of two quantities.
+    """Match a case at every pair of values of two quantities, first each point by itself, then from its neighbours.
+
+    See :mod:`matching.frequency.map_passes`. The map depends neither on the executor nor on the order in which points
+    end.
 
     Parameters
     ----------
@@ -82,13 +85,13 @@ def map_case(
     executor : concurrent.futures.Executor, optional
         Where the matches run; processes of this machine if none is given.
     seed, starts : int
-        Of every match.
+        Of every match by itself.
     workers : int, optional
         Processes, where no executor is given.
     record : Path, optional
         File for finished points, from which a map that was stopped goes on.
     progress : callable, optional
-        Called with (points done, all points).
+        Called with (matches done, all matches so far known of).
 
     Raises
     ------
@@ -101,20 +104,21 @@ def map_case(
         raise InputError(y.name, "is on both axes", "name two quantities")
     files = (f"{key}: {text}" for key, text in case_files(case).items())
     content = "\n".join([__version__, *files, f"{x.name} {y.name} {seed} {starts}"])
-    told = [0, 0]  # points done and begun with in the passes before
+    before = 0  # matches of the passes before
 
     def advance(done: int, total: int) -> None:
         if progress:
-            progress(told[0] + done, told[0] + total)
+            progress(before + done, before + total)
 
     with nullcontext(executor) if executor else executor_of(workers) as own:
 
         def solved(chunks: list[Task]) -> list[Any]:
+            nonlocal before
             rows = run(
                 _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, own,
                 content=content, record=record, progress=advance,
             )  # fmt: skip
-            told[0] += len(chunks)
+            before += len(chunks)
             return [None if row is None else Point.of(row) for row in rows]
 
         first = solved([{"x": a, "y": b} for b in y.values for a in x.values])

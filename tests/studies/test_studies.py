@@ -85,6 +85,31 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
     assert sorted(after) == sorted(str(n) for n in range(8))  # each chunk once
 
 
+def test_workers_end_with_the_study_that_is_killed(tmp_path):
+    record, script = tmp_path / "record.jsonl", tmp_path / "study.py"
+    script.write_text(STUDY.format(here=str(HERE), record=str(record)))
+    where = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
+    process = subprocess.Popen([sys.executable, str(script)], env=where, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and (not record.exists() or not record.read_text()):
+        time.sleep(0.05)
+    worker = json.loads(record.read_text().splitlines()[0])["result"]["pid"]
+    process.kill()  # alone: its worker hears nothing of it
+    process.wait()
+    while time.monotonic() < deadline and _runs(worker):
+        time.sleep(0.05)
+    assert not _runs(worker)
+
+
+def _runs(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    state = Path(f"/proc/{pid}/stat")  # one that ended and that nobody waits for is a zombie
+    return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
 def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same():
     distributed = pytest.importorskip("distributed")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(HERE), os.environ.get("PYTHONPATH", "")])
