@@ -114,7 +114,7 @@ def _levels(low: float, high: float) -> list[float]:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         inner = [round(step * 10.0**power, 12) for power in powers for step in (1, 2, 5)]
     else:
-        inner = [round(float(own), 12) for own in MaxNLocator(9, steps=[1, 2, 5, 10]).tick_values(low, high)]
+        inner = [round(float(own), 12) for own in MaxNLocator(12, steps=[1, 2, 5, 10]).tick_values(low, high)]
     inner = [own for own in inner if low < own < high]
     return inner if len(inner) > 1 else [low, high] if low < high else [low * 0.99, low * 1.01]
 
