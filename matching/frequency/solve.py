@@ -1,7 +1,8 @@
 """Many starts, the best solved again tightly.
 
-Where starts do not agree, as with feedback alone across a long dead time, more begin at a shorter dead time and are led
-to the case's own in steps: good optima are reached that way that no start at the full dead time finds.
+Where starts do not agree, as with feedback alone across a long dead time, some begin at a shorter dead time and are led
+to the case's own in steps: good optima are reached that way that no start at the full dead time finds. Nor are starts
+trusted that agree on a place where the loop has no root near a target mode any more.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, islice
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -30,8 +31,10 @@ FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
 MINORITY = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
-DRAWS = 6  # of which a random start is the best: one far off ends where the phase is wrong by whole turns
+DRAWS = 6  # of which a random start is the most promising: far fewer of those end nowhere
 MISSING = 10.0  # price of a missed constraint, scaled, in choosing it
+FIRST = 5  # starts before those that are led
+FAR = 2.0  # times the frequency of a target mode
 LED = 3  # starts at a shorter dead time where the others do not agree
 STEPS = (0.4, 0.55, 0.7, 0.78, 0.85, 0.9, 0.95, 1.0)  # of the dead time on the way to it
 LOST = 2  # steps in a row that end infeasible or unstable: it is not led any further
@@ -118,8 +121,8 @@ def solve(
     seed : int
         Of the random starts; the first is the case's own start with a gentle loop.
     starts : int
-        At most; the search ends when three, and a third of all, agree on the best, and up to three led ones are added
-        where they do not.
+        At most; the search ends when three, and a third of all, agree on the best, and three led ones are added where
+        the first five do not. What has lost a target mode counts for no agreement.
     workers : int
         Processes; the outcome does not depend on how many.
     near : Near, optional
@@ -134,13 +137,14 @@ def solve(
         return _from(task, near)
     ends: list[End | None] = []
     enough, led = min(ENOUGH, starts), 0 if task.aim or task.case.loop.torqueless else min(LED, starts)
-    for end in chain(_ends(task, seed, starts, workers), (_led(task, seed, number) for number in range(led))):
+    plain = _ends(task, seed, starts, workers)
+    for end in chain(islice(plain, FIRST), (_led(task, seed, 1 + number) for number in range(led)), plain):
         ends.append(end)
         if progress:
             progress(f"start {len(ends)} of {starts + led} at most")
-        best = min((end.objective for end in ends if end), default=np.inf)
-        agreeing = sum(end.objective <= best * (1 + AGREE) for end in ends if end)
-        if agreeing >= max(enough, len(ends) / MINORITY):
+        best = min((end for end in ends if end), key=lambda end: end.objective, default=None)
+        agreeing = sum(end.objective <= best.objective * (1 + AGREE) for end in ends if best and end)
+        if best and _follows(task, best) and agreeing >= max(enough, len(ends) / MINORITY):
             break
     kept = [end for end in ends if end]
     values = tuple(None if end is None else end.objective for end in ends)
@@ -193,12 +197,19 @@ def _led(task: Task, seed: int, number: int) -> End | None:
         shorter = replace(task.case, loop=loop.with_values({"dead_time": part * loop["dead_time"]}))
         problem = replace(task, case=shorter).build()
         if v is None:
-            v = _start(problem, np.random.default_rng([seed, number]) if number else None)
-        end = next(_stable(problem, [v, *_gentler(problem, v)]), None)
+            v = _start(problem, np.random.default_rng([seed, number]))
+        end = next((end for end in _stable(problem, [v, *_gentler(problem, v)]) if _follows(task, end)), None)
         v, failed = (v, failed + 1) if end is None else (end.v, 0)
         if failed == LOST:
             return None
     return end
+
+
+def _follows(task: Task, end: End) -> bool:
+    """Whether the eigenvalues tracked are not roots far above the modes they were to follow."""
+    width = 2 + 2 * len(task.case.loop.dynamometers)
+    pairs = end.v[len(task.moves) :].reshape(-1, width)
+    return bool((np.hypot(pairs[:, 0], pairs[:, 1]) < FAR).all())
 
 
 def _first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
