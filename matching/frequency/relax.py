@@ -82,7 +82,7 @@ def sufficient_dead_time(task: Task, solution: Solution, targets: Sequence[tuple
 
 def _shows(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:
     case = replace(task.case, loop=task.case.loop.with_values({"dead_time": dead_time}))
-    values = warm(replace(task, case=case), solution.values)
+    values = warm(replace(task, case=case), solution)
     if values is None:
         return False
     parts = parts_of(apply(case, values))

@@ -278,11 +278,11 @@ def _begin(problem: Problem, values: Mapping[str, float], pairs: Sequence[float]
     return begin
 
 
-def warm(task: Task, values: Mapping[str, float]) -> dict[str, float] | None:
-    """Solve a programme from the values of a neighbouring one and from gentler loops; None if all ends are unstable."""
+def warm(task: Task, near: Solution) -> dict[str, float] | None:
+    """Solve a programme from the solution of a neighbouring one and from gentler loops; None if all are unstable."""
     problem = task.build()
-    begin = _begin(problem, values)
-    good = list(_stable(problem, [begin, *_gentler(problem, begin)]))
+    begin = _begin(problem, near.values)
+    good = list(_stable(problem, [_begin(problem, near.values, near.pairs), begin, *_gentler(problem, begin)]))
     return _tight(task, min(good, key=lambda end: end.objective), ()).values if good else None
 
 
