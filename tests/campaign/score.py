@@ -36,7 +36,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     def quiet(row: dict[str, Any]) -> bool:
         sure = [cause["confidence"] for cause in row["found"]["causes"]]
-        return row["found"]["verdict"] == "unexplained" or max(sure, default=0.0) < 0.5
+        return row["found"]["verdict"] == "unexplained" or max(sure, default=1.0) < 0.5
 
     single, clean, double, outside = (of(name) for name in ("single", "clean", "double", "outside"))
     return {
