@@ -106,6 +106,10 @@ class Problem:
         padded = np.concatenate([[np.inf], least, [np.inf]])
         return DENSE[(least < -MISSED) & (least <= padded[:-2]) & (least <= padded[2:])]
 
+    def violation(self, g: np.ndarray) -> float:
+        """Largest violation of a scaled constraint by rows g (g,) of the objective; 0 where all are kept."""
+        return float(np.maximum(self.g_lower - g, g - self.g_upper).max(initial=0.0))
+
     def values(self, v: np.ndarray) -> dict[str, float]:
         """Values in SI of the moved quantities and their mirror images."""
         found = {}

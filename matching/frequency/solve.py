@@ -186,8 +186,7 @@ def _one_prepared(seed: int, number: int) -> End | None:
 
 def _one(problem: Problem, seed: int, number: int) -> End | None:
     """One start, or None if it ends infeasible or unstable."""
-    random = np.random.default_rng([seed, number]) if number else None
-    return next(_stable(problem, [_start(problem, random)]), None)
+    return next(_stable(problem, [_numbered(problem, seed, number)]), None)
 
 
 def _led(task: Task, seed: int, number: int) -> End | None:
@@ -197,7 +196,7 @@ def _led(task: Task, seed: int, number: int) -> End | None:
         shorter = replace(task.case, loop=loop.with_values({"dead_time": part * loop["dead_time"]}))
         problem = replace(task, case=shorter).build()
         if v is None:
-            v = _start(problem, np.random.default_rng([seed, number]))
+            v = _numbered(problem, seed, number)
         end = next((end for end in _stable(problem, [v, *_gentler(problem, v)]) if _follows(task, end)), None)
         v, failed = (v, failed + 1) if end is None else (end.v, 0)
         if failed == LOST:
@@ -292,6 +291,11 @@ def _gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
     return [np.where(loop, np.clip(v - back, 0.01, 0.99), v) for back in (0.1, 0.25)]
 
 
+def _numbered(problem: Problem, seed: int, number: int) -> np.ndarray:
+    """A start by its number; 0 is the case's own."""
+    return _start(problem, np.random.default_rng([seed, number]) if number else None)
+
+
 def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
     """The case's own start, or the most promising of some drawn at random."""
     if random is None:
@@ -299,8 +303,7 @@ def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
 
     def merit(v: np.ndarray) -> float:
         f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
-        missed = np.maximum(problem.g_lower - g, g - problem.g_upper).max(initial=0.0)
-        return float(np.nan_to_num(f[0] + MISSING * min(missed, 1.0), nan=np.inf))
+        return float(np.nan_to_num(f[0] + MISSING * min(problem.violation(g), 1.0), nan=np.inf))
 
     return min((_drawn(problem, random) for _ in range(DRAWS)), key=merit)
 
@@ -343,8 +346,8 @@ def _run(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) ->
     f, g = (part.full().ravel() for part in problem.objective(x, p))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
         return None
-    missed = max(float((problem.g_lower - g).max(initial=0.0)), float((g - problem.g_upper).max(initial=0.0)))
-    return End(float(f[0]), x, bool(problem.solver.stats()["success"])) if missed <= FEASIBLE else None
+    success = bool(problem.solver.stats()["success"])
+    return End(float(f[0]), x, success) if problem.violation(g) <= FEASIBLE else None
 
 
 def _check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:

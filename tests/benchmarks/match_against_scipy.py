@@ -32,16 +32,16 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
+from matching.frequency import attempt
 from matching.frequency import solve as solving
 from matching.frequency.case import load_case
 from matching.frequency.closed_loop import _expressions
 from matching.frequency.demands import demands
-from matching.frequency.goals import goals, target_modes
+from matching.frequency.goals import target_modes
 from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, grid, scaled, unscaled
-from matching.frequency.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _run, _start, solve
+from matching.frequency.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
 from matching.frequency.terms import MEET
-from matching.frequency.verification import responses
-from matching.frequency.weights import FREEZE_BELOW, counterparts, price, share
+from matching.frequency.weights import FREEZE_BELOW, counterparts, share
 from modelling.modes import modes
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import row
@@ -275,11 +275,9 @@ def task_of(path: Path) -> Task:
     """The programme of a case file, as :func:`matching.frequency.match.match` sets it up."""
     case = load_case(path)
     targets, vehicle, on_rig = target_modes(case), modes(case.vehicle), counterparts(case)
-    shares = [share(case, move, vehicle, on_rig) for move in case.moves]
-    free = [i for i, part in enumerate(shares) if part >= FREEZE_BELOW]
-    reference = responses(case, grid(case)).vehicle
-    moves, weights = tuple(case.moves[i] for i in free), np.array([price(shares[i]) for i in free])
-    return Task(case, moves, weights, goals(case, targets), reference, demands(case))
+    shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
+    free = [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
+    return attempt.task_of(case, shares, free, targets, demands(case))
 
 
 def disagreement(helped: Reduced, plain: Plain) -> float:
@@ -295,6 +293,18 @@ def disagreement(helped: Reduced, plain: Plain) -> float:
     return worst
 
 
+def descended(run: Reduced, seed: int, number: int, best: float, **tolerances: float) -> tuple[np.ndarray, float]:
+    """End and value of ``least_squares`` from a start, penalty by penalty unless the end is poor against the best."""
+    end = _numbered(run.problem, seed, number)[: run.size]
+    run.roots = [goal.eigenvalue for goal in run.problem.goals]
+    for run.penalty in PENALTIES:
+        found = least_squares(run.residuals, end, bounds=(0.0, 1.0), x_scale=1.0, **tolerances)
+        end, value = found.x, 2 * found.cost
+        if value > POOR * best:
+            break
+    return end, value
+
+
 def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduced:
     """Run one of SciPy's until it arrives or has spent its budget (s)."""
     kind = Plain if "NumPy" in by else Reduced
@@ -306,14 +316,7 @@ def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduc
             run.penalty = PENALTIES[1]
             differential_evolution(run.scalar, bounds, seed=seed, maxiter=10**6, tol=0, polish=False, init="sobol")
         for number in () if by == "differential_evolution" else count(min(seed, 1)):
-            random = np.random.default_rng([seed, number]) if number else None
-            begin = _start(run.problem, random)[: run.size]
-            run.roots = [goal.eigenvalue for goal in run.problem.goals]
-            for run.penalty in PENALTIES:
-                end = least_squares(run.residuals, begin, bounds=(0.0, 1.0), x_scale=1.0)
-                if 2 * end.cost > POOR * ours.objective:
-                    break
-                begin = end.x
+            descended(run, seed, number, ours.objective)
     except Arrived:
         pass
     return run
@@ -324,13 +327,7 @@ def whole(task: Task, ours: Solution, seed: int) -> tuple[float, float, int]:
     run, ends = Plain(task.build(slots=SLOTS), task, -np.inf, np.inf, ours.added), []
     began = clock()
     for number in range(20):
-        end = _start(run.problem, np.random.default_rng([seed, number]) if number else None)[: run.size]
-        run.roots = [goal.eigenvalue for goal in run.problem.goals]
-        for run.penalty in PENALTIES:
-            found = least_squares(run.residuals, end, bounds=(0.0, 1.0), ftol=LOOSE, xtol=LOOSE, gtol=LOOSE)
-            end, value = found.x, 2 * found.cost
-            if value > POOR * min(ends, default=np.inf):
-                break
+        end, value = descended(run, seed, number, min(ends, default=np.inf), ftol=LOOSE, xtol=LOOSE, gtol=LOOSE)
         if checked(run.problem, run.vector(end))[2]:
             ends.append(value)
         if sum(value <= min(ends) * (1 + AGREE) for value in ends) >= max(ENOUGH, (number + 1) / MINORITY):
@@ -359,9 +356,8 @@ class Watch(ca.Callback):
         """1 to stop."""
         found = dict(zip((ca.nlpsol_out(i) for i in range(ca.nlpsol_n_out())), arguments, strict=True))
         own, g = self.run.problem, found["g"].full().ravel()
-        missed = np.maximum(own.g_lower - g, g - own.g_upper).max()
         try:
-            if float(found["f"]) <= NEAR * self.run.target and missed <= SLACK:
+            if float(found["f"]) <= NEAR * self.run.target and own.violation(g) <= SLACK:
                 self.run.residuals(found["x"].full().ravel()[: self.run.size])  # by what the peers are judged by
         except Arrived:
             return [1.0]
@@ -383,8 +379,7 @@ def watched(task: Task, ours: Solution, seed: int) -> float:
         began = clock()
         problem = task.build(slots=SLOTS)
     for number in range(min(seed, 1), 14):
-        random = np.random.default_rng([seed, number]) if number else None
-        _run(problem, _start(problem, random), ours.added)
+        _run(problem, _numbered(problem, seed, number), ours.added)
         if run.arrived:
             return clock() - began
     raise SystemExit("none of our starts comes where the whole match ends")
