@@ -80,9 +80,10 @@ class Problem:
         """Variables (b, v) → (measured − simulated)/noise (b, r); 0 where nothing was measured."""
         pairs = [self.unpack(v) for v in batch]
         p = np.array([pair[0] for pair in pairs])
+        starts = [np.array(own) for own in zip(*(pair[1] for pair in pairs), strict=True)]
         out = []
-        for i, segment in enumerate(self.data.segments):
-            y = runs.readings(self.model, segment, p, np.array([pair[1][i] for pair in pairs]), self.steps)
+        found = runs.all_readings(self.model, self.data.segments, p, starts, self.steps)
+        for segment, y in zip(self.data.segments, found, strict=True):
             r = np.subtract(segment.readings, y, out=y)  # long recordings: no copy more than is needed
             r /= self.data.noise
             if not segment.counts.all():
@@ -102,15 +103,13 @@ class Problem:
     def simulated(self, v: np.ndarray) -> list[np.ndarray]:
         """Readings (t, y) of every segment."""
         p, starts = self.unpack(v)
-        return [
-            runs.readings(self.model, segment, p[None], start[None], self.steps)[0]
-            for segment, start in zip(self.data.segments, starts, strict=True)
-        ]
+        found = runs.all_readings(self.model, self.data.segments, p[None], [start[None] for start in starts], self.steps)
+        return [own[0] for own in found]
 
     def states(self, v: np.ndarray) -> list[np.ndarray]:
         """States (t, x) of every segment."""
         p, starts = self.unpack(v)
-        return [runs.states(self.model, s, p, x, self.steps) for s, x in zip(self.data.segments, starts, strict=True)]
+        return runs.all_states(self.model, self.data.segments, p, starts, self.steps)
 
     @property
     def differences(self) -> np.ndarray:

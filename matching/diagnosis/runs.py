@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from modelling.simulation.functions import functions
 from modelling.simulation.task import Task, make_task
 from modelling.system import System
 
-WORTH = 4000  # samples of a batch, below which threads cost more than they save
+WORTH = 4000  # samples of all rows, below which threads cost more than they save
 
 
 @functools.cache
@@ -36,18 +36,37 @@ def prepare(systems: Iterable[System]) -> None:
 
 def readings(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
     """Readings (b, t, y) for parameters (b, p) and starts (b, x); rows that diverge are NaN."""
-    return _run(make_task(model, segment.time, segment.inputs, p, start, steps), states=False)[1]
+    return all_readings(model, [segment], p, [start], steps)[0]
 
 
-def states(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
-    """States (t, x) of one run."""
-    return _run(make_task(model, segment.time, segment.inputs, p[None], start[None], steps), readings=False)[0][0]
+def all_readings(
+    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+) -> list[np.ndarray]:
+    """Readings (b, t, y) of each segment for parameters (b, p) and starts (b, x) of each; rows that diverge are NaN."""
+    return [done[1] for done in _run(_tasks(model, segments, p, starts, steps), states=False)]
 
 
-def _run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:
-    long = len(task.p) * len(task.time) > WORTH
-    done = native.run(task, states, readings, threads() if long else 1)
-    return done if done is not None else virtual.run(task, states, readings)
+def all_states(
+    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+) -> list[np.ndarray]:
+    """States (t, x) of each segment for parameters (p,) and a start (x,) of each."""
+    tasks = _tasks(model, segments, p[None], [start[None] for start in starts], steps)
+    return [done[0][0] for done in _run(tasks, readings=False)]
+
+
+def _tasks(
+    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+) -> list[Task]:
+    return [
+        make_task(model, segment.time, segment.inputs, p, start, steps)
+        for segment, start in zip(segments, starts, strict=True)
+    ]
+
+
+def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[tuple[np.ndarray, ...]]:
+    long = sum(len(task.p) * len(task.time) for task in tasks) > WORTH
+    done = native.run_all(tasks, states, readings, threads() if long else 1) if tasks else []
+    return done if done is not None else [virtual.run(task, states, readings) for task in tasks]
 
 
 def fastest_rate(model: Model, p: np.ndarray, points: np.ndarray, inputs: np.ndarray) -> float:

@@ -43,8 +43,9 @@ typedef struct {
     const Run *r;
     integer size;                /* x·(1 + s) */
     const double *constant, *delay;
-    double *u, *du, *y, *A, *B, *P, *C, *D, *Q, *w;
+    double *u, *du, *rise, *y, *A, *B, *P, *C, *D, *Q, *w;
     integer *iw, *hint;
+    double looked;               /* the time that u and du are of, or NaN */
 } Work;
 
 /* inputs and their slopes at a time: linear between samples, held before the first and after the last */
@@ -52,6 +53,8 @@ static void look(Work *k, double t) {
     const Run *r = k->r;
     const double *time = r->time;
     integer last = r->samples - 1, n = r->inputs;
+    if (t == k->looked) return;
+    k->looked = t;
     for (integer i = 0; i < n; i++) {
         double at = t - k->delay[i];
         integer j = k->hint[i];
@@ -59,10 +62,10 @@ static void look(Work *k, double t) {
         if (at >= time[last]) { k->u[i] = r->input[last * n + i]; k->du[i] = 0; continue; }
         while (at > time[j + 1]) j++;
         while (at < time[j]) j--;
-        k->hint[i] = j;
-        double low = r->input[j * n + i];
-        k->du[i] = (r->input[(j + 1) * n + i] - low) / (time[j + 1] - time[j]);
-        k->u[i] = low + k->du[i] * (at - time[j]);
+        const double *low = r->input + j * n + i;
+        if (j != k->hint[i]) k->rise[i] = (low[n] - low[0]) / (time[j + 1] - time[j]), k->hint[i] = j;
+        k->du[i] = k->rise[i];
+        k->u[i] = low[0] + k->rise[i] * (at - time[j]);
     }
 }
 
@@ -165,7 +168,7 @@ static integer not_finite(const double *X, integer size) {
 int run(const Run *r) {
     integer x = r->states, s = r->columns, size = x * (1 + s), m = r->sensors, n = r->inputs, T = r->samples;
     Work k = {.r = r, .size = size};
-    integer reals = 9 * size + 2 * n + m * (s + 2) + r->sz_w + 8;
+    integer reals = 9 * size + 3 * n + m * (s + 2) + r->sz_w + 8;
     integer sizes[6] = {0};
     if (s) {
         integer p = r->parameters;
@@ -177,7 +180,7 @@ int run(const Run *r) {
     if (!memory || !counters) { free(memory); free(counters); return 1; }
     double *X = memory, *Y = X + size, *K1 = Y + size, *K2 = K1 + size, *K3 = K2 + size, *K4 = K3 + size, *Z = K4 + size;
     double *dZ = Z + size, *next = dZ + size;
-    k.u = next + size, k.du = k.u + n, k.y = k.du + n, k.w = k.y + m * (s + 2);
+    k.u = next + size, k.du = k.u + n, k.rise = k.du + n, k.y = k.rise + n, k.w = k.y + m * (s + 2);
     k.A = k.w + r->sz_w, k.B = k.A + sizes[0], k.P = k.B + sizes[1];
     k.C = k.P + sizes[2], k.D = k.C + sizes[3], k.Q = k.D + sizes[4];
     k.iw = counters, k.hint = counters + r->sz_iw;
@@ -188,7 +191,9 @@ int run(const Run *r) {
         memcpy(X, r->start + b * x, sizeof(double) * x);
         if (s) memcpy(X + x, r->start_slope, sizeof(double) * x * s);
         if (r->state) memcpy(r->state + b * T * x, X, sizeof(double) * x);
-        memset(k.hint, 0, sizeof(integer) * (n + r->groups));
+        memset(due, 0, sizeof(integer) * r->groups);
+        for (integer i = 0; i < n; i++) k.hint[i] = -1;
+        k.looked = NAN;
         r->failed[2 * b] = r->failed[2 * b + 1] = -1;
         flow(&k, r->time[0], X, K1);
         for (integer g = 0; g < r->groups && r->out; g++)
@@ -222,8 +227,8 @@ int run(const Run *r) {
                             take(&k, b, due[g], g, at, Z, dZ);
                         }
                     }
-                memcpy(X, next, sizeof(double) * size);
-                memcpy(K1, K2, sizeof(double) * size);
+                double *end = next, *flows = K2;
+                next = X, X = end, K2 = K1, K1 = flows;
             }
             integer bad = not_finite(X, size);
             if (bad >= 0) {

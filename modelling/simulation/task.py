@@ -66,12 +66,14 @@ def make_task(
         p = p.copy()
         p[:, model.parameters.index(CONTACT_TIME)] = span / max(1.0, np.ceil(span * steps_per_second - 1e-9))
     selected, start_slope = _selection(model, names)
-    delays = [np.array(part).T for part in model.delays(p.T)]
+    inputs_by, sensors_by = model.equations.assembly.inputs.values(), model.equations.assembly.sensors.values()
+    delayed = [j for j, path in enumerate(sensors_by) if path.delay != 0]
+    delays = [np.zeros((len(p), len(inputs_by))), np.zeros((len(p), len(sensors_by)))]
+    if delayed or any(path.delay != 0 for path in inputs_by):
+        delays = [np.array(part).T for part in model.delays(p.T)]
     lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
     if lowest < 0:
         raise InputError("simulation", f"a delay of {lowest:g} s is not possible", "delays are 0 or more")
-    paths = model.equations.assembly.sensors.values()
-    delayed = [j for j, path in enumerate(paths) if path.delay != 0]
     group = np.zeros(len(model.sensors), dtype=np.int64)
     group[delayed] = np.arange(1, len(delayed) + 1)
     slopes = [np.zeros((part.shape[1], len(names))) for part in delays]
