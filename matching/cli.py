@@ -38,6 +38,7 @@ class Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 answered, 2 bad input, 1 fault of the program, 130 interrupted."""
+    _one_thread_for_blas()
     words = list(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # units and Greek letters must not fail on a terminal that lacks them
@@ -103,6 +104,13 @@ def _run(words: Sequence[str]) -> None:
         text = command.summary(result) if hasattr(command, "summary") else ""
     if text:
         print(text.rstrip("\n"), flush=True)
+
+
+def _one_thread_for_blas() -> None:
+    """Matrices here are small: more threads of OpenBLAS (read when NumPy is imported) wait for work and burn a core
+    each, in worker processes too. What the user has set stays."""
+    if not {"OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"} & os.environ.keys():
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 
 def _wrong_path(error: Exception, words: Sequence[str]) -> str:
