@@ -103,7 +103,9 @@ class Problem:
     def simulated(self, v: np.ndarray) -> list[np.ndarray]:
         """Readings (t, y) of every segment."""
         p, starts = self.unpack(v)
-        found = runs.all_readings(self.model, self.data.segments, p[None], [start[None] for start in starts], self.steps)
+        found = runs.all_readings(
+            self.model, self.data.segments, p[None], [start[None] for start in starts], self.steps
+        )
         return [own[0] for own in found]
 
     def states(self, v: np.ndarray) -> list[np.ndarray]:

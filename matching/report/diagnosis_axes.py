@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ SMOOTH: dict[str, dict[str, Any]] = {
 }
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 MOST = 4  # sensors that a figure shows
+SHORT = 200  # of the high to the low end of a logarithmic axis, up to which the ticks between decades are told
 MANY = 1500  # points beyond which a line is kept as pixels, so that files stay small
 
 
@@ -76,20 +78,33 @@ def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
     axes.plot(x, y, rasterized=len(x) > MANY, **look)
 
 
-def noise_band(axes: Any) -> None:
-    """Where 95 % of pure noise lies, on an axis in times the noise that is linear near 0."""
+def noise_band(row: Sequence[Any]) -> None:
+    """Where 95 % of pure noise lies, on axes that share one in times the noise, linear near 0."""
     from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-    axes.axhspan(-2, 2, color=BAND, zorder=1, label="95 % of noise")
-    axes.set_yscale("symlog", linthresh=10)
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -6.0), max(high, 6.0))
-    low, high = axes.get_ylim()
+    for axes in row:
+        axes.axhspan(-2, 2, color=BAND, zorder=1, label="95 % of noise")
+    first = row[0]
+    first.set_yscale("symlog", linthresh=10)
+    low, high = first.get_ylim()
+    first.set_ylim(min(low, -6.0), max(high, 6.0))
+    low, high = first.get_ylim()
     decades = [sign * 10.0**k for sign in (-1, 1) for k in range(1, 10)]
     shown = [tick for tick in (-5.0, 0.0, 5.0, *decades) if low <= tick <= high]
-    axes.yaxis.set_major_locator(FixedLocator(shown))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    first.yaxis.set_major_locator(FixedLocator(shown))
+    first.yaxis.set_minor_locator(NullLocator())
+    first.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def logarithmic(axes: Any) -> None:
+    """Logarithmic axes with a tick at 1, 2 and 5 of a decade (each takes its time to draw), all told on a short one."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axes.set(xscale="log", yscale="log")
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_locator(LogLocator(subs=(2, 5)))
+        axis.set_minor_formatter(StrMethodFormatter("{x:g}") if high < SHORT * low else NullFormatter())
 
 
 def over_noise(axes: Any) -> None:

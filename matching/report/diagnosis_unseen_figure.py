@@ -80,7 +80,7 @@ def unseen_figure(found: Diagnosis, shown: list[View]) -> Figure:
             for residual, look in told_apart(data.before, data.after):
                 x, y = broken(data.time, data.parts, residual[:, view.index] / data.noise[view.index])
                 line(whole, x, y, look)
-            noise_band(whole)
+            noise_band([whole])
             whole.set_ylabel("error in times\nthe noise")
         for axes in rows[-1]:
             axes.set_xlabel("Time in s")

@@ -12,6 +12,7 @@ from matching.report.diagnosis_axes import (
     broken,
     legend,
     line,
+    logarithmic,
     noise_band,
     over_noise,
     running,
@@ -46,7 +47,7 @@ def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
                     continue
                 line(axes, *broken(time, pictures.before.parts, own), look | {"alpha": 0.25, "label": None})
                 line(axes, *broken(time, pictures.before.parts, _running_mean(own)), look)
-            noise_band(axes)
+            noise_band([axes])
             axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
         legend(drawn, rows[0])
@@ -57,17 +58,18 @@ def where_figure(pictures: Pictures, shown: list[View]) -> Figure:
     """Residuals over the motion at the sensor's place: dots, and the mean of each bin."""
     with styled():
         drawn = figure(11, 0.9 + 2.1 * len(shown))
-        grid = drawn.subplots(len(shown), 3, squeeze=False)
+        grid = drawn.subplots(len(shown), 3, squeeze=False, sharey="row")
         for row, view in zip(grid, shown, strict=True):
-            for axes, (name, x) in zip(row, _motion(pictures, view).items(), strict=False):
+            motion = _motion(pictures, view)
+            for axes, (name, x) in zip(row, motion.items(), strict=False):
                 for residual, look in _both(pictures):
                     own = residual[:, view.index] / pictures.noise[view.index]
                     if len(own) == len(x):
                         _binned(axes, x, own, look)
-                noise_band(axes)
                 axes.set_xlabel(name)
+            noise_band(row[: len(motion)])
             row[0].set_ylabel(f"{view.sensor.name}\nin times the noise")
-            for axes in row[len(_motion(pictures, view)) :]:
+            for axes in row[len(motion) :]:
                 axes.set_axis_off()
         legend(drawn, grid[0, 0])
     return drawn
@@ -77,7 +79,7 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
     """Amplitude spectra over frequency and over orders of the turn; white noise of the stated size is 1 everywhere."""
     with styled():
         drawn = figure(11, 0.9 + 2.1 * len(shown))
-        grid = drawn.subplots(len(shown), 2, squeeze=False)
+        grid = drawn.subplots(len(shown), 2, squeeze=False, sharey="row")
         for (left, right), view in zip(grid, shown, strict=True):
             angle = pictures.before.angle[view.inertia]
             turns = float(np.ptp(angle)) / (2 * np.pi) > TURNS
@@ -91,14 +93,15 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
                 if turns:
                     line(right, *_orders(own, angle), look | SMOOTH[look["label"]])
             over_noise(left)
-            left.set(xscale="log", yscale="log", ylabel=f"{view.sensor.name}\nin times the noise")
-            left.set_xlabel("Frequency in Hz")
+            logarithmic(left)
+            left.set(xlabel="Frequency in Hz", ylabel=f"{view.sensor.name}\nin times the noise")
             if not turns:
-                right.text(0.5, 0.5, f"{view.inertia} turns less than {TURNS} times", ha="center", color=LIMIT)
+                words = f"{view.inertia} turns less than {TURNS} times"
+                right.text(0.5, 0.5, words, transform=right.transAxes, ha="center", color=LIMIT)
                 right.set_axis_off()
                 continue
             over_noise(right)
-            right.set(yscale="log", xlim=(0, ORDERS), xlabel=f"Order per turn of {view.inertia}")
+            right.set(xlim=(0, ORDERS), xlabel=f"Order per turn of {view.inertia}")
             right.set_xticks(range(ORDERS + 1))
         legend(drawn, grid[0, 0])
     return drawn

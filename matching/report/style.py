@@ -19,6 +19,8 @@ BAND = "#E6E6E6"
 CURVES = (VEHICLE, RIG, MATCHED, NOISE, "#000000", "#E69F00", "#56B4E9", LIMIT)
 STROKES = ("-", "--", ":", "-.")
 
+DPI = 150  # of what is kept as pixels
+
 SETTINGS: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -60,5 +62,26 @@ def image(drawn: Figure, kind: str = "svg") -> bytes:
     """The figure as file content of a kind (``svg``, ``png`` or ``pdf``), without a date in it."""
     buffer = io.BytesIO()
     with styled():
-        drawn.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
+        if kind == "svg":
+            _write_svg(drawn, buffer)
+        else:
+            drawn.savefig(buffer, format=kind, dpi=DPI)
     return buffer.getvalue()
+
+
+def _write_svg(drawn: Figure, buffer: io.BytesIO) -> None:
+    """What ``savefig`` writes too, without drawing all of it once before for the sake of the layout alone."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    canvas, dpi, engine = drawn.canvas, drawn.dpi, drawn.get_layout_engine()
+    own = FigureCanvasSVG(drawn)
+    try:
+        if engine is not None:
+            engine.execute(drawn)
+            drawn.set_layout_engine("none")
+        drawn.dpi = DPI
+        own.print_svg(buffer, metadata={"Date": None})
+    finally:
+        drawn.dpi = dpi
+        drawn.set_layout_engine(engine)
+        drawn.set_canvas(canvas)

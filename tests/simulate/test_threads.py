@@ -36,3 +36,32 @@ def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
             np.testing.assert_array_equal(one, other)
     assert (alone[2][:, 0] >= 0).tolist() == [False, False, False, True, False]
     assert np.ptp(alone[1][[0, 1, 2, 4], -1, 0]) > 0.1
+
+
+def test_several_tasks_at_once_are_what_each_is_alone() -> None:
+    model = compiled(
+        from_dict(
+            {
+                "inertias": {"motor": {"J": 0.1, "drag": 0.02}, "load": {"J": 1.0, "drag": 0.1}},
+                "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "damping": 0.6}},
+                "inputs": {"motor_torque": {"on": "motor"}},
+                "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
+                "effects": [{"kind": "backlash", "at": "shafts.link", "gap": 0.02}],
+            }
+        )
+    )
+    time, random = np.arange(900) * 1e-3, np.random.default_rng(1)
+    torque = 30 * np.sin(25 * time)[:, None]
+    tasks = []
+    for first, last, batch in ((0, 300, 3), (299, 700, 1), (699, 900, 8)):
+        p = np.repeat(model.p0[None], batch, axis=0) * random.uniform(0.9, 1.1, (batch, len(model.p0)))
+        start = random.normal(size=(batch, len(model.states)))
+        tasks.append(make_task(model, time[first:last], torque[first:last], p, start, 4000.0))
+    alone = [native.run(task) for task in tasks]
+    for threads in (1, 2, 5):
+        together = native.run_all(tasks, threads=threads)
+        if together is None:
+            return  # no compiler
+        for expected, got in zip(alone, together, strict=True):
+            for one, other in zip(expected or (), got, strict=True):
+                np.testing.assert_array_equal(one, other)
