@@ -97,6 +97,7 @@ def _traces(axes: Any, data: Unseen, view: View) -> None:
     cut = slice(max(worst - CLOSE, part.start), min(worst + CLOSE, part.stop))
     measured = data.measured[cut, j]
     line(axes, data.time[cut], measured, MEASURED)
+    axes.locator_params(axis="x", nbins=5)
     for residual, look in told_apart(data.before, data.after):
         line(axes, data.time[cut], measured - residual[cut, j], look | SMOOTH[look["label"]] | {"linewidth": 1.3})
     axes.set_ylabel(label(view.sensor))

@@ -67,6 +67,10 @@ def where_figure(pictures: Pictures, shown: list[View]) -> Figure:
                     if len(own) == len(x):
                         _binned(axes, x, own, look)
                 axes.set_xlabel(name)
+                if name.endswith("°"):
+                    axes.set_xticks(range(0, 361, 90))
+                else:
+                    axes.locator_params(axis="x", nbins=5)
             noise_band(row[: len(motion)])
             row[0].set_ylabel(f"{view.sensor.name}\nin times the noise")
             for axes in row[len(motion) :]:
