@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,7 +12,7 @@ Part = ca.SX | float  # 0.0 where it is known to be zero: most parts of a dynami
 
 @dataclass(frozen=True)
 class Complex:
-    """A complex number whose parts are CasADi scalars or floats."""
+    """A complex number whose parts are CasADi scalars or floats, or a row of them, whose parts are (1, columns)."""
 
     re: Part
     im: Part = 0.0
@@ -46,6 +47,10 @@ class Complex:
     def __rtruediv__(self, other: Part) -> Complex:
         return self.inverse() * other
 
+    def __getitem__(self, column: int) -> Complex:
+        """An entry of a row."""
+        return Complex(*(part[column] if isinstance(part, ca.SX) else part for part in (self.re, self.im)))
+
     def inverse(self) -> Complex:
         """1 over it."""
         if _zero(self.im):
@@ -75,6 +80,11 @@ def as_complex(value: Complex | ca.SX | float) -> Complex:
     return value if isinstance(value, Complex) else Complex(value)
 
 
+def joined(values: Sequence[Complex]) -> Complex:
+    """A row of scalars."""
+    return Complex(ca.horzcat(*(value.re for value in values)), ca.horzcat(*(value.im for value in values)))
+
+
 def exp(value: Complex) -> Complex:
     """Exponential."""
     size = ca.exp(value.re)
@@ -84,7 +94,7 @@ def exp(value: Complex) -> Complex:
 Row = dict[int, Complex]
 
 
-def solve(rows: list[Row], right: list[list[Complex]]) -> list[list[Complex]]:
+def solve(rows: list[Row], right: list[Complex]) -> list[Complex]:
     """Solve sparse linear equations by elimination without fill beyond what the graph asks for.
 
     Parameters
@@ -92,15 +102,15 @@ def solve(rows: list[Row], right: list[list[Complex]]) -> list[list[Complex]]:
     rows : list of dict
         Row i as {column: coefficient}; its diagonal entry must not vanish at the values it is used for, which holds
         for dynamic stiffnesses of damped chains at frequencies above zero.
-    right : list of list
-        Right-hand sides, (rows, columns).
+    right : list of Complex
+        Right-hand sides, each a row.
 
     Returns
     -------
-    list of list
-        Solutions (rows, columns).
+    list of Complex
+        Solutions, each a row.
     """
-    rows, right = [dict(row) for row in rows], [list(row) for row in right]
+    rows, right = [dict(row) for row in rows], list(right)
     left = set(range(len(rows)))
     order: list[int] = []
     inverse: dict[int, Complex] = {}
@@ -116,12 +126,11 @@ def solve(rows: list[Row], right: list[list[Complex]]) -> list[list[Complex]]:
             for j, value in rows[pivot].items():
                 if j in left:
                     rows[i][j] = rows[i][j] - factor * value if j in rows[i] else -(factor * value)
-            right[i] = [a - factor * b for a, b in zip(right[i], right[pivot], strict=True)]
+            right[i] = right[i] - factor * right[pivot]
     for pivot in reversed(order):
-        done = [(j, value) for j, value in rows[pivot].items() if j != pivot and order.index(j) > order.index(pivot)]
-        for column in range(len(right[pivot])):
-            total = right[pivot][column]
-            for j, value in done:
-                total = total - value * right[j][column]
-            right[pivot][column] = total * inverse[pivot]
+        later = order[order.index(pivot) + 1 :]
+        for j, value in rows[pivot].items():
+            if j in later:
+                right[pivot] = right[pivot] - value * right[j]
+        right[pivot] = right[pivot] * inverse[pivot]
     return right

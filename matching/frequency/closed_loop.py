@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -17,7 +17,7 @@ import numpy as np
 
 from matching.frequency.case import Case, Compared
 from modelling.compiled import Model, compiled
-from modelling.complex_sx import Complex, Row, exp, solve
+from modelling.complex_sx import Complex, Row, exp, joined, solve
 from modelling.loop import LEAD_SPREAD, Dynamometer
 from modelling.residual_vehicle import Interface
 from modelling.system import Gear, Shaft, System, unknown
@@ -194,27 +194,29 @@ class _Body:
                 _put(rows[n + i], j, [-zx[i, j], -zx[i, n + j]], s)
             for j in range(extra):
                 _put(rows[n + i], n + j, [-zx[i, 2 * n + j], ca.SX(1.0 if i == j else 0.0)], s)
-        right = [[Complex(fu[i, j]) for j in range(fu.shape[1])] for i in range(n)]
-        right += [[Complex(zu[i, j]) for j in range(zu.shape[1])] for i in range(extra)]
-        self.solution = solve(rows, right)
+        self.solution = solve(rows, [Complex(row) for row in ca.vertsplit(ca.vertcat(fu, zu))])
         self._yx, self._yu, self._n, self._s = yx, yu, n, s
-        self._found: dict[tuple[str, str], Complex] = {}
+        self._found: dict[str, Complex] = {}
 
     def response(self, sensor: str, source: str) -> Complex:
         """Transfer function from an input to a sensor."""
-        if (sensor, source) not in self._found:
-            self._found[sensor, source] = self._response(self.sensors.index(sensor), self.inputs.index(source))
-        return self._found[sensor, source]
+        return self.responses(sensor)[self.inputs.index(source)]
 
-    def _response(self, i: int, j: int) -> Complex:
-        n, total = self._n, Complex(self._yu[i, j])
+    def responses(self, sensor: str) -> Complex:
+        """Transfer functions from all inputs to a sensor, a row."""
+        if sensor not in self._found:
+            self._found[sensor] = self._responses(self.sensors.index(sensor))
+        return self._found[sensor]
+
+    def _responses(self, i: int) -> Complex:
+        n, total = self._n, Complex(self._yu[i, :])
         row = self._yx[i, :]
         for k in range(n):
             if row.sparsity().has_nz(0, k) or row.sparsity().has_nz(0, n + k):
-                total = total + (Complex(row[k]) + self._s * row[n + k]) * self.solution[k][j]
+                total = total + (Complex(row[k]) + self._s * row[n + k]) * self.solution[k]
         for k in range(n, len(self.solution)):
             if row.sparsity().has_nz(0, n + k):
-                total = total + self.solution[k][j] * row[n + k]
+                total = total + self.solution[k] * row[n + k]
         return total
 
 
@@ -252,43 +254,39 @@ def _close(
 
     toward = [sensor_sign(own.rig, dyno) for dyno in dynos]
     size = len(dynos)
+    torques = [rig.responses(dyno.torque_sensor) * toward[k] for k, dyno in enumerate(dynos)]
+    answers = [command(j, torques, rig.responses(dyno.speed_sensor), Complex(0.0)) for j, dyno in enumerate(dynos)]
+    drives = [rig.inputs.index(dyno.torque_input) for dyno in dynos]
+    difference = [[(1 if j == c else 0) - answers[j][drives[c]] for c in range(size)] for j in range(size)]
 
-    def sensed(dyno: Dynamometer, source: str) -> tuple[list[Complex], Complex]:
-        """All measured torques and the speed of one dynamometer for a torque of 1 N·m at an input of the rig."""
-        torques = [rig.response(d.torque_sensor, source) * toward[k] for k, d in enumerate(dynos)]
-        return torques, rig.response(dyno.speed_sensor, source)
-
-    gain = [[command(j, *sensed(dyno, c.torque_input), Complex(0.0)) for c in dynos] for j, dyno in enumerate(dynos)]
-    difference = [[(1 if j == c else 0) - gain[j][c] for c in range(size)] for j in range(size)]
+    def commanded(j: int, source: str) -> Complex:
+        if source in rig.inputs:
+            return answers[j][rig.inputs.index(source)]
+        return command(j, [Complex(0.0)] * size, Complex(0.0), _road(own, parts, dynos[j], source))
 
     sources = list(dict.fromkeys(pair.input for pair in own.compared))
-    right = []
-    for j, dyno in enumerate(dynos):
-        row = []
-        for source in sources:
-            if source in rig.inputs:
-                row.append(command(j, *sensed(dyno, source), Complex(0.0)))
-            else:
-                row.append(command(j, [Complex(0.0)] * size, Complex(0.0), _road(own, parts, dyno, source)))
-        right.append(row)
+    right = [joined([commanded(j, source) for source in sources]) for j in range(size)]
     torque = solve([dict(enumerate(row)) for row in difference], right)
 
-    def on_rig(sensor: str, source: str) -> Complex:
-        total = rig.response(sensor, source) if source in rig.inputs else Complex(0.0)
-        for j, dyno in enumerate(dynos):
-            total = total + rig.response(sensor, dyno.torque_input) * torque[j][sources.index(source)]
-        return total
+    @cache
+    def on_rig(sensor: str) -> Complex:
+        """To all sources, a row."""
+        direct = [rig.response(sensor, source) if source in rig.inputs else Complex(0.0) for source in sources]
+        return sum((rig.response(sensor, d.torque_input) * torque[j] for j, d in enumerate(dynos)), joined(direct))
 
     def emulated(sensor: str, source: str) -> Complex:
         part = next(part for part in parts if sensor in part.sensors)
         total = part.response(sensor, source) if source in part.inputs else Complex(0.0)
         for k, dyno in enumerate(dynos):
             if (driven := own.cut(dyno).torque) in part.inputs:
-                total = total + part.response(sensor, driven) * (on_rig(dyno.torque_sensor, source) * lag * toward[k])
+                felt = on_rig(dyno.torque_sensor)[sources.index(source)] * lag * toward[k]
+                total = total + part.response(sensor, driven) * felt
         return total
 
     H = [
-        on_rig(pair.sensor, pair.input) if pair.sensor in rig.sensors else emulated(pair.sensor, pair.input)
+        on_rig(pair.sensor)[sources.index(pair.input)]
+        if pair.sensor in rig.sensors
+        else emulated(pair.sensor, pair.input)
         for pair in own.compared
     ]
     return H, difference

@@ -49,7 +49,7 @@ class Demands:
     chains: tuple[Chain, ...]
     limits: Mapping[str, float]
 
-    def constraints(self, p: Mapping[str, ca.MX]) -> list[tuple[ca.MX, float]]:
+    def constraints(self, p: Mapping[str, ca.MX | float]) -> list[tuple[ca.MX, float]]:
         """(rows, upper bound) pairs, each row a demand over its limit, to stay below 1."""
         rows: list[ca.MX] = []
         for chain in self.chains:
@@ -97,7 +97,7 @@ class Demands:
         return found
 
 
-def _inertia(p: Mapping[str, ca.MX], names: tuple[str, ...]) -> ca.MX:
+def _inertia(p: Mapping[str, ca.MX | float], names: tuple[str, ...]) -> ca.MX:
     total = ca.MX(0.0)
     for name in names:
         total = total + p[f"rig.inertias.{name}.J"]

@@ -55,18 +55,19 @@ def bend(name: str, term: Term) -> ca.Function:
 def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[str, ca.Function]:
     """Functions by name, each a derivation of a term; compiled side by side where that is wanted and possible."""
     compiled = compiled and compiler() is not None
-    plain = {name: term.plain for name, (_, term) in terms.items()}
-    keys = {name: (_key(name, derive, plain[name]), compiled) for name, (derive, _) in terms.items()}
+    plain = {id(term): term.plain for _, term in terms.values()}
+    texts = {own: function.serialize() for own, function in plain.items()}
+    keys = {name: (_key(name, derive, texts[id(term)]), compiled) for name, (derive, term) in terms.items()}
     missing = [name for name, key in keys.items() if key not in _REMEMBERED]
     one_by_one = Lock()  # CasADi's expressions do not bear two threads
 
     def built(name: str) -> Path | None:
-        if plain[name].n_instructions() > LARGEST:
+        derive, term = terms[name]
+        if plain[id(term)].n_instructions() > LARGEST:
             return None
 
         def source() -> str:
             with one_by_one:
-                derive, term = terms[name]
                 return generated(derive(name, term))
 
         return shared(keys[name][0], source, OPTIMISATION)
@@ -84,9 +85,9 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
     return found
 
 
-def _key(name: str, derive: Derivation, plain: ca.Function) -> str:
+def _key(name: str, derive: Derivation, term: str) -> str:
     """All that a function is made from."""
-    return "\0".join((name, derive.__name__, plain.serialize(), ca.CasadiMeta.version(), _own_text()))
+    return "\0".join((name, derive.__name__, term, ca.CasadiMeta.version(), _own_text()))
 
 
 @functools.cache

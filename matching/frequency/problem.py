@@ -15,7 +15,7 @@ out is verified by :mod:`matching.frequency.verification`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -46,19 +46,32 @@ SLOTS = 30  # frequencies beside that grid, where a solution turns out to miss t
 UNUSED = 600.0  # Hz: where the loop has no gain left
 DENSE = np.geomspace(0.02, 500, 1200)  # Hz, where such are looked for
 MISSED = 1e-5  # of a scaled margin: what is no longer taken for kept
+OSCILLATING = 0.05  # of a target's |s|: the least that a root turns where it may not become real
 RAY = np.geomspace(0.3, 150, 30)  # Hz, where no root may have less damping
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
 
-_QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6, "acceptable_tol": 1e-4}
+_QUIET = {"print_level": 0, "sb": "yes"}
+_TIGHT = {"tol": 1e-6, "acceptable_tol": 1e-4}
+_LOOSE = {  # ends where the objective has stood still for three iterations and the constraints are kept
+    "tol": 1e-6,
+    "acceptable_tol": 1.0,
+    "acceptable_iter": 3,
+    "acceptable_obj_change_tol": 1e-4,
+    "acceptable_constr_viol_tol": 1e-5,
+    "acceptable_dual_inf_tol": 10.0,
+    "acceptable_compl_inf_tol": 1e-2,
+}
 _FAST = {
     "hessian_approximation": "limited-memory",
     "limited_memory_max_history": 12,
     "limited_memory_aug_solver": "extended",
     "min_refinement_steps": 0,
-    "mu_strategy": "adaptive",
+    "fast_step_computation": "yes",
     "max_iter": 250,
 }
+_FAR = {"mu_strategy": "adaptive"}
+_NEAR = {"mu_strategy": "monotone", "mu_init": 1e-4, "bound_push": 1e-4, "bound_frac": 1e-4}  # stays where it is
 _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
 
 
@@ -82,6 +95,7 @@ class Problem:
     loop: ClosedLoop
     moves: tuple[Move, ...]
     goals: tuple[Goal, ...]
+    tight: bool
     solver: ca.Function
     objective: ca.Function
     survey: ca.Function
@@ -99,6 +113,17 @@ class Problem:
         """Frequencies (slots,) as solver and objective take them, the last ones where there are too many."""
         kept = np.asarray(frequencies, float)[-self.slots :] if self.slots else np.zeros(0)
         return np.concatenate([kept, np.full(self.slots - len(kept), UNUSED)])
+
+    def oscillating(self) -> Problem:
+        """The same where no tracked root may become real.
+
+        A start from anywhere that may let one do so rarely finds a good optimum; one that is led from another solution
+        has to be free to.
+        """
+        width = 2 + 2 * len(self.case.loop.dynamometers)
+        lower = self.lower.copy()
+        lower[len(self.moves) + 1 :: width] = OSCILLATING
+        return replace(self, lower=lower)
 
     def missed(self, v: np.ndarray) -> np.ndarray:
         """Frequencies in Hz of the valleys of the margin, on a dense grid, that reach below what is wanted."""
@@ -156,7 +181,8 @@ def grid(case: Case) -> np.ndarray:
 
 def build(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], reference: np.ndarray,
-    demands: Demands, aim: Aim | None = None, *, exact: bool = False, slots: int = 0, compiled: bool = True,
+    demands: Demands, aim: Aim | None = None, *,
+    tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True,
 ) -> Problem:  # fmt: skip
     """Build the programme.
 
@@ -174,6 +200,9 @@ def build(
         What the vehicle's manoeuvre asks of adapters and dynamometers.
     aim : Aim, optional
         The fidelity over the manoeuvre to take in place of the response error.
+    tight : bool
+        Solve to six digits of the optimality conditions, beginning near a solution; without it the objective is good
+        to about three, which is enough to compare starts.
     exact : bool
         Exact Hessian; without it IPOPT builds its own from the exact gradients, which is faster far from the end.
     slots : int
@@ -194,9 +223,11 @@ def build(
     else:
         own = closed_loop(aim.case, [move.together for move in moves])
         error = Fidelity(Common(_plain_responses(own, moves, compiled), v, size, _fixed(own, moves)), aim)
-    fixed = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
-    moved = {name: unscaled(v[i], move) for i, move in enumerate(moves) for name in move.together}
-    asked = demands.constraints(fixed | moved)
+    of_rig: dict[str, Any] = {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+    for i, move in enumerate(moves):
+        if move.name in of_rig:
+            of_rig |= dict.fromkeys(move.together, unscaled(v[i], move))
+    asked = demands.constraints(of_rig)
     asked_rows = ca.vertcat(*(one for one, _ in asked)) if asked else ca.MX(0, 1)
     change = v[:size] - ca.DM([scaled(move.start, move) for move in moves])
     price = PRICE * ca.dot(ca.DM(weights), change**2)
@@ -211,7 +242,7 @@ def build(
     jac_g = ca.vertcat(held_slope, rows_slope, ca.jacobian(asked_rows, v))
     options: Any = {
         "print_time": False, "error_on_fail": False, "no_nlp_grad": True, "calc_lam_p": False,
-        "ipopt": _QUIET | (_EXACT if exact else _FAST),
+        "ipopt": _QUIET | (_TIGHT if tight else _LOOSE) | (_EXACT if exact else _FAST | (_NEAR if tight else _FAR)),
         "grad_f": ca.Function(
             "nlp_grad_f", [v, extra], [own_error + price + EIGEN * distance, grad_f], ["x", "p"], ["f", "grad_f_x"]
         ),
@@ -233,11 +264,11 @@ def build(
     objective = ca.Function("objective", [v, extra], [f, g], ["v", "extra"], ["f", "g"])
     dense = np.vstack([0 * DENSE, 2 * np.pi * DENSE, np.full(len(DENSE), case.limits["modulus_margin"] * RESERVE)])
     survey = ca.Function("survey", [v], common.over("margin", ca.MX(ca.DM(dense))))
-    pairs_lower = [bound for goal in goals for bound in (-8.0, 0.05, *[-5.0] * (2 * len(goal.pattern)))]
+    pairs_lower = [bound for goal in goals for bound in (-8.0, 0.0, *[-5.0] * (2 * len(goal.pattern)))]
     pairs_upper = [bound for goal in goals for bound in (0.5, 12.0, *[5.0] * (2 * len(goal.pattern)))]
     exactly, open_end = np.zeros(rows.numel()), np.full(held.numel(), np.inf)
     return Problem(
-        case, loop, moves, goals, solver, objective, survey,
+        case, loop, moves, goals, tight, solver, objective, survey,
         lower=np.array([0.0] * size + pairs_lower),
         upper=np.array([1.0] * size + pairs_upper),
         g_lower=np.concatenate([np.zeros(held.numel()), exactly, np.full(asked_rows.numel(), -np.inf)]),

@@ -31,13 +31,13 @@ FEASIBLE = 1e-5  # largest violation of a scaled constraint
 AGREE = 5e-3  # relative: starts that end so close count as one optimum
 ENOUGH = 3  # starts that agree on the best before the search ends
 MINORITY = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
-DRAWS = 6  # of which a random start is the most promising: far fewer of those end nowhere
+DRAWS = 12  # of which a random start is the most promising: far fewer of those end nowhere
 MISSING = 10.0  # price of a missed constraint, scaled, in choosing it
 FIRST = 5  # starts before those that are led
 FAR = 2.0  # times the frequency of a target mode
-LED = 3  # starts at a shorter dead time where the others do not agree
-STEPS = (0.4, 0.55, 0.7, 0.78, 0.85, 0.9, 0.95, 1.0)  # of the dead time on the way to it
-LOST = 2  # steps in a row that end infeasible or unstable: it is not led any further
+LED = 4  # starts at a shorter dead time where the others do not agree
+WAYS = (np.geomspace(0.25, 1, 14), np.linspace(0.4, 1, 9))  # in parts of the dead time; the second where one fails
+LOST = 2  # steps in a row that end infeasible or unstable: it is not led this way any further
 WORTH_A_PROCESS = 4.0  # s that a start takes
 TRIED = 3  # ends that are tried for one that holds the margin between the grid as well
 ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
@@ -45,11 +45,16 @@ AROUND = 0.015  # about such a frequency more are held, as it moves when it is h
 
 
 class End(NamedTuple):
-    """Where IPOPT ended: objective, decision vector (v,), and whether it calls that a minimum."""
+    """Where IPOPT ended: objective, decision vector (v,), and whether it is a minimum to six digits by its word.
+
+    With the modulus margin and where it is (Hz), once it was checked.
+    """
 
     objective: float
     v: np.ndarray
     converged: bool
+    margin: float = float("nan")
+    margin_frequency: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -101,11 +106,11 @@ class Task:
     demands: Demands
     aim: Aim | None = None
 
-    def build(self, exact: bool = False, slots: int = 0, compiled: bool = True) -> Problem:
+    def build(self, tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True) -> Problem:
         """The programme."""
         return build(
             self.case, self.moves, self.weights, self.goals, self.reference, self.demands, self.aim,
-            exact=exact, slots=slots, compiled=compiled,
+            tight=tight, exact=exact, slots=slots, compiled=compiled,
         )  # fmt: skip
 
 
@@ -121,8 +126,8 @@ def solve(
     seed : int
         Of the random starts; the first is the case's own start with a gentle loop.
     starts : int
-        At most; the search ends when three, and a third of all, agree on the best, and three led ones are added where
-        the first five do not. What has lost a target mode counts for no agreement.
+        At most; the search ends when three, and a third, agree on the best, of the first five or of those after them,
+        which begin with four led ones. What has lost a target mode counts for no agreement.
     workers : int
         Processes; the outcome does not depend on how many.
     near : Near, optional
@@ -144,7 +149,8 @@ def solve(
             progress(f"start {len(ends)} of {starts + led} at most")
         best = min((end for end in ends if end), key=lambda end: end.objective, default=None)
         agreeing = sum(end.objective <= best.objective * (1 + AGREE) for end in ends if best and end)
-        if best and _follows(task, best) and agreeing >= max(enough, len(ends) / MINORITY):
+        tried = len(ends) - (FIRST if len(ends) > FIRST else 0)  # plain ones that fail say little about those led
+        if best and _follows(task, best) and agreeing >= max(enough, tried / MINORITY):
             break
     kept = [end for end in ends if end]
     values = tuple(None if end is None else end.objective for end in ends)
@@ -186,16 +192,22 @@ def _one_prepared(seed: int, number: int) -> End | None:
 
 def _one(problem: Problem, seed: int, number: int) -> End | None:
     """One start, or None if it ends infeasible or unstable."""
-    return next(_stable(problem, [_numbered(problem, seed, number)]), None)
+    return next(_stable(problem.oscillating(), [_numbered(problem, seed, number)]), None)
 
 
 def _led(task: Task, seed: int, number: int) -> End | None:
-    """One start at a shorter dead time, led to the case's own; None if the last step or two in a row end nowhere."""
+    """One start at a shorter dead time, led to the case's own; None if no way leads there."""
+    return next((end for way in WAYS if (end := _along(task, way, seed, number))), None)
+
+
+def _along(task: Task, way: np.ndarray, seed: int, number: int) -> End | None:
+    """The same on one way; None if the last step or two in a row end nowhere."""
     loop, v, end, failed = task.case.loop, None, None, 0
-    for part in STEPS:
+    for part in way:
         shorter = replace(task.case, loop=loop.with_values({"dead_time": part * loop["dead_time"]}))
-        problem = replace(task, case=shorter).build()
+        problem = replace(task, case=shorter).build(tight=v is not None)
         if v is None:
+            problem = problem.oscillating()
             v = _numbered(problem, seed, number)
         end = next((end for end in _stable(problem, [v, *_gentler(problem, v)]) if _follows(task, end)), None)
         v, failed = (v, failed + 1) if end is None else (end.v, 0)
@@ -226,30 +238,29 @@ def _first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, .
 
 
 def _tight(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
-    """Ask for the margin where it is missed between the grid as well and solve again, until it holds.
+    """Solve again to more digits, and ask for the margin where it is missed between the grid, until it holds.
 
     What IPOPT then does not call a minimum is solved once more with the exact Hessian.
     """
-    problem, extra = task.build(slots=SLOTS), np.zeros(0)
+    problem, extra = task.build(tight=True, slots=SLOTS), np.zeros(0)
     least = task.case.limits["modulus_margin"]
-    for number in range(ROUNDS + 1):
-        margin, frequency, _ = _check(problem, best.v)
-        if margin >= least or number == ROUNDS:
-            break
-        missed = np.append(problem.missed(best.v), frequency)
-        apart = AROUND / 3**number
-        extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
+    for number in range(ROUNDS):
+        if best.margin < least:
+            missed = np.append(problem.missed(best.v), best.margin_frequency)
+            apart = AROUND / 3**number
+            extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
         end = next(_stable(problem, [best.v, *_gentler(problem, best.v)], extra), None)
         if end is None:
             break
         best = end
+        if best.margin >= least:
+            break
     if not best.converged:
-        end = _run(task.build(slots=SLOTS, exact=True), best.v, extra)
-        if end is not None and end.objective < best.objective:
-            sharper, _, stable = _check(problem, end.v)
-            if stable and sharper >= least:
-                best, margin = end, sharper
-    holds, pairs = bool(margin >= least), best.v[len(problem.moves) :]
+        exact = task.build(tight=True, exact=True, slots=SLOTS)
+        end = next(_stable(exact, [best.v], extra), None)
+        if end and end.objective < best.objective and end.margin >= least:
+            best = end
+    holds, pairs = best.margin >= least, best.v[len(problem.moves) :]
     values = problem.values(best.v)
     return Solution(values, best.objective, starts, True, holds, tuple(extra.tolist()), tuple(pairs.tolist()))
 
@@ -297,41 +308,40 @@ def _numbered(problem: Problem, seed: int, number: int) -> np.ndarray:
 
 
 def _start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
-    """The case's own start, or the most promising of some drawn at random."""
-    if random is None:
-        return _drawn(problem, None)
+    """Mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets.
+
+    The case's own start, or the most promising of some drawn at random.
+    """
+    names, pairs = [move.name for move in problem.moves], [np.zeros(0)]
+    loop = np.array([name.startswith("loop.") for name in names], bool)
+    gentle = np.array([0.4 if "gain" in name or "time" in name else 0.3 for name in names])
+    own = np.array([scaled(move.start, move) for move in problem.moves])
+    for goal in problem.goals:
+        s, pattern = goal.eigenvalue / abs(goal.eigenvalue), goal.pattern / np.linalg.norm(goal.pattern)
+        pairs += [np.array([s.real, s.imag]), pattern, 0 * pattern]
+
+    def begin(part: np.ndarray | float, shift: np.ndarray | float) -> np.ndarray:
+        moves = np.where(loop, gentle * part, own + shift)
+        return np.concatenate([np.clip(moves, 0.01, 0.99), *pairs])
 
     def merit(v: np.ndarray) -> float:
         f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
         return float(np.nan_to_num(f[0] + MISSING * min(problem.violation(g), 1.0), nan=np.inf))
 
-    return min((_drawn(problem, random) for _ in range(DRAWS)), key=merit)
-
-
-def _drawn(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
-    """A start: mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets."""
-    v = np.zeros(len(problem.lower))
-    for i, move in enumerate(problem.moves):
-        own = scaled(move.start, move)
-        if move.name.startswith("loop."):
-            v[i] = (0.4 if "gain" in move.name or "time" in move.name else 0.3) * (random.random() if random else 0.5)
-        else:
-            v[i] = own + (0.2 * random.normal() if random else 0.0)
-    v[: len(problem.moves)] = np.clip(v[: len(problem.moves)], 0.01, 0.99)
-    k = len(problem.case.loop.dynamometers)
-    for number, goal in enumerate(problem.goals):
-        at, size = len(problem.moves) + number * (2 + 2 * k), abs(goal.eigenvalue)
-        v[at : at + 2] = goal.eigenvalue.real / size, goal.eigenvalue.imag / size
-        v[at + 2 : at + 2 + k] = goal.pattern / np.linalg.norm(goal.pattern)
-    return v
+    if random is None:
+        return begin(0.5, 0.0)
+    drawn = (begin(random.random(len(own)), 0.2 * random.normal(size=len(own))) for _ in range(DRAWS))
+    return min(drawn, key=merit)
 
 
 def _stable(problem: Problem, begins: Sequence[np.ndarray], extra: np.ndarray | tuple[()] = ()) -> Iterator[End]:
     """The feasible and stable ends from several starts, each sought when it is asked for."""
     for begin in begins:
         end = _run(problem, begin, extra)
-        if end and _check(problem, end.v)[2]:
-            yield end
+        if end:
+            margin, frequency, stable = _check(problem, end.v)
+            if stable:
+                yield end._replace(margin=margin, margin_frequency=frequency)
 
 
 def _run(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) -> End | None:
@@ -346,8 +356,8 @@ def _run(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) ->
     f, g = (part.full().ravel() for part in problem.objective(x, p))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
         return None
-    success = bool(problem.solver.stats()["success"])
-    return End(float(f[0]), x, success) if problem.violation(g) <= FEASIBLE else None
+    converged = problem.tight and bool(problem.solver.stats()["success"])
+    return End(float(f[0]), x, converged) if problem.violation(g) <= FEASIBLE else None
 
 
 def _check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
