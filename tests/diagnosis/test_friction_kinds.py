@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from plant.case import make_case
-from plant.engine import compiler
+from plant.marks import needs_compiler
 
 from matching.diagnosis.candidates import fitted, with_cause
 from matching.diagnosis.compare import Named, at_noise, sharpest
@@ -18,7 +17,7 @@ from modelling.files import load
 from modelling.recording import read_recording
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
 
-pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
+pytestmark = needs_compiler
 
 
 def test_friction_of_a_short_recording_is_not_stribeck() -> None:

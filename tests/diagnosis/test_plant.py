@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 from plant.case import make_case
-from plant.engine import compiler
+from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.result import Diagnosis
 from modelling.files import dumps, from_dict, load, read_toml
 from modelling.recording import read_recording
 
-pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
+pytestmark = needs_compiler
 
 
 def diagnosed(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from plant.case import make_case
-from plant.engine import compiler
+from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from modelling.effects import EFFECTS
@@ -50,7 +50,7 @@ def test_simpler_kinds_exist_and_have_fewer_parameters() -> None:
             assert len(parameters) < len(own.parameters)
 
 
-@pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
+@needs_compiler
 def test_stiffness_far_off_is_not_taken_for_hysteresis(tmp_path: Path) -> None:
     """From 284 N·m/rad no fit finds to 590; hysteresis of a large angle does, and is told to be the spring it is."""
     case = make_case("two_mass", ["wrong_parameter"], "plain", "high", 47556859, duration=8.0, moving=True, missing=1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plant.case import make_case
-from plant.engine import compiler
+from plant.marks import needs_compiler
 
 from matching.diagnosis import stretch as looked_at
 from matching.diagnosis import walk
@@ -17,7 +17,7 @@ from matching.diagnosis.stretch import head, stretch
 from modelling.files import load
 from modelling.recording import read_recording
 
-pytestmark = pytest.mark.skipif(compiler() is None, reason="the truth plant needs a C compiler (cc, gcc or clang)")
+pytestmark = needs_compiler
 
 
 @pytest.fixture(scope="module")

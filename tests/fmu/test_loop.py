@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fmu.slave import slave
+from fmu.slave import needs_compiler, slave
 from scipy.signal import cont2discrete
 
 from matching.fmu.given import acceleration
@@ -19,6 +19,8 @@ from matching.frequency.verification.ringing import pencil, thinned
 from modelling.loop import LEAD_SPREAD
 from modelling.residual_vehicle import cut
 from modelling.twin import twin
+
+pytestmark = needs_compiler
 
 # What `rigmatch match` found for the reference case, rounded: here it only has to be a tuned loop.
 TUNED = {

@@ -3,7 +3,9 @@
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Error
-from fmu.slave import slave
+from fmu.slave import needs_compiler, slave
+
+pytestmark = needs_compiler
 
 OUTPUTS = ["wheel_left_speed", "body_left_acceleration"]
 

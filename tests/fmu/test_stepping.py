@@ -3,7 +3,7 @@
 import fmpy
 import numpy as np
 import pytest
-from fmu.slave import slave
+from fmu.slave import needs_compiler, slave
 
 from matching.fmu.given import given
 from matching.frequency.case import load_case
@@ -11,6 +11,8 @@ from modelling.compiled import compiled
 from modelling.files import load
 from modelling.manoeuvres import TipIn
 from modelling.simulate import simulate
+
+pytestmark = needs_compiler
 
 EQUAL = 1e-9  # of a reading's largest value
 

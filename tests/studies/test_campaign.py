@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from plant.marks import needs_compiler
 
 from matching.studies import executor_of
 from tests.campaign.run import Campaign, record_of, run
@@ -23,6 +24,7 @@ class Quick:
         return {"causes": [], "verdict": "adequate"}
 
 
+@needs_compiler
 def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monkeypatch):
     asked, progress = [], []
     monkeypatch.setattr("matching.diagnosis.diagnosis.diagnose", lambda *given: asked.append(given) or Quick())
@@ -42,6 +44,7 @@ def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monk
     assert progress == [(4, 6), (5, 6), (6, 6)]
 
 
+@needs_compiler
 def test_the_command_goes_on_where_a_python_user_stopped(tmp_path):
     campaign = Campaign(cases=3, seed=1, seconds=2.0)
     with ProcessPoolExecutor(1) as executor:
@@ -57,6 +60,7 @@ def test_the_command_goes_on_where_a_python_user_stopped(tmp_path):
     assert (tmp_path / "results.json").exists()
 
 
+@needs_compiler
 def test_a_cluster_makes_the_same_recordings(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
