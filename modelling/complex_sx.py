@@ -128,9 +128,8 @@ def solve(rows: list[Row], right: list[Complex]) -> list[Complex]:
                     rows[i][j] = rows[i][j] - factor * value if j in rows[i] else -(factor * value)
             right[i] = right[i] - factor * right[pivot]
     for pivot in reversed(order):
-        later = order[order.index(pivot) + 1 :]
-        for j, value in rows[pivot].items():
-            if j in later:
+        for j, value in rows[pivot].items():  # what came before the pivot is no longer in its row
+            if j != pivot:
                 right[pivot] = right[pivot] - value * right[j]
         right[pivot] = right[pivot] * inverse[pivot]
     return right

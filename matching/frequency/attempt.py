@@ -18,7 +18,7 @@ from matching.frequency.thaw import needed_for_more, needed_to_keep
 from matching.frequency.tuned import apply
 from matching.frequency.verification.responses import responses
 from matching.frequency.verification.verify import Verification, verify
-from matching.frequency.weights import FREEZE_BELOW, price
+from matching.frequency.weights import free, price
 from modelling.modes import Mode
 
 FURTHER = 1.01  # reserve on a limit that the simulation overran, when it is solved again
@@ -75,10 +75,10 @@ def _solved(
     seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
 ) -> tuple[Task, Solution, list[Unkept], dict[str, str]]:  # fmt: skip
     """Task, solution, limits beyond reach, thawed; solved again where a limit at the end depends on what was frozen."""
-    free = [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
-    thawed = needed_to_keep(case, free, asked)
+    moving = free(case, shares)
+    thawed = needed_to_keep(case, moving, asked)
     while True:
-        moves = [move for move in case.moves if move in free or move.name in thawed]
+        moves = [move for move in case.moves if move in moving or move.name in thawed]
         task, beyond = task_of(case, shares, moves, targets, asked), unkept(case, moves, asked)
         if beyond:  # no setting keeps them: the best that keeps the rest is worth more than none
             task = replace(task, demands=replace(asked, limits={}))

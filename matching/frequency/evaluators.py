@@ -55,15 +55,13 @@ def bend(name: str, term: Term) -> ca.Function:
 def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[str, ca.Function]:
     """Functions by name, each a derivation of a term; compiled side by side where that is wanted and possible."""
     compiled = compiled and compiler() is not None
-    plain = {id(term): term.plain for _, term in terms.values()}
-    texts = {own: function.serialize() for own, function in plain.items()}
-    keys = {name: (_key(name, derive, texts[id(term)]), compiled) for name, (derive, term) in terms.items()}
+    keys = {name: (_key(name, derive, term), compiled) for name, (derive, term) in terms.items()}
     missing = [name for name, key in keys.items() if key not in _REMEMBERED]
     one_by_one = Lock()  # CasADi's expressions do not bear two threads
 
     def built(name: str) -> Path | None:
         derive, term = terms[name]
-        if plain[id(term)].n_instructions() > LARGEST:
+        if term.plain.n_instructions() > LARGEST:
             return None
 
         def source() -> str:
@@ -85,9 +83,9 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
     return found
 
 
-def _key(name: str, derive: Derivation, term: str) -> str:
+def _key(name: str, derive: Derivation, term: Term) -> str:
     """All that a function is made from."""
-    return "\0".join((name, derive.__name__, term, ca.CasadiMeta.version(), _own_text()))
+    return "\0".join((name, derive.__name__, term.text, ca.CasadiMeta.version(), _own_text()))
 
 
 @functools.cache

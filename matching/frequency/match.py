@@ -18,7 +18,7 @@ from matching.frequency.solve import Near, Solution, Task
 from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.responses import error_figures, responses
 from matching.frequency.verification.verify import Verification
-from matching.frequency.weights import FREEZE_BELOW, counterparts, price, share
+from matching.frequency.weights import FREEZE_BELOW, counterparts, price, shares_of
 from modelling.damped_modes import damped_modes
 from modelling.modes import Mode, modes
 from modelling.residual_vehicle import cut
@@ -71,7 +71,7 @@ def match(
     targets = target_modes(case)
     on_rig = counterparts(case)
     vehicle = modes(case.vehicle)
-    shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
+    shares = shares_of(case, vehicle, on_rig)
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
     found = attempt(case, shares, targets, asked, seed, starts, workers, tell, near)

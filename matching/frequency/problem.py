@@ -51,10 +51,16 @@ RAY = np.geomspace(0.3, 150, 30)  # Hz, where no root may have less damping
 LOGARITHMIC = 4.0  # bounds wider than this ratio are scaled logarithmically
 
 
-_QUIET = {"print_level": 0, "sb": "yes"}
-_TIGHT = {"tol": 1e-6, "acceptable_tol": 1e-4}
+_QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6}
+_TIGHT = {  # stays where it begins
+    "acceptable_tol": 1e-4,
+    "mu_strategy": "monotone",
+    "mu_init": 1e-4,
+    "bound_push": 1e-4,
+    "bound_frac": 1e-4,
+}
 _LOOSE = {  # ends where the objective has stood still for three iterations and the constraints are kept
-    "tol": 1e-6,
+    "mu_strategy": "adaptive",
     "acceptable_tol": 1.0,
     "acceptable_iter": 3,
     "acceptable_obj_change_tol": 1e-4,
@@ -70,8 +76,6 @@ _FAST = {
     "fast_step_computation": "yes",
     "max_iter": 250,
 }
-_FAR = {"mu_strategy": "adaptive"}
-_NEAR = {"mu_strategy": "monotone", "mu_init": 1e-4, "bound_push": 1e-4, "bound_frac": 1e-4}  # stays where it is
 _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_init_point": "yes", "max_iter": 40}
 
 
@@ -120,9 +124,8 @@ class Problem:
         A start from anywhere that may let one do so rarely finds a good optimum; one that is led from another solution
         has to be free to.
         """
-        width = 2 + 2 * len(self.case.loop.dynamometers)
         lower = self.lower.copy()
-        lower[len(self.moves) + 1 :: width] = OSCILLATING
+        eigenpairs(lower, len(self.moves), self.case)[:, 1] = OSCILLATING
         return replace(self, lower=lower)
 
     def missed(self, v: np.ndarray) -> np.ndarray:
@@ -149,6 +152,11 @@ class Problem:
         for name, own in values.items():
             p[self.loop.parameters.index(name)] = own
         return p
+
+
+def eigenpairs(v: np.ndarray, size: int, case: Case) -> np.ndarray:
+    """The goals' σ, ω, Re x and Im x, scaled (goals, 2 + 2·u), in a decision vector (v,) of ``size`` moves: a view."""
+    return v[size:].reshape(-1, 2 + 2 * len(case.loop.dynamometers))
 
 
 def unscaled(part: Any, move: Move) -> Any:
@@ -242,7 +250,7 @@ def build(
     jac_g = ca.vertcat(held_slope, rows_slope, ca.jacobian(asked_rows, v))
     options: Any = {
         "print_time": False, "error_on_fail": False, "no_nlp_grad": True, "calc_lam_p": False,
-        "ipopt": _QUIET | (_TIGHT if tight else _LOOSE) | (_EXACT if exact else _FAST | (_NEAR if tight else _FAR)),
+        "ipopt": _QUIET | (_TIGHT if tight else _LOOSE) | (_EXACT if exact else _FAST),
         "grad_f": ca.Function(
             "nlp_grad_f", [v, extra], [own_error + price + EIGEN * distance, grad_f], ["x", "p"], ["f", "grad_f_x"]
         ),

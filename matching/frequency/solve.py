@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain, islice
 from multiprocessing import get_context
 from typing import NamedTuple
@@ -20,7 +21,7 @@ import numpy as np
 from matching.frequency.case import Case, Move
 from matching.frequency.demands import Demands
 from matching.frequency.objective import Aim
-from matching.frequency.problem import SLOTS, Problem, build, scaled
+from matching.frequency.problem import SLOTS, Problem, build, eigenpairs, scaled
 from matching.frequency.terms import Goal
 from matching.frequency.tuned import apply
 from matching.frequency.verification.encirclements import encirclements
@@ -143,7 +144,7 @@ def solve(
     ends: list[End | None] = []
     enough, led = min(ENOUGH, starts), 0 if task.aim or task.case.loop.torqueless else min(LED, starts)
     plain = _ends(task, seed, starts, workers)
-    for end in chain(islice(plain, FIRST), (_led(task, seed, 1 + number) for number in range(led)), plain):
+    for end in chain(islice(plain, FIRST), _led(task, seed, range(1, led + 1)), plain):
         ends.append(end)
         if progress:
             progress(f"start {len(ends)} of {starts + led} at most")
@@ -195,17 +196,24 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
     return next(_stable(problem.oscillating(), [_numbered(problem, seed, number)]), None)
 
 
-def _led(task: Task, seed: int, number: int) -> End | None:
-    """One start at a shorter dead time, led to the case's own; None if no way leads there."""
-    return next((end for way in WAYS if (end := _along(task, way, seed, number))), None)
+def _led(task: Task, seed: int, numbers: Sequence[int]) -> Iterator[End | None]:
+    """Starts at a shorter dead time, led to the case's own; None if no way leads there."""
+    loop = task.case.loop
 
-
-def _along(task: Task, way: np.ndarray, seed: int, number: int) -> End | None:
-    """The same on one way; None if the last step or two in a row end nowhere."""
-    loop, v, end, failed = task.case.loop, None, None, 0
-    for part in way:
+    @cache  # every start passes there
+    def at(part: float, tight: bool) -> Problem:
         shorter = replace(task.case, loop=loop.with_values({"dead_time": part * loop["dead_time"]}))
-        problem = replace(task, case=shorter).build(tight=v is not None)
+        return replace(task, case=shorter).build(tight=tight)
+
+    for number in numbers:
+        yield next((end for way in WAYS if (end := _along(task, way, at, seed, number))), None)
+
+
+def _along(task: Task, way: np.ndarray, at: Callable[[float, bool], Problem], seed: int, number: int) -> End | None:
+    """One start on one way; None if the last step or two in a row end nowhere."""
+    v, end, failed = None, None, 0
+    for part in way:
+        problem = at(part, v is not None)
         if v is None:
             problem = problem.oscillating()
             v = _numbered(problem, seed, number)
@@ -218,8 +226,7 @@ def _along(task: Task, way: np.ndarray, seed: int, number: int) -> End | None:
 
 def _follows(task: Task, end: End) -> bool:
     """Whether the eigenvalues tracked are not roots far above the modes they were to follow."""
-    width = 2 + 2 * len(task.case.loop.dynamometers)
-    pairs = end.v[len(task.moves) :].reshape(-1, width)
+    pairs = eigenpairs(end.v, len(task.moves), task.case)
     return bool((np.hypot(pairs[:, 0], pairs[:, 1]) < FAR).all())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -36,10 +37,15 @@ class Term:
     fixed: ca.SX
     value: ca.SX
 
-    @property
+    @cached_property
     def plain(self) -> ca.Function:
         """(at, free, fixed) → value, as it stands."""
         return ca.Function("plain", [self.at, self.free, self.fixed], [self.value])
+
+    @cached_property
+    def text(self) -> str:
+        """The same as text, equal for equal expressions."""
+        return str(self.plain.serialize())
 
 
 def response(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:

@@ -21,6 +21,16 @@ def price(part: float) -> float:
     return float(1 / max(part, FREEZE_BELOW))
 
 
+def free(case: Case, shares: np.ndarray) -> list[Move]:
+    """What of a case's moves is not frozen, by the shares (moves,) of :func:`shares_of`."""
+    return [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
+
+
+def shares_of(case: Case, vehicle: Modes, rig_modes: list[Mode | None]) -> np.ndarray:
+    """Share of each of a case's moves (moves,)."""
+    return np.array([share(case, move, vehicle, rig_modes) for move in case.moves])
+
+
 def counterparts(case: Case) -> list[Mode | None]:
     """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
     vehicle, rig = modes(case.vehicle), modes(case.rig)

@@ -111,7 +111,8 @@ def shared(content: str, source: Callable[[], str], optimisation: str) -> Path |
     if cc is None:
         return None
     flags = (optimisation, *FLAGS)
-    key = hashlib.sha256("\0".join((content, _version(cc), *flags, platform.machine())).encode()).hexdigest()[:32]
+    made_from = (content, PRELUDE, _version(cc), *flags, platform.machine())
+    key = hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32]
     target = folder() / f"{key}.so"
     return target if target.exists() or _compile([cc, *flags], source(), target) else None
 

@@ -62,7 +62,8 @@ def run_all(
     if own is None or general is None:
         return None
     code = [ctypes.cast(function, c_void_p) for function in (own.field, own.reading)]
-    constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), _ends(tasks)[:-1])
+    ends_of_rows = np.cumsum([len(task.p) for task in tasks])
+    constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), ends_of_rows[:-1])
     prepared = [
         _prepared(task, made, code, constant, states, readings) for task, constant in zip(tasks, constants, strict=True)
     ]
@@ -77,10 +78,6 @@ def run_all(
     if any(ends):
         raise MemoryError("the integrator found no memory")
     return [results for _, _, results in prepared]
-
-
-def _ends(tasks: Sequence[Task]) -> list[int]:
-    return [int(end) for end in np.cumsum([len(task.p) for task in tasks])]
 
 
 def _prepared(

@@ -32,19 +32,15 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
-from matching.frequency import attempt
 from matching.frequency import solve as solving
 from matching.frequency.case import load_case
 from matching.frequency.closed_loop import _expressions
-from matching.frequency.demands import demands
-from matching.frequency.goals import target_modes
-from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, grid, scaled, unscaled
+from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, eigenpairs, grid, scaled, unscaled
 from matching.frequency.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
 from matching.frequency.terms import MEET
-from matching.frequency.weights import FREEZE_BELOW, counterparts, share
-from modelling.modes import modes
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import row
+from tests.match.programme import programme_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 SEEDS = int(os.environ.get("MATCH_SEEDS", 5))  # of the starts, of seed 0 first the case's own; medians count
@@ -176,9 +172,8 @@ class Reduced:
         parts = [np.log(np.abs(ratio)).ravel(), np.unwrap(np.angle(ratio), axis=0).ravel()]
         wrong = [part / np.sqrt(ratio.size) for part in parts]
         wrong.append(np.sqrt(PRICE * self.task.weights) * (v[: self.size] - self.start))
-        width = 2 + 2 * len(self.problem.case.loop.dynamometers)
-        for number, goal in enumerate(self.problem.goals):
-            sigma, omega = v[self.size + number * width :][:2]
+        pairs = eigenpairs(v, self.size, self.problem.case)
+        for goal, (sigma, omega, *_) in zip(self.problem.goals, pairs, strict=True):
             natural, ratio_wanted = np.hypot(sigma, omega), -goal.eigenvalue.real / abs(goal.eigenvalue)
             wrong.append(np.sqrt(EIGEN) * np.array([natural - 1, -sigma / natural - ratio_wanted]))
         return np.concatenate(wrong)
@@ -269,15 +264,6 @@ class Plain(Reduced):
             peaks = ("dynamometer_torque", 1.0), ("dynamometer_power", chain.speed)
             rows += [chain.peak(total, factor) / limits[name] for name, factor in peaks if name in limits]
         return np.array(rows)
-
-
-def task_of(path: Path) -> Task:
-    """The programme of a case file, as :func:`matching.frequency.match.match` sets it up."""
-    case = load_case(path)
-    targets, vehicle, on_rig = target_modes(case), modes(case.vehicle), counterparts(case)
-    shares = np.array([share(case, move, vehicle, on_rig) for move in case.moves])
-    free = [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
-    return attempt.task_of(case, shares, free, targets, demands(case))
 
 
 def disagreement(helped: Reduced, plain: Plain) -> float:
@@ -387,7 +373,7 @@ def watched(task: Task, ours: Solution, seed: int) -> float:
 
 def main() -> None:
     solving._check = checked  # our own checks are off the clock as well
-    task = task_of(CASE)
+    task = programme_of(load_case(CASE))
     task.build()  # compiles what the cache lacks
     found = solve(task)
     if not found.feasible or not found.holds:

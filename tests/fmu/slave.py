@@ -4,12 +4,7 @@ import shutil
 from contextlib import contextmanager
 
 import fmpy
-import pytest
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-
-from modelling.simulation.build import compiler
-
-needs_compiler = pytest.mark.skipif(compiler() is None, reason="the binary of an FMU needs a C compiler")
 
 
 class Slave:

@@ -6,7 +6,7 @@ import platform
 import fmpy
 import pytest
 from fmpy.validation import validate_fmu
-from fmu.slave import needs_compiler
+from needs import compiles
 
 from matching.cli import main
 from matching.frequency.case import load_case
@@ -69,7 +69,7 @@ def test_another_model_has_another_guid(export, reference_case, lashed_model):
     assert one != other
 
 
-@needs_compiler
+@compiles
 @pytest.mark.skipif(platform.system() != "Linux" or platform.machine() != "x86_64", reason="names of another platform")
 def test_binary_for_this_platform_and_sources(export, reference_case):
     assert set(fmpy.supported_platforms(str(export(reference_case)))) == {"linux64", "c-code"}

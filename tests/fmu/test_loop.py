@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fmu.slave import needs_compiler, slave
+from fmu.slave import slave
+from needs import compiles
 from scipy.signal import cont2discrete
 
 from matching.fmu.given import acceleration
@@ -20,7 +21,7 @@ from modelling.loop import LEAD_SPREAD
 from modelling.residual_vehicle import cut
 from modelling.twin import twin
 
-pytestmark = needs_compiler
+pytestmark = compiles
 
 # What `rigmatch match` found for the reference case, rounded: here it only has to be a tuned loop.
 TUNED = {

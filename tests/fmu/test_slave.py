@@ -3,9 +3,10 @@
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Error
-from fmu.slave import needs_compiler, slave
+from fmu.slave import slave
+from needs import compiles
 
-pytestmark = needs_compiler
+pytestmark = compiles
 
 OUTPUTS = ["wheel_left_speed", "body_left_acceleration"]
 

@@ -3,7 +3,8 @@
 import fmpy
 import numpy as np
 import pytest
-from fmu.slave import needs_compiler, slave
+from fmu.slave import slave
+from needs import compiles
 
 from matching.fmu.given import given
 from matching.frequency.case import load_case
@@ -12,7 +13,7 @@ from modelling.files import load
 from modelling.manoeuvres import TipIn
 from modelling.simulate import simulate
 
-pytestmark = needs_compiler
+pytestmark = compiles
 
 EQUAL = 1e-9  # of a reading's largest value
 

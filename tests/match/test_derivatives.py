@@ -6,6 +6,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from needs import compiles
 
 from matching.frequency.case import load_case
 from matching.frequency.demands import demands
@@ -106,10 +107,9 @@ def test_compiled_is_the_same(programme, problem, point):
             np.testing.assert_allclose(found.full(), wanted.full(), rtol=1e-9, atol=1e-9)
 
 
+@compiles
 def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch):
     """Another dead time, inertia or bound compiles nothing; another structure does."""
-    if compiler() is None:
-        pytest.skip("no C compiler")
     monkeypatch.setenv("RIGMATCH_CACHE", str(tmp_path))
     folder.cache_clear()
     _REMEMBERED.clear()

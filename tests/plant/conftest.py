@@ -1,9 +1,6 @@
-import pytest
-
-from plant.engine import compiler
+from plant.marks import needs_compiler
 
 
-@pytest.fixture(autouse=True)
-def compiled_plant() -> None:
-    if compiler() is None:
-        pytest.skip("the truth plant needs a C compiler (cc, gcc or clang)")
+def pytest_itemcollected(item):
+    """Every test of this folder runs the plant."""
+    item.add_marker(needs_compiler)

@@ -1,7 +1,7 @@
 """Batches, uneven time, caching."""
 
 import numpy as np
-import pytest
+from needs import compiles
 
 from modelling.compiled import compiled
 from modelling.simulate import sensitivities, simulate, simulate_batch
@@ -72,15 +72,12 @@ print(repr(simulate(system_with("hardening", "lag"), *excitation(0.05))["link_to
 """
 
 
+@compiles
 def test_processes_may_race_for_the_cache(tmp_path):
     import os
     import subprocess
     import sys
 
-    from modelling.simulation.build import compiler
-
-    if not compiler():
-        pytest.skip("no C compiler here")
     environment = os.environ | {"RIGMATCH_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     commands = [
         subprocess.Popen([sys.executable, "-c", RACE], env=environment, stdout=subprocess.PIPE) for _ in range(2)

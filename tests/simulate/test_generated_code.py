@@ -4,16 +4,15 @@ import math
 from itertools import product
 
 import casadi as ca
-import pytest
+from needs import compiles
 
-from modelling.simulation.build import compiler, external
+from modelling.simulation.build import external
 
 VALUES = (0.0, -0.0, 1.0, -1.0, 2.5, -1e300, 5e-324, math.inf, -math.inf, math.nan)
 
 
+@compiles
 def test_the_larger_and_the_smaller_are_those_of_the_c_library() -> None:
-    if not compiler():
-        pytest.skip("no C compiler here")
     x, y = ca.MX.sym("x"), ca.MX.sym("y")
     plain = ca.Function("ends_of_two", [x, y], [ca.fmax(x, y), ca.fmin(x, y)])
     made = external(plain)

@@ -2,26 +2,33 @@
 
 import numpy as np
 
-from modelling.compiled import compiled
+from modelling.compiled import Model, compiled
 from modelling.files import from_dict
 from modelling.simulation import native
 from modelling.simulation.task import make_task
 
 
-def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
-    drive = from_dict(
-        {
-            "inertias": {"motor": {"J": 0.1, "drag": 0.02}, "load": {"J": 1.0, "drag": 0.1}},
-            "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "damping": 0.6}},
-            "inputs": {"motor_torque": {"on": "motor"}},
-            "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
-            "effects": [
-                {"kind": "sensor_delay", "at": "sensors.link_torque", "delay": 0.0123},
-                {"kind": "dead_time", "at": "inputs.motor_torque", "delay": 0.0045},
-            ],
-        }
+def drive(*effects: dict) -> Model:
+    """Two masses with effects."""
+    return compiled(
+        from_dict(
+            {
+                "inertias": {"motor": {"J": 0.1, "drag": 0.02}, "load": {"J": 1.0, "drag": 0.1}},
+                "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "damping": 0.6}},
+                "inputs": {"motor_torque": {"on": "motor"}},
+                "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
+                "effects": list(effects),
+            }
+        )
     )
-    model, time, batch = compiled(drive), np.arange(800) * 1e-3, 5
+
+
+def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
+    model = drive(
+        {"kind": "sensor_delay", "at": "sensors.link_torque", "delay": 0.0123},
+        {"kind": "dead_time", "at": "inputs.motor_torque", "delay": 0.0045},
+    )
+    time, batch = np.arange(800) * 1e-3, 5
     p = np.repeat(model.p0[None], batch, axis=0)
     p[:, model.parameters.index("shafts.link.stiffness")] *= np.linspace(0.5, 2.0, batch)
     p[:, model.parameters.index("sensors.link_torque.sensor_delay.delay")] *= np.linspace(0.1, 3.0, batch)
@@ -39,17 +46,7 @@ def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
 
 
 def test_several_tasks_at_once_are_what_each_is_alone() -> None:
-    model = compiled(
-        from_dict(
-            {
-                "inertias": {"motor": {"J": 0.1, "drag": 0.02}, "load": {"J": 1.0, "drag": 0.1}},
-                "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "damping": 0.6}},
-                "inputs": {"motor_torque": {"on": "motor"}},
-                "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
-                "effects": [{"kind": "backlash", "at": "shafts.link", "gap": 0.02}],
-            }
-        )
-    )
+    model = drive({"kind": "backlash", "at": "shafts.link", "gap": 0.02})
     time, random = np.arange(900) * 1e-3, np.random.default_rng(1)
     torque = 30 * np.sin(25 * time)[:, None]
     tasks = []

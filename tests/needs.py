@@ -1,0 +1,7 @@
+"""What some tests ask of a machine."""
+
+import pytest
+
+from modelling.simulation.build import compiler
+
+compiles = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
