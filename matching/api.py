@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-    from matching.diagnosis.result import Diagnosis
-    from matching.frequency.case import Case
-    from matching.frequency.map import Map
-    from matching.frequency.map_axis import Axis
-    from matching.frequency.result import MatchResult
-    from matching.frequency.tolerance import Tolerance
+    from matching.diagnosis.verdict.result import Diagnosis
+    from matching.frequency.case.case import Case
+    from matching.frequency.search.result import MatchResult
+    from matching.frequency.studies.map import Map
+    from matching.frequency.studies.map_axis import Axis
+    from matching.frequency.studies.tolerance import Tolerance
     from matching.validity.answers import Uncertainty, XilFidelity
-    from modelling.modes import Modes
-    from modelling.recording import Recording
-    from modelling.response import Response
+    from modelling.linear.response import Response
+    from modelling.measurement.recording import Recording
+    from modelling.modal.modes import Modes
+    from modelling.model.system import System
     from modelling.simulation.result import Simulation
-    from modelling.system import System
 
 File = str | PathLike[str]
 
@@ -38,14 +38,14 @@ def load(path: File) -> System:
     InputError
         One line: file, key, what is wrong, what would be right. So do all functions here.
     """
-    from modelling.files import load as read
+    from modelling.model.files import load as read
 
     return read(Path(path))
 
 
 def load_case(path: File) -> Case:
     """A case file with all that it names."""
-    from matching.frequency.case import load_case as read
+    from matching.frequency.case.case import load_case as read
 
     return read(Path(path))
 
@@ -56,25 +56,25 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     Parameters
     ----------
     channels : path, optional
-        A file that says what the channels are called there (:func:`modelling.channels.read_channels`).
+        A file that says what the channels are called there (:func:`modelling.measurement.channels.read_channels`).
     """
-    from modelling.channels import read_channels
-    from modelling.recording import read_recording as read
+    from modelling.measurement.channels import read_channels
+    from modelling.measurement.recording import read_recording as read
 
     return read(Path(path), _system(model), None if channels is None else read_channels(channels))
 
 
 def modes(model: System | File, values: Mapping[str, float] | None = None, *, damped: bool = False) -> Modes:
     """Modes with energy shares and symmetry (Eqs. 1–8); ``values`` (SI) replace those of the model, by name."""
-    from modelling.damped_modes import damped_modes
-    from modelling.modes import modes as undamped
+    from modelling.modal.damped_modes import damped_modes
+    from modelling.modal.modes import modes as undamped
 
     return (damped_modes if damped else undamped)(_system(model), values)
 
 
 def response(model: System | File, frequencies: np.ndarray) -> Response:
     """Frequency responses (f, y, u) of all sensors to all inputs at frequencies (f,) in Hz."""
-    from modelling.response import response as of
+    from modelling.linear.response import response as of
 
     return of(_system(model), frequencies)
 
@@ -90,12 +90,12 @@ def simulate(
         A file that says what the channels are called in the recording.
     start : "recorded", "rest", "steady", states by name or all states
         ``"recorded"``: as the first quarter second of the recorded sensors tells, at rest if there are none; the others
-        as :func:`modelling.simulate.simulate` has them.
+        as :func:`modelling.simulation.simulate.simulate` has them.
     """
-    from modelling.compiled import compiled
-    from modelling.simulate import prepare
-    from modelling.simulate import simulate as run
+    from modelling.equations.compiled import compiled
     from modelling.simulation.recorded_start import recorded_start
+    from modelling.simulation.simulate import prepare
+    from modelling.simulation.simulate import simulate as run
 
     built = compiled(_system(model))
     measured = _recording(recording, built.system, channels)
@@ -110,9 +110,9 @@ def match(
 ) -> MatchResult:
     """Tune what the case lets move until the rig answers like the vehicle, and verify it by other means.
 
-    See :func:`matching.frequency.match.match`.
+    See :func:`matching.frequency.search.match.match`.
     """
-    from matching.frequency.match import match as run
+    from matching.frequency.search.match import match as run
 
     return run(_case(case), seed, starts, progress, workers)
 
@@ -126,9 +126,9 @@ def map(  # noqa: A001
 
     It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
     on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped goes on. See
-    :func:`matching.frequency.map.map_case`.
+    :func:`matching.frequency.studies.map.map_case`.
     """
-    from matching.frequency.map import map_case
+    from matching.frequency.studies.map import map_case
 
     return map_case(
         _case(case), x, y, executor, seed=seed, starts=starts, workers=workers, record=_path(record), progress=progress
@@ -142,11 +142,11 @@ def tolerance(
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
-    Executor, ``workers`` and ``record`` as for :func:`map`; see :func:`matching.frequency.tolerance.tolerance`.
+    Executor, ``workers`` and ``record`` as for :func:`map`; see :func:`matching.frequency.studies.tolerance.tolerance`.
     """
     from contextlib import nullcontext
 
-    from matching.frequency.tolerance import tolerance as run
+    from matching.frequency.studies.tolerance import tolerance as run
     from matching.studies import executor_of
 
     with nullcontext(executor) if executor else executor_of(workers) as own:
@@ -159,7 +159,7 @@ def diagnose(
 ) -> Diagnosis:  # fmt: skip
     """Find out what a model lacks against recordings; see :func:`matching.diagnosis.diagnosis.diagnose`."""
     from matching.diagnosis.diagnosis import diagnose as run
-    from modelling.recording import Recording
+    from modelling.measurement.recording import Recording
 
     system = _system(model)
     single = isinstance(recordings, str | PathLike | Recording)
@@ -187,7 +187,7 @@ def fidelity(
     from matching.validity.answers import XilFidelity
     from matching.validity.fidelity.files import read_case
     from matching.validity.fidelity.result import as_json
-    from modelling.channels import read_channels
+    from modelling.measurement.channels import read_channels
 
     names = None if channels is None else read_channels(channels)
     return XilFidelity(as_json(*read_case(str(case), arithmetic, nrmse, names), draws, seed))

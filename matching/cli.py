@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from matching import __version__
 from matching.commands import available
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 ANSWERED, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -93,7 +93,7 @@ def _run(words: Sequence[str]) -> None:
     arguments = parser.parse_args(words)
     command = modules[arguments.command]
     if arguments.json:
-        from modelling.output import strict_json
+        from modelling.common.output import strict_json
 
         with _standard_output_kept_clean():
             text = strict_json(command.run(arguments))

@@ -20,7 +20,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import Any
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 SECONDS = 10  # to wait for a scheduler to answer
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from modelling import floating_point
+from modelling.common import floating_point
 
 
 @pytest.fixture(autouse=True)

@@ -5,9 +5,9 @@ python examples/adapter_only/run.py
 
 from pathlib import Path
 
-from matching.frequency.case import load_case
-from matching.frequency.match import match
-from matching.frequency.result import MatchResult
+from matching.frequency.case.case import load_case
+from matching.frequency.search.match import match
+from matching.frequency.search.result import MatchResult
 
 HERE = Path(__file__).parent
 

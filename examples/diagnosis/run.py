@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.result import Diagnosis
-from matching.report.diagnosis_page import content
-from matching.report.diagnosis_words import summary
-from modelling.files import load
-from modelling.recording import read_recording
+from matching.diagnosis.verdict.result import Diagnosis
+from matching.report.diagnosis.page import content
+from matching.report.diagnosis.sentences import summary
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 HERE = Path(__file__).parent
 

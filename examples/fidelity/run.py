@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from matching.report import fidelity_figures, style
+from matching.report.common import style
+from matching.report.fidelity import figures as fidelity_figures
 from matching.validity.fidelity.files import read_case
 from matching.validity.fidelity.result import as_json
 from modelling.fidelity.assess import SignalPair, fidelity_of_signals

@@ -6,11 +6,11 @@ python examples/road_to_rig/run.py
 from dataclasses import replace
 from pathlib import Path
 
-from matching.frequency.case import load_case
-from matching.frequency.match import match
-from matching.frequency.result import MatchResult
-from matching.frequency.verification.parts import parts_of
-from matching.frequency.verification.responses import error_figures
+from matching.frequency.case.case import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.responses import error_figures
+from matching.frequency.search.match import match
+from matching.frequency.search.result import MatchResult
 
 HERE = Path(__file__).parent
 

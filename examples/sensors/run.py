@@ -6,7 +6,8 @@ python examples/sensors/run.py [folder for the figures]
 import sys
 from pathlib import Path
 
-from matching.report import style, uncertainty_figures
+from matching.report.common import style
+from matching.report.uncertainty import figures as uncertainty_figures
 from matching.validity.uncertainty.evaluate import as_json, evaluate
 from matching.validity.uncertainty.files import read_budget
 from matching.validity.uncertainty.inverse import required

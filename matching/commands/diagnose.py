@@ -26,13 +26,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from tqdm import tqdm
 
     from matching.diagnosis.diagnosis import diagnose
-    from matching.report.diagnosis_figures import figures
-    from matching.report.diagnosis_page import content, page
-    from matching.report.style import image
-    from modelling.channels import read_channels
-    from modelling.files import dumps, load
-    from modelling.output import strict_json, write_all
-    from modelling.recording import read_recording
+    from matching.report.common.style import image
+    from matching.report.diagnosis.figures import figures
+    from matching.report.diagnosis.page import content, page
+    from modelling.common.output import strict_json, write_all
+    from modelling.measurement.channels import read_channels
+    from modelling.measurement.recording import read_recording
+    from modelling.model.files import dumps, load
 
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
@@ -58,6 +58,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """The answer in a sentence, then errors and causes."""
-    from matching.report.diagnosis_words import summary as words
+    from matching.report.diagnosis.sentences import summary as words
 
     return words(result)

@@ -25,9 +25,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.fmu.given import given
-    from modelling.errors import InputError
+    from modelling.common.errors import InputError
+    from modelling.common.output import write_all
     from modelling.fmu.export import fmu
-    from modelling.output import write_all
 
     target = Path(arguments.fmu)
     if target.suffix != ".fmu":

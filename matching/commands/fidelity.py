@@ -27,12 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Judge and write; returns the object of ``fidelity.json``."""
-    from matching.report import fidelity_figures, style
+    from matching.report.common import style
+    from matching.report.fidelity import figures as fidelity_figures
     from matching.validity.fidelity.files import read_case
     from matching.validity.fidelity.result import as_json
-    from modelling.channels import read_channels
-    from modelling.errors import InputError
-    from modelling.output import strict_json, write_all
+    from modelling.common.errors import InputError
+    from modelling.common.output import strict_json, write_all
+    from modelling.measurement.channels import read_channels
 
     if not 100 <= arguments.draws <= 10**7:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 100 ... 1e7")

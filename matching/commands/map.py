@@ -12,7 +12,7 @@ and map.png. Points are kept in map.partial.jsonl as they come; started again, a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, both quantities, place to write to, and how hard to work."""
-    from matching.arguments import completed, count, scale_out
+    from matching.commands.arguments import completed, count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     for name in ("x", "y"):
@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _quantities(arguments: argparse.Namespace) -> list[str]:
-    from matching.frequency.case import load_case
-    from matching.frequency.map_axis import quantities
+    from matching.frequency.case.case import load_case
+    from matching.frequency.studies.map_axis import quantities
 
     return list(quantities(load_case(arguments.case)))
 
@@ -39,14 +39,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Draw the map; the result object is the content of ``map.json``."""
     from pathlib import Path
 
-    from matching.arguments import cores, progress
-    from matching.frequency.case import load_case
-    from matching.frequency.map import map_case
-    from matching.frequency.map_axis import axis
-    from matching.report.map_figure import map_figure
-    from matching.report.style import image
+    from matching.commands.arguments import cores, progress
+    from matching.frequency.case.case import load_case
+    from matching.frequency.studies.map import map_case
+    from matching.frequency.studies.map_axis import axis
+    from matching.report.common.style import image
+    from matching.report.map.figure import map_figure
     from matching.studies import executor_of
-    from modelling.output import strict_json, write_all
+    from modelling.common.output import strict_json, write_all
 
     case = load_case(arguments.case)
     x, y = (axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y"))
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """The best point, how many match, and how many are better than from starts of their own."""
-    from matching.report.words import amount, number
+    from matching.report.common.wording import amount, number
 
     points = [own for own in result["points"] if own["error"] is not None]
     matched = [own for own in points if own["status"] == "matched"]

@@ -11,7 +11,7 @@ and the limits say what binds."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, place to write to, and how hard to search."""
-    from matching.arguments import count
+    from matching.commands.arguments import count
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
@@ -24,15 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
-    from matching.arguments import cores, steps
-    from matching.frequency.case import load_case
-    from matching.frequency.case_file import case_files
-    from matching.frequency.match import match
-    from matching.report.match_figures import figures
-    from matching.report.match_page import page
-    from matching.report.match_text import content
-    from matching.report.style import image
-    from modelling.output import strict_json, write_all
+    from matching.commands.arguments import cores, steps
+    from matching.frequency.case.case import load_case
+    from matching.frequency.case.case_file import case_files
+    from matching.frequency.search.match import match
+    from matching.report.common.style import image
+    from matching.report.match.figures import figures
+    from matching.report.match.page import page
+    from matching.report.match.text import content
+    from modelling.common.output import strict_json, write_all
 
     case = load_case(arguments.case)
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
@@ -49,6 +49,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """The result in at most twenty lines."""
-    from matching.report.match_text import summary as words
+    from matching.report.match.text import summary as words
 
     return words(result)

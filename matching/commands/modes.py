@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from modelling.system import System
+    from modelling.model.system import System
 
 HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
 Undamped unless --damped. Writes modes.json, modes.svg (frequencies and shares of the first modes) and
@@ -13,7 +13,7 @@ energy_shares.svg (all shares)."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model file, kind of modes, place to write to."""
-    from matching.arguments import completed
+    from matching.commands.arguments import completed
 
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument("--damped", action="store_true", help="damped modes with damping ratios")
@@ -33,22 +33,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _parameters(arguments: argparse.Namespace) -> list[str]:
-    from modelling.files import load
+    from modelling.model.files import load
 
     return [f"{name}=" for name in load(arguments.model).parameters]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Find the modes and write files; the result object is the content of ``modes.json``."""
-    from matching.report.modal_figures import Column, energy_figure, shares_figure
-    from matching.report.style import VEHICLE, image
-    from modelling.damped_modes import damped_modes
-    from modelling.errors import InputError
-    from modelling.files import load
-    from modelling.modes import modes
-    from modelling.output import strict_json, write_all
-    from modelling.reduction import reduced, reduced_values, speed_ratios
-    from modelling.sensitivity import what_if
+    from matching.report.common.style import VEHICLE, image
+    from matching.report.modes.figures import Column, energy_figure, shares_figure
+    from modelling.common.errors import InputError
+    from modelling.common.output import strict_json, write_all
+    from modelling.modal.damped_modes import damped_modes
+    from modelling.modal.modes import modes
+    from modelling.modal.reduction import reduced, reduced_values, speed_ratios
+    from modelling.modal.sensitivity import what_if
+    from modelling.model.files import load
 
     system = load(arguments.model)
     try:
@@ -78,9 +78,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _changes(given: list[str], system: "System") -> dict[str, float]:
     """``NAME=VALUE`` with or without unit, as values in SI by name."""
-    from modelling.errors import InputError
-    from modelling.system import unknown
-    from modelling.units import to_si
+    from modelling.common.errors import InputError
+    from modelling.common.units import to_si
+    from modelling.model.system import unknown
 
     changes = {}
     for text in given:
@@ -96,7 +96,7 @@ def _changes(given: list[str], system: "System") -> dict[str, float]:
 
 def summary(result: dict[str, Any]) -> str:
     """The mode table, and reduced values where asked for."""
-    from matching.report.modal_figures import mode_table, table_text
+    from matching.report.modes.figures import mode_table, table_text
 
     lines = [table_text(mode_table(result["modes"]))]
     if "what_if" in result:

@@ -17,8 +17,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from importlib.resources import files
     from pathlib import Path
 
-    from modelling.errors import InputError
-    from modelling.output import write_all
+    from modelling.common.errors import InputError
+    from modelling.common.output import write_all
 
     target = Path(arguments.directory)
     if target.is_dir() and any(target.iterdir()):

@@ -29,13 +29,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write files; the result object tells what was run, and the misfit by sensor."""
     import numpy as np
 
-    from modelling.channels import read_channels
-    from modelling.compiled import compiled
-    from modelling.files import load
-    from modelling.output import write_all
-    from modelling.recording import csv_text, read_recording
-    from modelling.simulate import prepare, simulate
+    from modelling.common.output import write_all
+    from modelling.equations.compiled import compiled
+    from modelling.measurement.channels import read_channels
+    from modelling.measurement.recording import csv_text, read_recording
+    from modelling.model.files import load
     from modelling.simulation.recorded_start import recorded_start
+    from modelling.simulation.simulate import prepare, simulate
 
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
@@ -83,7 +83,7 @@ def summary(result: dict[str, Any]) -> str:
 
 def _picture(done: Any, recording: Any) -> bytes:
     """Every reading over time, the recorded one behind it."""
-    from matching.report.style import LIMIT, VEHICLE, figure, image, styled
+    from matching.report.common.style import LIMIT, VEHICLE, figure, image, styled
 
     names = list(done.readings)
     with styled():

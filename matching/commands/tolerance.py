@@ -11,7 +11,7 @@ finished chunks are kept in tolerance.partial.jsonl until the end: a study that 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, place to write to, what varies, and how many draws."""
-    from matching.arguments import count, scale_out
+    from matching.commands.arguments import count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), as a match wrote it")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
@@ -29,13 +29,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Study and write; the result object is the content of ``tolerance.json``."""
     from pathlib import Path
 
-    from matching.arguments import cores, progress
-    from matching.frequency.case import load_case
-    from matching.frequency.tolerance import tolerance
-    from matching.report.style import image
-    from matching.report.views.tolerance import plot
+    from matching.commands.arguments import cores, progress
+    from matching.frequency.case.case import load_case
+    from matching.frequency.studies.tolerance import tolerance
+    from matching.report.common.style import image
+    from matching.report.tolerance.view import plot
     from matching.studies import executor_of
-    from modelling.output import strict_json, write_all
+    from modelling.common.output import strict_json, write_all
 
     case = load_case(arguments.case)
     added = dict(_tolerance(text) for text in arguments.tolerance)
@@ -55,13 +55,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """Spread, yield and drivers in a few lines."""
-    from matching.report.views.tolerance import text
+    from matching.report.tolerance.view import text
 
     return text(result)
 
 
 def _tolerance(given: str) -> tuple[str, float]:
-    from modelling.errors import InputError
+    from modelling.common.errors import InputError
 
     name, _, share = given.partition("=")
     try:

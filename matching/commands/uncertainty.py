@@ -31,12 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and write; returns the object of ``uncertainty.json``."""
-    from matching.report import style, uncertainty_figures
+    from matching.report.common import style
+    from matching.report.uncertainty import figures as uncertainty_figures
     from matching.validity.uncertainty.evaluate import as_json, evaluate
     from matching.validity.uncertainty.files import read_budget
     from matching.validity.uncertainty.inverse import inverse_as_json
-    from modelling.errors import InputError
-    from modelling.output import strict_json, write_all
+    from modelling.common.errors import InputError
+    from modelling.common.output import strict_json, write_all
 
     if arguments.draws is not None and not 1000 <= arguments.draws <= 10**9:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 1000 ... 1e9")

@@ -8,26 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from matching.diagnosis import runs
-from matching.diagnosis.compare import Named, at_noise, where_not_noise
-from matching.diagnosis.extend import extended
-from matching.diagnosis.fit import Fit, base_problem, solve
-from matching.diagnosis.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments, unseen_segments
-from matching.diagnosis.motion import seen
-from matching.diagnosis.next_recording import propose
-from matching.diagnosis.one_sided import bounded_below
-from matching.diagnosis.preparation import prepare_data, split
-from matching.diagnosis.result import Candidate, CauseFound, Diagnosis, Pictures, finite
-from matching.diagnosis.several import Search
-from matching.diagnosis.uncertainty import Estimate, discretisation, estimates
-from matching.diagnosis.unseen import Unseen, fidelity
-from matching.diagnosis.unseen import unseen as laid_out
-from matching.diagnosis.valley import as_good, widened
-from matching.diagnosis.verdict import Rated, confidence
-from matching.diagnosis.walk import walk, without
+from matching.diagnosis.candidates.backlash_one_flank import bounded_below
+from matching.diagnosis.candidates.extend import extended
+from matching.diagnosis.candidates.motion import seen
+from matching.diagnosis.data.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments, unseen_segments
+from matching.diagnosis.data.holdout_fidelity import Unseen, fidelity
+from matching.diagnosis.data.holdout_fidelity import unseen as laid_out
+from matching.diagnosis.data.preparation import prepare_data, split
+from matching.diagnosis.fitting import batch_simulation as runs
+from matching.diagnosis.fitting.fit import Fit, base_problem, solve
+from matching.diagnosis.fitting.profile_likelihood import as_good, widened
+from matching.diagnosis.fitting.uncertainty import Estimate, discretisation, estimates
+from matching.diagnosis.search.compare import Named, at_noise, where_not_noise
+from matching.diagnosis.search.greedy_search import Search
+from matching.diagnosis.search.identify_causes import walk, without
+from matching.diagnosis.verdict.next_recording import propose
+from matching.diagnosis.verdict.result import Candidate, CauseFound, Diagnosis, Pictures, finite
+from matching.diagnosis.verdict.verdict import Rated, confidence
 from modelling.effects import EFFECTS
-from modelling.recording import Recording
-from modelling.system import System
+from modelling.measurement.recording import Recording
+from modelling.model.system import System
 
 HELD_OUT_AT_MOST = 1.25  # times the noise, on unseen data, of what counts as explained
 RIVAL = 0.02  # confidence from which a rival is worth a further recording

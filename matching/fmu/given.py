@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from matching.frequency.case import Case, load_case
-from matching.frequency.tuned import apply
-from modelling.errors import InputError
-from modelling.files import from_dict, read_toml
+from matching.frequency.case.case import Case, load_case
+from matching.frequency.case.tuned import apply
+from modelling.bed.residual_vehicle import Interface, ResidualVehicle
+from modelling.common.errors import InputError
 from modelling.fmu.block import Block, block
-from modelling.residual_vehicle import Interface, ResidualVehicle
-from modelling.system import Sensor, System, unknown
+from modelling.model.files import from_dict, read_toml
+from modelling.model.system import Sensor, System, unknown
 
 STEP = 1e-3  # s, suggested for a model, which has no loop
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from modelling.shown import Shown
+from modelling.common.display import Shown
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Uncertainty(Shown):
 
     content: dict[str, Any]
 
-    _view = "matching.report.views.uncertainty"
+    _view = "matching.report.uncertainty.view"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``uncertainty.json``."""
@@ -32,7 +32,7 @@ class XilFidelity(Shown):
 
     content: dict[str, Any]
 
-    _view = "matching.report.views.fidelity"
+    _view = "matching.report.fidelity.view"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``fidelity.json``."""

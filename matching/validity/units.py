@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from modelling.errors import InputError
-from modelling.units import NEWTON_METRE, factor
+from modelling.common.errors import InputError
+from modelling.common.units import NEWTON_METRE, factor
 
 # Towers such as m^9^9^9 keep pint's arithmetic busy for ever.
 _TOWER = re.compile(r"(\^|\*\*)\s*[(\d.\s-]*(\^|\*\*)|(\^|\*\*)\s*\(?-?\d\d")

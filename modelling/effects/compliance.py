@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from modelling.assembly import Assembly, ShaftLaw, Symbols
-    from modelling.system import System
+    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
+    from modelling.model.system import System
 
 
 class Compliance(Kind):
@@ -25,7 +25,7 @@ class Compliance(Kind):
     parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "J": Parameter("kg*m^2", lower=1e-12)}
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
-        from modelling.assembly import Spring
+        from modelling.equations.assembly import Spring
 
         label = f"{law.place}.compliance"
         middle = assembly.coordinate(label)

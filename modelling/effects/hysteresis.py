@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen, positive
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from modelling.assembly import Assembly, ShaftLaw, Symbols
-    from modelling.system import System
+    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
+    from modelling.model.system import System
 
 
 class Hysteresis(Kind):

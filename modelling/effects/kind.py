@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 if TYPE_CHECKING:
-    from modelling.assembly import Assembly, InputPath, Motion, SensorPath, ShaftLaw, Symbols
-    from modelling.effects.seen import Guess, Seen
-    from modelling.system import Effect, System
+    from modelling.effects.first_guess import Guess, Seen
+    from modelling.equations.assembly import Assembly, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+    from modelling.model.system import Effect, System
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Kind:
 
     def unit(self, key: str, at: str, system: System) -> str:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""
-        from modelling.system import UNITS
+        from modelling.model.system import UNITS
 
         unit = self.parameters[key].unit
         if unit == "quantity":
@@ -103,7 +103,7 @@ class Kind:
         InputError
             Naming the key that is wrong.
         """
-        from modelling.system import unknown
+        from modelling.model.system import unknown
 
         places = self.places(system)
         if effect.at not in places:

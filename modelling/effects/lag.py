@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen, positive
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen, positive
 
 if TYPE_CHECKING:
-    from modelling.assembly import Assembly, InputPath, SensorPath, Symbols
+    from modelling.equations.assembly import Assembly, InputPath, SensorPath, Symbols
 
 
 class Lag(Kind):

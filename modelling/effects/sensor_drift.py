@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
-    from modelling.assembly import Assembly, SensorPath, Symbols
+    from modelling.equations.assembly import Assembly, SensorPath, Symbols
 
 
 class SensorDrift(Kind):

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from modelling.assembly import Assembly, Motion, Symbols
-    from modelling.system import System
+    from modelling.equations.assembly import Assembly, Motion, Symbols
+    from modelling.model.system import System
 
 
 class StribeckFriction(Kind):

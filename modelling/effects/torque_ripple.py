@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.seen import Guess, Seen
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from modelling.assembly import Assembly, Motion, Symbols
+    from modelling.equations.assembly import Assembly, Motion, Symbols
 
 
 class TorqueRipple(Kind):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 from modelling.fidelity.delay import Delay, delay
 from modelling.fidelity.measures import (
     ARITHMETICS,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 ARITHMETICS = ("definition", "published")
 NRMSE = ("definition", "literal")

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 from modelling.fidelity.assess import check_time
 from modelling.fidelity.measures import chi, signal_range
 

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME, SIMULATION_DEFAULTS
-from modelling.compiled import Model, compiled
-from modelling.errors import InputError
+from modelling.common.errors import InputError
+from modelling.equations.assembly import CONTACT_TIME, SIMULATION_DEFAULTS
+from modelling.equations.compiled import Model, compiled
 from modelling.fmu import variables
 from modelling.fmu.variables import Variable
+from modelling.model.system import System
 from modelling.simulation.functions import functions
 from modelling.simulation.plan import steps_per_second
-from modelling.system import System
 
 STEPS = "simulation.steps_per_second"
 

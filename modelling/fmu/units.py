@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from modelling.errors import InputError
-from modelling.units import registry
+from modelling.common.errors import InputError
+from modelling.common.units import registry
 
 BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A",

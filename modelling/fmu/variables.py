@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from modelling.assembly import CONTACT_TIME, STICK_SPEED
-from modelling.compiled import Model
 from modelling.effects import EFFECTS
-from modelling.system import System
+from modelling.equations.assembly import CONTACT_TIME, STICK_SPEED
+from modelling.equations.compiled import Model
+from modelling.model.system import System
 
 
 @dataclass(frozen=True)

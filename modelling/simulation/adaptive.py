@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME
+from modelling.equations.assembly import CONTACT_TIME
 from modelling.simulation.result import Simulation, SimulationError
 from modelling.simulation.start import Start, start_state
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
-    from modelling.simulate import Inputs
-    from modelling.system import System
+    from modelling.equations.compiled import Model
+    from modelling.model.system import System
+    from modelling.simulation.simulate import Inputs
 
 SHARP_CONTACT = 1e-6  # s
 
@@ -29,7 +29,7 @@ def simulate_adaptive(
     method: str = "LSODA",
     tolerance: float = 1e-8,
 ) -> Simulation:
-    """Simulate by ``scipy.integrate.solve_ivp``; slow, for checks. Parameters as :func:`modelling.simulate.simulate`.
+    """Simulate by ``scipy.integrate.solve_ivp``; slow, for checks. Parameters as :func:`modelling.simulation.simulate.simulate`.
 
     No step is longer than a sample, so that no change of the inputs is passed over.
 
@@ -49,9 +49,9 @@ def simulate_adaptive(
     """
     from scipy.integrate import solve_ivp
 
-    from modelling.compiled import compiled
-    from modelling.simulate import checked
-    from modelling.system import System
+    from modelling.equations.compiled import compiled
+    from modelling.model.system import System
+    from modelling.simulation.simulate import checked
 
     model = compiled(model) if isinstance(model, System) else model
     time, u = checked(model, time, inputs)

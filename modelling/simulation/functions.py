@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME
+from modelling.equations.assembly import CONTACT_TIME
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
+    from modelling.equations.compiled import Model
 
 SHARPER = 0.2  # of the step: how long a closing lash takes to a sensor, for which no jump is integrated
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from modelling.simulation.build import driver, library
+from modelling.simulation.c_library import driver, library
 from modelling.simulation.functions import Functions, functions
 from modelling.simulation.task import Task
 

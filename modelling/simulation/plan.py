@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modelling.assembly import STICK_SPEED
+from modelling.equations.assembly import STICK_SPEED
 from modelling.simulation.result import SimulationError
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
+    from modelling.equations.compiled import Model
 
 STABLE = 2.0  # |λ|·h of a fast decay; the method's limit is 2.78
 ACCURATE = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase a radian

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modelling.recording import Recording
+from modelling.measurement.recording import Recording
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
+    from modelling.equations.compiled import Model
 
 WINDOWS = (0.06, 0.25)  # s; the short one first: over it even a lash hardly leads astray
 ROUNDS = 6
@@ -26,9 +26,9 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
     Parameters
     ----------
     p : ndarray (p,)
-        See :func:`modelling.simulate.prepare`.
+        See :func:`modelling.simulation.simulate.prepare`.
     """
-    from modelling.elements import rest
+    from modelling.equations.elements import rest
 
     names = model.states[: 2 * model.n]
     closed = np.atleast_2d(rest(model, p))[0][: len(names)]
@@ -47,7 +47,7 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
 
 def _turning(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
     """Angles 0 and the speeds (2n,) that were measured first, what was not measured turning with them."""
-    from modelling.elements import elements
+    from modelling.equations.elements import elements
 
     parts = elements(model, p[None])
     turns, twists = (rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.turns, parts.twists))
@@ -68,7 +68,7 @@ def _problem(
     model: Model, recording: Recording, p: np.ndarray, window: float, names: list[str]
 ) -> tuple[Callable[[np.ndarray], float], Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
     """Misfit of a start, and residuals (r,) with their derivatives (r, s)."""
-    from modelling.simulate import SimulationError, sensitivities, simulate_batch
+    from modelling.simulation.simulate import SimulationError, sensitivities, simulate_batch
 
     known = [part for part in model.system.sensors if part.name in recording.channels]
     columns = [model.sensors.index(part.name) for part in known]

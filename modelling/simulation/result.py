@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from modelling.errors import InputError
-from modelling.shown import Shown, labelled
+from modelling.common.display import Shown, labelled
+from modelling.common.errors import InputError
 
 
 class SimulationError(InputError):
@@ -43,7 +43,7 @@ class Simulation(Shown):
     steps_per_second: float
     stick_speed: float
 
-    _view = "matching.report.views.simulation"
+    _view = "matching.report.simulation.view"
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A reading or a state by name, (t,)."""

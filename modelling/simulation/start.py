@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modelling.errors import InputError
-from modelling.system import listed, unknown
+from modelling.common.errors import InputError
+from modelling.model.system import listed, unknown
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
+    from modelling.equations.compiled import Model
 
 Start = None | str | np.ndarray | Mapping[str, float]
 
@@ -81,7 +81,7 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
     """
     from scipy.optimize import least_squares
 
-    from modelling.elements import rest
+    from modelling.equations.elements import rest
 
     n, x0 = model.n, np.zeros(len(model.states))
     x0[:n] = 1e-9 * np.cos(np.arange(n) * 1.7)

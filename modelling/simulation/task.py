@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME
-from modelling.errors import InputError
+from modelling.common.errors import InputError
+from modelling.equations.assembly import CONTACT_TIME
 
 if TYPE_CHECKING:
-    from modelling.compiled import Model
+    from modelling.equations.compiled import Model
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _delay_slopes(model: Model) -> list[np.ndarray]:
 
 
 def _selection(model: Model, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    from modelling.system import unknown
+    from modelling.model.system import unknown
 
     selected = np.full(len(names), -1, dtype=np.int64)
     start_slope = np.zeros((len(model.states), len(names)))

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 import matching as rm
 from matching.commands import available
-from modelling.errors import InputError
-from modelling.output import strict_json
+from modelling.common.errors import InputError
+from modelling.common.output import strict_json
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 VEHICLE = EXAMPLES / "road_to_rig" / "vehicle.toml"
@@ -132,7 +132,7 @@ def test_a_damped_mode_swings_out_of_step():
 
 
 def test_figures_keep_to_the_colours_of_the_house():
-    from matching.report import style
+    from matching.report.common import style
 
     responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
     curves = responses.plot().axes[0].lines

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from matching.frequency.case import Case, load_case
-from matching.frequency.match import _errors, match
+from matching.frequency.case.case import Case, load_case
+from matching.frequency.search.match import _errors, match
 from matching.frequency.verification import error_figures
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

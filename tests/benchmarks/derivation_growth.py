@@ -6,9 +6,9 @@ import time
 import sympy as sm
 import sympy.physics.mechanics as me
 
-from modelling.compiled import compiled
-from modelling.files import from_dict
-from modelling.system import System
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
+from modelling.model.system import System
 from tests.benchmarks.row import row
 
 LENGTHS = (10, 30, 100, 300)

@@ -17,13 +17,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from matching.diagnosis import screening
+from matching.diagnosis.candidates.candidates import screening
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.result import Diagnosis
+from matching.diagnosis.verdict.result import Diagnosis
 from modelling.effects import EFFECTS
-from modelling.files import from_dict
-from modelling.recording import Recording
-from modelling.system import System
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
+from modelling.model.system import System
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
 

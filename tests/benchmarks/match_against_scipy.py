@@ -32,12 +32,22 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
-from matching.frequency import solve as solving
-from matching.frequency.case import load_case
-from matching.frequency.closed_loop import _expressions
-from matching.frequency.problem import EIGEN, PRICE, SLOTS, Problem, _places, eigenpairs, grid, scaled, unscaled
-from matching.frequency.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
-from matching.frequency.terms import MEET
+from matching.frequency.case.case import load_case
+from matching.frequency.programme.closed_loop import _expressions
+from matching.frequency.programme.problem import (
+    EIGEN,
+    PRICE,
+    SLOTS,
+    Problem,
+    _places,
+    eigenpairs,
+    grid,
+    scaled,
+    unscaled,
+)
+from matching.frequency.programme.terms import MEET
+from matching.frequency.search import solve as solving
+from matching.frequency.search.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import row
 from tests.match.programme import programme_of

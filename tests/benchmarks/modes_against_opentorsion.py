@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from modelling.files import from_dict
-from modelling.modes import Modes, modes_batch
-from modelling.system import System
+from modelling.modal.modes import Modes, modes_batch
+from modelling.model.files import from_dict
+from modelling.model.system import System
 from tests.benchmarks.row import row
 
 SHARED = Path(__file__).parents[3] / "shared" / "bench"

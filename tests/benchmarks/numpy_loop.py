@@ -8,10 +8,10 @@ dynamometers. It is checked against the programme's own functions in the benchma
 import casadi as ca
 import numpy as np
 
-from matching.frequency.case import Case, Move
-from matching.frequency.closed_loop import sensor_sign
-from modelling.compiled import Model, compiled
-from modelling.loop import LEAD_SPREAD
+from matching.frequency.case.case import Case, Move
+from matching.frequency.programme.closed_loop import sensor_sign
+from modelling.bed.loop import LEAD_SPREAD
+from modelling.equations.compiled import Model, compiled
 
 
 class Body:

@@ -20,11 +20,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from modelling.assembly import CONTACT_TIME
-from modelling.compiled import Model, compiled
-from modelling.files import from_dict
-from modelling.simulate import sensitivities, simulate_batch
-from modelling.simulation.build import compiler
+from modelling.equations.assembly import CONTACT_TIME
+from modelling.equations.compiled import Model, compiled
+from modelling.model.files import from_dict
+from modelling.simulation.c_library import compiler
+from modelling.simulation.simulate import sensitivities, simulate_batch
 
 CHAIN = """
 inertias.motor = { J = 4.98, drag = 0.5 }

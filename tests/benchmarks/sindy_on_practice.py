@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.files import load
-from modelling.recording import read_recording
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
 HEAD = (

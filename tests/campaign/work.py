@@ -51,8 +51,8 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     from plant.calibrate import OutOfReach
 
     from matching.diagnosis.diagnosis import diagnose
-    from modelling.files import load
-    from modelling.recording import read_recording
+    from modelling.measurement.recording import read_recording
+    from modelling.model.files import load
 
     order = given.orders[number]
     row: dict[str, Any] = {"number": number, "order": order.__dict__ | {"effects": list(order.effects)}}

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.files import load
-from modelling.recording import read_recording
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"
 pytestmark = pytest.mark.skipif(not EMPS.exists(), reason="the shared recording of the real drive is not here")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.data import Data, Segment
-from matching.diagnosis.fit import base_problem, held_angles, solve
-from matching.diagnosis.uncertainty import estimates
-from modelling.compiled import compiled
-from modelling.files import from_dict
+from matching.diagnosis.data.segments import Data, Segment
+from matching.diagnosis.fitting.fit import base_problem, held_angles, solve
+from matching.diagnosis.fitting.uncertainty import estimates
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02
 

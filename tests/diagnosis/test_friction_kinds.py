@@ -6,15 +6,15 @@ import numpy as np
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.candidates import fitted, with_cause
-from matching.diagnosis.compare import Named, at_noise, sharpest
+from matching.diagnosis.candidates.candidates import fitted, with_cause
+from matching.diagnosis.data.preparation import prepare_data, split
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fit import base_problem, solve
-from matching.diagnosis.preparation import prepare_data, split
-from matching.diagnosis.resolve import FINAL, resolved
-from matching.diagnosis.uncertainty import estimates
-from modelling.files import load
-from modelling.recording import read_recording
+from matching.diagnosis.fitting.fit import base_problem, solve
+from matching.diagnosis.fitting.stick_speed import FINAL, resolved
+from matching.diagnosis.fitting.uncertainty import estimates
+from matching.diagnosis.search.compare import Named, at_noise, sharpest
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
 
 pytestmark = needs_compiler

@@ -8,9 +8,9 @@ from plant.case import make_case
 from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.result import Diagnosis
-from modelling.files import dumps, from_dict, load, read_toml
-from modelling.recording import read_recording
+from matching.diagnosis.verdict.result import Diagnosis
+from modelling.measurement.recording import read_recording
+from modelling.model.files import dumps, from_dict, load, read_toml
 
 pytestmark = needs_compiler
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.files import load
-from modelling.recording import read_recording
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
 pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data import Data, Segment
-from matching.diagnosis.fit import Fit, base_problem, solve
-from matching.diagnosis.holdout import Ahead, elsewhere, residuals, rest_of
-from matching.diagnosis.prediction import prediction
-from matching.diagnosis.sharpen import sharpened
-from matching.diagnosis.uncertainty import covariance
-from modelling.files import from_dict
+from matching.diagnosis.data.holdout import Ahead, elsewhere, residuals, rest_of
+from matching.diagnosis.data.segments import Data, Segment
+from matching.diagnosis.fitting.fit import Fit, base_problem, solve
+from matching.diagnosis.fitting.friction_regularisation import sharpened
+from matching.diagnosis.fitting.prediction import prediction
+from matching.diagnosis.fitting.uncertainty import covariance
+from modelling.model.files import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02
 SEEN = 60  # samples, which tell the drag badly

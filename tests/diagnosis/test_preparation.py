@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.preparation import prepare_data, split
-from modelling.errors import InputError
-from modelling.files import from_dict
-from modelling.recording import Recording
+from matching.diagnosis.data.preparation import prepare_data, split
+from modelling.common.errors import InputError
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
 
 
 def system(uncertainty: float | None = 0.1):

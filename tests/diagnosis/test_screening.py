@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis import runs
-from matching.diagnosis.data import Data, Segment
-from matching.diagnosis.fit import base_problem, solve
-from matching.diagnosis.null import offer, threshold
-from matching.diagnosis.screening import Screen, best_of
-from modelling.compiled import compiled
+from matching.diagnosis.candidates.noise_threshold import offer, threshold
+from matching.diagnosis.candidates.screening import Screen, best_of
+from matching.diagnosis.data.segments import Data, Segment
+from matching.diagnosis.fitting import batch_simulation as runs
+from matching.diagnosis.fitting.fit import base_problem, solve
 from modelling.effects import EFFECTS
-from modelling.files import from_dict
-from modelling.quantity import Quantity
-from modelling.system import Effect
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
+from modelling.model.quantity import Quantity
+from modelling.model.system import Effect
 
 
 @pytest.fixture(scope="module")

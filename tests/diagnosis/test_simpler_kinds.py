@@ -8,8 +8,8 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from modelling.effects import EFFECTS
-from modelling.files import from_dict, load
-from modelling.recording import read_recording
+from modelling.measurement.recording import read_recording
+from modelling.model.files import from_dict, load
 
 DRIVE = {
     "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},

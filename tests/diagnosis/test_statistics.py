@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.diagnosis.statistics import effective_share, noise_of
+from matching.diagnosis.fitting.statistics import effective_share, noise_of
 
 
 def test_white_noise_is_found_white() -> None:

@@ -7,15 +7,15 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis import stretch as looked_at
-from matching.diagnosis import walk
-from matching.diagnosis.data import Data, Segment
+from matching.diagnosis.data.preparation import prepare_data, split
+from matching.diagnosis.data.search_window import head, stretch
+from matching.diagnosis.data.segments import Data, Segment
+from matching.diagnosis.data.segments import search_window as looked_at
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fit import base_problem, solve
-from matching.diagnosis.preparation import prepare_data, split
-from matching.diagnosis.stretch import head, stretch
-from modelling.files import load
-from modelling.recording import read_recording
+from matching.diagnosis.fitting.fit import base_problem, solve
+from matching.diagnosis.search import identify_causes as walk
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 pytestmark = needs_compiler
 

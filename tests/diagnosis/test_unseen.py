@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from matching.diagnosis.data import Segment
-from matching.diagnosis.unseen import F_MAX, fidelity, unseen
-from modelling.files import from_dict
+from matching.diagnosis.data.holdout_fidelity import F_MAX, fidelity, unseen
+from matching.diagnosis.data.segments import Segment
+from modelling.model.files import from_dict
 
 SYSTEM = from_dict({
     "inertias": {"a": {"J": 1.0}},

@@ -5,10 +5,10 @@ import pytest
 
 import matching as rm
 from matching.cli import main
-from modelling.channels import Channel, read_channels
-from modelling.errors import InputError
-from modelling.files import from_dict
-from modelling.recording import read_recording
+from modelling.common.errors import InputError
+from modelling.measurement.channels import Channel, read_channels
+from modelling.measurement.recording import read_recording
+from modelling.model.files import from_dict
 
 MODEL = """
 [inertias.motor]

@@ -9,10 +9,10 @@ from fmpy.validation import validate_fmu
 from needs import compiles
 
 from matching.cli import main
-from matching.frequency.case import load_case
-from matching.frequency.case_file import case_files
+from matching.frequency.case.case import load_case
+from matching.frequency.case.case_file import case_files
 from modelling.fmu.units import exponents
-from modelling.simulation import build
+from modelling.simulation import c_library as build
 
 
 @pytest.fixture(params=["reference_case", "lashed_model"])

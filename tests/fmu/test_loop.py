@@ -10,16 +10,16 @@ from needs import compiles
 from scipy.signal import cont2discrete
 
 from matching.fmu.given import acceleration
-from matching.frequency.case import load_case
-from matching.frequency.case_file import case_files
-from matching.frequency.tuned import apply
+from matching.frequency.case.case import load_case
+from matching.frequency.case.case_file import case_files
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification import simulation
-from matching.frequency.verification.parts import parts_of
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.ringing import pencil, thinned
-from modelling.loop import LEAD_SPREAD
-from modelling.residual_vehicle import cut
-from modelling.twin import twin
+from modelling.bed.loop import LEAD_SPREAD
+from modelling.bed.model_based import twin
+from modelling.bed.residual_vehicle import cut
 
 pytestmark = compiles
 

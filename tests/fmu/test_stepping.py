@@ -7,11 +7,11 @@ from fmu.slave import slave
 from needs import compiles
 
 from matching.fmu.given import given
-from matching.frequency.case import load_case
-from modelling.compiled import compiled
-from modelling.files import load
-from modelling.manoeuvres import TipIn
-from modelling.simulate import simulate
+from matching.frequency.case.case import load_case
+from modelling.bed.manoeuvres import TipIn
+from modelling.equations.compiled import compiled
+from modelling.model.files import load
+from modelling.simulation.simulate import simulate
 
 pytestmark = compiles
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from matching import cli, commands
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelling.errors import InputError
-from modelling.output import strict_json, write_all
+from modelling.common.errors import InputError
+from modelling.common.output import strict_json, write_all
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

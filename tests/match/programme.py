@@ -1,12 +1,12 @@
 """The programme of a case, as a match sets it up."""
 
-from matching.frequency.attempt import task_of
-from matching.frequency.case import Case
-from matching.frequency.demands import demands
-from matching.frequency.goals import target_modes
-from matching.frequency.solve import Task
-from matching.frequency.weights import counterparts, free, shares_of
-from modelling.modes import modes
+from matching.frequency.case.case import Case
+from matching.frequency.case.demands import demands
+from matching.frequency.case.targets import target_modes
+from matching.frequency.case.weights import counterparts, free, shares_of
+from matching.frequency.search.attempt import task_of
+from matching.frequency.search.solve import Task
+from modelling.modal.modes import modes
 
 
 def programme_of(case: Case) -> Task:

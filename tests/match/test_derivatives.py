@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from needs import compiles
 
-from matching.frequency.case import load_case
-from matching.frequency.demands import demands
-from matching.frequency.evaluators import _REMEMBERED
-from matching.frequency.goals import goals, target_modes
-from matching.frequency.problem import _functions, build, grid
-from matching.frequency.solve import _start
-from matching.frequency.verification.responses import responses
-from modelling.simulation.build import compiler, folder
+from matching.frequency.case.case import load_case
+from matching.frequency.case.demands import demands
+from matching.frequency.case.targets import goals, target_modes
+from matching.frequency.loop.responses import responses
+from matching.frequency.programme.evaluators import _REMEMBERED
+from matching.frequency.programme.problem import _functions, build, grid
+from matching.frequency.search.solve import _start
+from modelling.simulation.c_library import compiler, folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"

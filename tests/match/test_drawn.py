@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from match import drawn, independent
 
-from matching.frequency.case import load_case
-from matching.frequency.match import match
-from modelling.residual_vehicle import cut
-from modelling.twin import twin
+from matching.frequency.case.case import load_case
+from matching.frequency.search.match import match
+from modelling.bed.model_based import twin
+from modelling.bed.residual_vehicle import cut
 
 GRID = np.unique(np.concatenate([np.geomspace(1e-3, 500, 800), np.linspace(2, 150, 700)]))
 

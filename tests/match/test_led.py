@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case import load_case
-from matching.frequency.problem import OSCILLATING, eigenpairs
-from matching.frequency.solve import Task, _follows, _led, _one
+from matching.frequency.case.case import load_case
+from matching.frequency.programme.problem import OSCILLATING, eigenpairs
+from matching.frequency.search.solve import Task, _follows, _led, _one
 from tests.match.programme import programme_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

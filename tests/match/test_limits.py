@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case import load_case
-from matching.frequency.demands import demands
-from matching.frequency.match import match
-from matching.frequency.relax import unkept
+from matching.frequency.case.case import load_case
+from matching.frequency.case.demands import demands
+from matching.frequency.search.infeasible_limits import unkept
+from matching.frequency.search.match import match
 
 
 def with_loop(case, structure, **values):

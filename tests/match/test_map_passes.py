@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency import map as maps
-from matching.frequency.case import load_case
-from matching.frequency.map import map_case
-from matching.frequency.map_passes import improved
-from matching.frequency.map_point import Point, held_at, improved_at, match_at
-from matching.frequency.match import match
-from matching.frequency.solve import AGREE, Near
+from matching.frequency.case.case import load_case
+from matching.frequency.search.match import match
+from matching.frequency.search.solve import AGREE, Near
+from matching.frequency.studies import map as maps
+from matching.frequency.studies.map import map_case
+from matching.frequency.studies.map_passes import improved
+from matching.frequency.studies.map_point import Point, held_at, improved_at, match_at
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"

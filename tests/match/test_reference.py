@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from match import independent
 
-from matching.frequency.case import load_case
-from matching.frequency.match import match
-from matching.frequency.verification.parts import parts_of
-from matching.frequency.verification.responses import error_figures
+from matching.frequency.case.case import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.responses import error_figures
+from matching.frequency.search.match import match
 
 
 def test_targets(reference):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case import load_case
-from matching.frequency.demands import demands
-from matching.frequency.match import NOTHING_MOVED, match
-from matching.frequency.thaw import needed_for_more, needed_to_keep
-from matching.report.match_text import content, summary
+from matching.frequency.case.case import load_case
+from matching.frequency.case.demands import demands
+from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
+from matching.frequency.search.match import NOTHING_MOVED, match
+from matching.report.match.text import content, summary
 
 FLANGE = "rig.shafts.flange.stiffness"
 TWIST = "shafts.flange.twist"

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.fidelity import match_fidelity
-from matching.frequency.verification.emulated import PLACE, emulated
-from matching.report.match_fidelity import fidelity_line, fidelity_rows
+from matching.frequency.loop.emulated import PLACE, emulated
+from matching.frequency.search.fidelity import match_fidelity
+from matching.report.match.fidelity_rows import fidelity_line, fidelity_rows
 
 
 @pytest.fixture(scope="module")

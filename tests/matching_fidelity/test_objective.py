@@ -7,15 +7,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from matching.frequency.case import load_case
-from matching.frequency.case_file import case_text
-from matching.frequency.closed_loop import closed_loop
-from matching.frequency.match import match
-from matching.frequency.objective import fidelity_aim
-from matching.frequency.problem import build
-from matching.frequency.solve import _start
-from matching.frequency.verification.emulated import PLACE
-from modelling.errors import InputError
+from matching.frequency.case.case import load_case
+from matching.frequency.case.case_file import case_text
+from matching.frequency.loop.emulated import PLACE
+from matching.frequency.programme.closed_loop import closed_loop
+from matching.frequency.programme.objective import fidelity_aim
+from matching.frequency.programme.problem import build
+from matching.frequency.search.match import match
+from matching.frequency.search.solve import _start
+from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case import load_case
+from matching.frequency.case.case import load_case
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STABLE = {  # of the reference case, with a poor margin

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from matching.frequency.verification.body import body
-from matching.frequency.verification.exact_loop import ExactLoop
-from matching.frequency.verification.line import arrivals
-from matching.frequency.verification.motion import LinearMotion
-from matching.frequency.verification.parts import parts_of, watched
-from matching.frequency.verification.poles import sampled_poles
+from matching.frequency.loop.delay_line import arrivals
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.linear_body import body
+from matching.frequency.loop.motion import LinearMotion
+from matching.frequency.loop.parts import parts_of, watched
+from matching.frequency.loop.poles import sampled_poles
 from matching.frequency.verification.robustness import told_by
 from matching.frequency.verification.simulation import free_motion, matched_motion
-from modelling.quantity import Quantity
-from modelling.residual_vehicle import cut
-from modelling.simulate import simulate
-from modelling.system import Effect
-from modelling.twin import twin
+from modelling.bed.model_based import twin
+from modelling.bed.residual_vehicle import cut
+from modelling.model.quantity import Quantity
+from modelling.model.system import Effect
+from modelling.simulation.simulate import simulate
 
 STEP = 1e-3
 

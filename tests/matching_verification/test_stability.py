@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from matching.frequency.closed_loop import closed_loop
-from matching.frequency.verification.body import transfer
-from matching.frequency.verification.encirclements import count, encirclements
-from matching.frequency.verification.exact_loop import ExactLoop
-from matching.frequency.verification.loop_modes import feedback_modes
-from matching.frequency.verification.pade import pade, phase_error
-from matching.frequency.verification.parts import parts_of
-from matching.frequency.verification.poles import approximations, neutral_motions, sampled_poles
+from matching.frequency.loop.encirclements import count, encirclements
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.linear_body import transfer
+from matching.frequency.loop.loop_modes import feedback_modes
+from matching.frequency.loop.pade import pade, phase_error
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.poles import approximations, neutral_motions, sampled_poles
+from matching.frequency.programme.closed_loop import closed_loop
 
 J, DELAY = 0.9, 0.004  # an inertia under proportional speed control: L = K·e^(−sτ)/(J·s)
 CRITICAL = np.pi * J / (2 * DELAY)

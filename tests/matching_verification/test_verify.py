@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.verification import error_figures, response_error, responses, verify
-from matching.frequency.verification.body import body
-from matching.frequency.verification.exact_loop import ExactLoop
-from matching.frequency.verification.loop_modes import match_mode
-from matching.frequency.verification.parts import parts_of
+from matching.frequency.loop import responses
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.linear_body import body
+from matching.frequency.loop.loop_modes import match_mode
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.verification import error_figures, response_error, verify
 from matching.frequency.verification.robustness import compared
-from modelling.modes import modes
-from modelling.residual_vehicle import cut
-from modelling.twin import twin
+from modelling.bed.model_based import twin
+from modelling.bed.residual_vehicle import cut
+from modelling.modal.modes import modes
 
 
 @pytest.fixture(scope="module")

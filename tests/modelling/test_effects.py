@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from modelling.compiled import compiled
+from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
-from modelling.errors import InputError
-from modelling.files import from_dict
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
 
 K, D, RATIO = 300.0, 0.6, 2.0
 BASE = {

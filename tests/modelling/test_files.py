@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from modelling.compiled import compiled
-from modelling.errors import InputError
-from modelling.files import LARGEST, dumps, from_dict, load, to_dict
+from modelling.common.errors import InputError
+from modelling.equations.compiled import compiled
+from modelling.model.files import LARGEST, dumps, from_dict, load, to_dict
 
 ROOT = Path(__file__).parents[2]
 GOOD = """

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from modelling.compiled import compiled
-from modelling.damped_modes import damped_modes
-from modelling.errors import InputError
-from modelling.files import from_dict, load
-from modelling.modes import modes, modes_batch
-from modelling.reduction import reduced, reduced_values, speed_ratios
-from modelling.sensitivity import sensitivities, what_if
-from modelling.tracking import mac, track
+from modelling.common.errors import InputError
+from modelling.equations.compiled import compiled
+from modelling.modal.damped_modes import damped_modes
+from modelling.modal.modes import modes, modes_batch
+from modelling.modal.reduction import reduced, reduced_values, speed_ratios
+from modelling.modal.sensitivity import sensitivities, what_if
+from modelling.modal.tracking import mac, track
+from modelling.model.files import from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
 VEHICLE, RIG = load(CASE / "vehicle.toml"), load(CASE / "rig.toml")

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.files import from_dict
-from modelling.recording import Recording
-from modelling.simulate import simulate
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
+from modelling.simulation.simulate import simulate
 
 COEFFICIENT = 0.4
 NOISE = {"motor_speed": 0.02, "load_speed": 0.02, "link_torque": 0.1}

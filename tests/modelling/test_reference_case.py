@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modelling.compiled import compiled
-from modelling.damped_modes import damped_modes
-from modelling.files import load
-from modelling.modes import modes
+from modelling.equations.compiled import compiled
+from modelling.modal.damped_modes import damped_modes
+from modelling.modal.modes import modes
+from modelling.model.files import load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
 MODES = {

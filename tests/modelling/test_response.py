@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modelling.damped_modes import damped_modes_of
-from modelling.errors import InputError
-from modelling.files import from_dict, load
-from modelling.linear import linearise
-from modelling.operating_point import operating_point
-from modelling.response import response
+from modelling.common.errors import InputError
+from modelling.linear.linearise import linearise
+from modelling.linear.operating_point import operating_point
+from modelling.linear.response import response
+from modelling.modal.damped_modes import damped_modes_of
+from modelling.model.files import from_dict, load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 JA, JB, K, D = 0.1, 0.7, 350.0, 0.4
@@ -92,7 +92,7 @@ def test_slip_response_closed_form():
 
 
 def test_vehicle_against_dynamic_stiffness():
-    from modelling.compiled import compiled
+    from modelling.equations.compiled import compiled
 
     system = dataclasses.replace(load(EXAMPLES / "road_to_rig" / "vehicle.toml"), effects=())
     model, f = compiled(system), np.geomspace(0.1, 500, 60)

@@ -5,10 +5,10 @@ import datetime
 import numpy as np
 import pytest
 
-from modelling.channels import Channel
-from modelling.errors import InputError
-from modelling.files import from_dict
-from modelling.recording import read_recording
+from modelling.common.errors import InputError
+from modelling.measurement.channels import Channel
+from modelling.measurement.recording import read_recording
+from modelling.model.files import from_dict
 
 SYSTEM = from_dict({
     "inertias": {"motor": {"J": 0.1}},

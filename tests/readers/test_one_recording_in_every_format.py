@@ -10,11 +10,11 @@ from scipy.io import savemat
 from scipy.signal import StateSpace, lsim
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.channels import Channel
-from modelling.errors import InputError
-from modelling.files import from_dict, to_dict
-from modelling.output import strict_json
-from modelling.recording import read_recording
+from modelling.common.errors import InputError
+from modelling.common.output import strict_json
+from modelling.measurement.channels import Channel
+from modelling.measurement.recording import read_recording
+from modelling.model.files import from_dict, to_dict
 
 NOISE = 0.02  # rad/s
 SYSTEM = from_dict({

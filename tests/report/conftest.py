@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.case import load_case
-from matching.frequency.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.verification import responses, verify
-from modelling.modes import modes
+from matching.frequency.case.case import load_case
+from matching.frequency.loop import responses
+from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.verification import verify
+from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 GAINS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.report.diagnosis_where_figure import _orders, _spectrum
+from matching.report.diagnosis.residual_figure import _orders, _spectrum
 
 RNG = np.random.default_rng(11)
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
-from matching.report.diagnosis_page import page
-from matching.report.diagnosis_words import answer, measured
+from matching.report.diagnosis.page import page
+from matching.report.diagnosis.sentences import answer, measured
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
 MODEL = """title = "Flywheel"

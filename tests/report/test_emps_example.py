@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from modelling.files import load
-from modelling.recording import read_recording
+from modelling.measurement.recording import read_recording
+from modelling.model.files import load
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "emps"
 

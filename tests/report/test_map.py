@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from matching.frequency.case import load_case
-from matching.frequency.case_file import case_files
-from matching.frequency.map import Map, map_case
-from matching.frequency.map_axis import Axis, axis, quantities
-from matching.frequency.map_point import Point, held_at
-from matching.report.map_figure import map_figure
-from matching.report.style import image
-from modelling.errors import InputError
+from matching.frequency.case.case import load_case
+from matching.frequency.case.case_file import case_files
+from matching.frequency.studies.map import Map, map_case
+from matching.frequency.studies.map_axis import Axis, axis, quantities
+from matching.frequency.studies.map_point import Point, held_at
+from matching.report.common.style import image
+from matching.report.map.figure import map_figure
+from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import sympy as sm
 
-from matching.frequency.case import load_case
-from matching.frequency.case_file import case_files
-from matching.report.margin_figure import frequencies_around, return_difference
-from matching.report.match_checks import checks, needs, signals
-from matching.report.match_figures import CAPTIONS, figures, overview
-from matching.report.match_page import page
-from matching.report.match_text import content, summary
-from matching.report.mathml import equations
-from matching.report.style import MATCHED, RIG, VEHICLE, image
-from modelling.files import from_dict
-from modelling.output import strict_json
+from matching.frequency.case.case import load_case
+from matching.frequency.case.case_file import case_files
+from matching.report.common.mathml import equations
+from matching.report.common.style import MATCHED, RIG, VEHICLE, image
+from matching.report.match.checks import checks, needs, signals
+from matching.report.match.figures import CAPTIONS, figures, overview
+from matching.report.match.margin_figure import frequencies_around, return_difference
+from matching.report.match.page import page
+from matching.report.match.text import content, summary
+from modelling.common.output import strict_json
+from modelling.model.files import from_dict
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 

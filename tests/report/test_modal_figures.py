@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from matching.report.modal_figures import Column, energy_figure, mode_table, shares_figure
-from matching.report.style import RIG, VEHICLE, image
-from modelling.files import dumps, from_dict, load
-from modelling.modes import modes
+from matching.report.common.style import RIG, VEHICLE, image
+from matching.report.modes.figures import Column, energy_figure, mode_table, shares_figure
+from modelling.modal.modes import modes
+from modelling.model.files import dumps, from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
 

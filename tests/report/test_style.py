@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 
-from matching.report.style import DPI, figure, image, styled
+from matching.report.common.style import DPI, figure, image, styled
 
 
 def _drawn():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.compiled import compiled
-from modelling.errors import InputError
-from modelling.simulate import SimulationError, sensitivities, simulate, simulate_batch
+from modelling.common.errors import InputError
+from modelling.equations.compiled import compiled
+from modelling.simulation.simulate import SimulationError, sensitivities, simulate, simulate_batch
 from tests.simulate.drives import excitation, system_with
 
 TIME, INPUTS = excitation(0.1)

@@ -3,8 +3,8 @@
 import numpy as np
 from needs import compiles
 
-from modelling.compiled import compiled
-from modelling.simulate import sensitivities, simulate, simulate_batch
+from modelling.equations.compiled import compiled
+from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
 from tests.simulate.drives import excitation, system_with
 
 
@@ -43,7 +43,7 @@ def test_no_sensitivity_is_asked_for():
 
 
 def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
-    from modelling.simulation import build
+    from modelling.simulation import c_library as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
@@ -53,7 +53,7 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
-    from modelling.simulation import build
+    from modelling.simulation import c_library as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
@@ -66,7 +66,7 @@ def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
 
 RACE = """
 import numpy as np
-from modelling.simulate import simulate
+from modelling.simulation.simulate import simulate
 from tests.simulate.drives import excitation, system_with
 print(repr(simulate(system_with("hardening", "lag"), *excitation(0.05))["link_torque"][-1]))
 """

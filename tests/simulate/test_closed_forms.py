@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.files import from_dict
-from modelling.simulate import simulate
+from modelling.model.files import from_dict
+from modelling.simulation.simulate import simulate
 from tests.simulate.drives import excitation, system_with
 
 ONE = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from modelling.files import dumps
-from modelling.recording import csv_text, read_recording
-from modelling.simulate import simulate
+from modelling.measurement.recording import csv_text, read_recording
+from modelling.model.files import dumps
+from modelling.simulation.simulate import simulate
 from tests.simulate.drives import excitation, system_with
 
 SYSTEM = system_with("backlash", "coulomb_friction")

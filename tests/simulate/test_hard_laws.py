@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.compiled import compiled
-from modelling.simulate import sensitivities, simulate, simulate_batch
+from modelling.equations.compiled import compiled
+from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
 from tests.simulate.drives import excitation, system_with
 from tests.simulate.reference import Friction, two_mass
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
-from modelling.manoeuvres import KINDS, BackOut, DriveAway, Kick, Step, Sweep, TipIn, from_table
+from modelling.bed.manoeuvres import KINDS, BackOut, DriveAway, Kick, Step, Sweep, TipIn, from_table
+from modelling.common.errors import InputError
 
 TIME = np.linspace(0, 3, 3001)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.compiled import compiled
 from modelling.effects import EFFECTS as registry
-from modelling.simulate import prepare, sensitivities, simulate, simulate_batch
+from modelling.equations.compiled import compiled
+from modelling.simulation.simulate import prepare, sensitivities, simulate, simulate_batch
 from tests.simulate.drives import EFFECTS, excitation, system_with
 
 MIXED = [

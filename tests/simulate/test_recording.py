@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
-from modelling.recording import Recording, csv_text, read_recording
+from modelling.common.errors import InputError
+from modelling.measurement.recording import Recording, csv_text, read_recording
 from tests.simulate.drives import system_with
 
 HEADER = "time [s],motor_torque [N*m],brake_torque [N*m],motor_speed [1/min],link_torque"

@@ -5,12 +5,12 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.compiled import compiled
-from modelling.errors import InputError
-from modelling.files import from_dict
-from modelling.recording import Recording
-from modelling.simulate import simulate, simulate_batch, steady
+from modelling.common.errors import InputError
+from modelling.equations.compiled import compiled
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
 from modelling.simulation.recorded_start import recorded_start
+from modelling.simulation.simulate import simulate, simulate_batch, steady
 from tests.simulate.drives import EFFECTS, excitation, system_with
 
 TIME = np.linspace(0, 1, 201)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from modelling.compiled import Model, compiled
-from modelling.files import from_dict
+from modelling.equations.compiled import Model, compiled
+from modelling.model.files import from_dict
 from modelling.simulation import native
 from modelling.simulation.task import make_task
 

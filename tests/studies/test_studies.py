@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from matching.studies import executor_of, run
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
 import slow

@@ -10,15 +10,15 @@ import pytest
 
 import matching as rm
 from matching.cli import main
-from matching.frequency.case import load_case
-from matching.frequency.draws import Prepared, draw
-from matching.frequency.map import Axis
-from matching.frequency.tolerance import tolerance, tuned, varied_of
-from matching.frequency.tuned import apply
-from matching.frequency.verification.encirclements import encirclements
-from matching.frequency.verification.loop_modes import feedback_modes
+from matching.frequency.case.case import load_case
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.loop_modes import feedback_modes
+from matching.frequency.studies.draws import Prepared, draw
+from matching.frequency.studies.map import Axis
+from matching.frequency.studies.tolerance import tolerance, tuned, varied_of
 from matching.spread import spread
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
 # A loop that a match of the starter case found, rounded: what a study begins with.
@@ -88,7 +88,7 @@ def test_wide_tolerances_against_the_verification_of_each():
 
 
 def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
-    monkeypatch.setattr("modelling.simulation.build.compiler", lambda: None)
+    monkeypatch.setattr("modelling.simulation.c_library.compiler", lambda: None)
     slow = Prepared((tuned(case), prepared.varied, 5))
     x = draw(prepared.varied, 5, 0, 30)
     for one, other in zip(slow.margins(x), prepared.margins(x), strict=True):

@@ -6,7 +6,7 @@ import pytest
 
 from matching.validity.uncertainty.evaluate import evaluate
 from matching.validity.uncertainty.files import budget_from_tables, read_budget
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 GOOD = {
     "measurand": {"name": "M", "unit": "N*m", "formula": "F*r"},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from matching.validity.fidelity.files import fidelity_from_tables, read_case
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 from modelling.fidelity.assess import SignalPair, fidelity_of_signals
 
 TIME = 0.01 * np.arange(200)

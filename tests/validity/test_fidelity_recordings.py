@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 import matching as rm
 from matching.cli import main
 from matching.validity.fidelity.files import read_case
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 TIME = np.arange(2000) * 1e-3
 LATE = 7  # samples

@@ -7,7 +7,7 @@ import pytest
 
 from matching.validity.fidelity.attribution import attribute, by_origin
 from matching.validity.fidelity.files import read_case
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 from modelling.fidelity.measures import (
     chi,
     delay_fidelity,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from matching.frequency.verification.parts import Parts
+from matching.frequency.loop.parts import Parts
 from matching.frequency.verification.simulation import Traces
 
 if TYPE_CHECKING:
-    from matching.frequency.case import Case
+    from matching.frequency.case.case import Case
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from matching.frequency.verification.body import Body, body
-from matching.frequency.verification.parts import Parts, interface_speed, watched
+from matching.frequency.loop.linear_body import Body, body
+from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
 from matching.frequency.verification.simulation import Traces, simulate_case
-from modelling.manoeuvres import Kick
-from modelling.modes import Mode, modes
-from modelling.twin import Twin
+from modelling.bed.manoeuvres import Kick
+from modelling.bed.model_based import Twin
+from modelling.modal.modes import Mode, modes
 
 PERIODS = 8.0  # that an excitation of its own is watched for
 

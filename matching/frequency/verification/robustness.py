@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from matching.frequency.verification.body import Body, body
-from matching.frequency.verification.exact_loop import ExactLoop, Told
-from matching.frequency.verification.parts import Parts, watched
-from matching.frequency.verification.poles import closed_matrix, neutral_motions, resting_and_right
-from matching.frequency.verification.responses import POINTS, response_error
-from modelling.mirror import mirror_image
-from modelling.twin import Twin
+from matching.frequency.loop.exact_loop import ExactLoop, Told
+from matching.frequency.loop.linear_body import Body, body
+from matching.frequency.loop.parts import Parts, watched
+from matching.frequency.loop.poles import closed_matrix, neutral_motions, resting_and_right
+from matching.frequency.loop.responses import POINTS, response_error
+from modelling.bed.model_based import Twin
+from modelling.model.mirror import mirror_image
 
 CHANGE, LATER = 0.05, 5e-4  # relative, s
 ORDER = 8

@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import cont2discrete
 
-from matching.frequency.verification.body import Body, body
-from matching.frequency.verification.emulated import emulated
-from matching.frequency.verification.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
-from matching.frequency.verification.parts import Parts, interface_speed, shaft_torque, watched
-from modelling.compiled import compiled
-from modelling.elements import elements
+from matching.frequency.loop.emulated import emulated
+from matching.frequency.loop.linear_body import Body, body
+from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
+from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
+from modelling.bed.model_based import Twin
+from modelling.equations.compiled import compiled
+from modelling.equations.elements import elements
+from modelling.model.system import System
 from modelling.simulation.result import SimulationError
-from modelling.system import System
-from modelling.twin import Twin
 
 TOO_LARGE = 1e9  # a state beyond this has left every bed
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from matching.frequency.verification.encirclements import Encirclements, encirclements
-from matching.frequency.verification.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
-from matching.frequency.verification.motion import is_linear
-from matching.frequency.verification.pade import phase_error
-from matching.frequency.verification.parts import parts_of
-from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
-from matching.frequency.verification.poles import (
+from matching.frequency.loop.encirclements import Encirclements, encirclements
+from matching.frequency.loop.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
+from matching.frequency.loop.motion import is_linear
+from matching.frequency.loop.pade import phase_error
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.poles import (
     BELIEVED,
     Approximation,
     approximations,
@@ -22,18 +21,19 @@ from matching.frequency.verification.poles import (
     resting_and_right,
     sampled_poles,
 )
+from matching.frequency.loop.responses import ErrorFigures, error_figures
+from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
 from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
-from matching.frequency.verification.responses import ErrorFigures, error_figures
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
-from modelling.modes import modes
-from modelling.residual_vehicle import cut
+from modelling.bed.model_based import twin
+from modelling.bed.residual_vehicle import cut
+from modelling.modal.modes import modes
 from modelling.simulation.result import SimulationError
-from modelling.twin import twin
 
 if TYPE_CHECKING:
-    from matching.frequency.case import Case
-    from modelling.system import System
+    from matching.frequency.case.case import Case
+    from modelling.model.system import System
 
 
 @dataclass(frozen=True)

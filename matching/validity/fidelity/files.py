@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from matching.validity.fidelity.recordings import Recordings, read_recordings
-from matching.validity.tables import check_keys, number, one_of, read_toml, text
 from matching.validity.units import Unit, signal_quantity
-from modelling.channels import Channel
-from modelling.errors import InputError
+from modelling.common.errors import InputError
+from modelling.common.tables import check_keys, number, one_of, read_toml, text
+from modelling.common.units import to_si
 from modelling.fidelity.assess import (
     DYNAMIC,
     MEASUREMENT,
@@ -25,7 +25,7 @@ from modelling.fidelity.assess import (
 )
 from modelling.fidelity.delay import Delay
 from modelling.fidelity.measures import ARITHMETICS, NRMSE, delay_fidelity
-from modelling.units import to_si
+from modelling.measurement.channels import Channel
 
 TOP = ("title", "f_max", "arithmetic", "nrmse", "longest_delay", "recordings", "weights", *DYNAMIC, MEASUREMENT)
 GIVEN = ("nrmse_fidelity", "nrmse_uncertainty", "delay", "delay_uncertainty")
@@ -50,7 +50,7 @@ def read_case(
 ) -> tuple[str, Fidelity]:
     """Title and fidelity of a case file; ``arithmetic`` and ``nrmse`` override what the file says.
 
-    ``channels`` tells what the recordings call the signals (:func:`modelling.channels.read_channels`).
+    ``channels`` tells what the recordings call the signals (:func:`modelling.measurement.channels.read_channels`).
 
     Raises
     ------

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.tables import check_keys, text
 from matching.validity.units import Unit, signal_unit
-from modelling.channels import Channel, called, read_channels, renamed
-from modelling.errors import InputError
+from modelling.common.errors import InputError
+from modelling.common.tables import check_keys, text
 from modelling.fidelity.assess import check_time
-from modelling.readers import read_table
-from modelling.recording import GAP, bridged, columns_of
+from modelling.measurement.channels import Channel, called, read_channels, renamed
+from modelling.measurement.readers import read_table
+from modelling.measurement.recording import GAP, bridged, columns_of
 
 KEYS = ("reference", "test", "reference_channels", "test_channels")
 UNEVEN = 0.01  # of a step: from there on a recording is brought to even steps

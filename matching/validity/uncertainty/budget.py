@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.validity.uncertainty.distributions import Distribution
 from matching.validity.units import Unit
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 
 @dataclass(frozen=True)

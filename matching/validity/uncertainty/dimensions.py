@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 
 def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:

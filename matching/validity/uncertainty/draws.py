@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.validity.uncertainty.budget import Budget
 from matching.validity.uncertainty.distributions import Distribution
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 Draw = Callable[[np.random.Generator, int], dict[int, np.ndarray]]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 LONGEST = 10_000
 LARGEST_POWER = 100

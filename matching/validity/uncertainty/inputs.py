@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.tables import check_keys, number, numbers, one_of, text
 from matching.validity.uncertainty.budget import Input
 from matching.validity.uncertainty.distributions import NAMES, Distribution
 from matching.validity.units import Unit, unit_of
-from modelling.errors import InputError
+from modelling.common.errors import InputError
+from modelling.common.tables import check_keys, number, numbers, one_of, text
 
 KNOWN = (
     "value",

@@ -9,7 +9,7 @@ from typing import Any
 from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from matching.validity.units import unit_of
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 
 @dataclass(frozen=True)

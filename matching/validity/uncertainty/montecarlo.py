@@ -14,7 +14,7 @@ from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.draws import sampler
 from matching.validity.uncertainty.histogram import Histogram
 from matching.validity.uncertainty.rounding import numerical_tolerance
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 PILOT = 10  # chunks kept to place the histogram's edges
 MOST = 2_000_000

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from matching.validity.uncertainty.budget import Budget, Measurand
-from modelling.errors import InputError
+from modelling.common.errors import InputError
 
 
 @dataclass(frozen=True)

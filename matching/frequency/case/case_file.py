@@ -1,0 +1,63 @@
+"""A case with its model files as text, so that it can be read again: tuned values as the new start."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from matching.frequency.case.case import Case, Move
+from modelling.bed.loop import HARDWARE, KNOBS
+from modelling.model.files import dumps
+
+_HEAD = """\
+# Written by rigmatch. rig.toml and [loop] hold the tuned values; those of the residual vehicle stand as `start` below
+# [move], for the residual vehicle itself is always cut out of vehicle.toml. residual_vehicle*.toml show it as tuned.
+"""
+
+
+def case_files(case: Case) -> dict[str, str]:
+    """Texts of ``case.toml``, ``vehicle.toml``, ``rig.toml`` and ``residual_vehicle.toml``, numbered if in parts."""
+    files = {"case.toml": case_text(case), "vehicle.toml": dumps(case.vehicle), "rig.toml": dumps(case.rig)}
+    parts = case.residual_vehicle.parts
+    for number, part in enumerate(parts, 1):
+        files["residual_vehicle.toml" if len(parts) == 1 else f"residual_vehicle_{number}.toml"] = dumps(part)
+    return files
+
+
+def case_text(case: Case) -> str:
+    """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
+    import tomli_w
+
+    loop = case.loop
+    data: dict[str, Any] = {"title": case.title} if case.title else {}
+    data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}
+    data["dynamometers"] = {
+        dyno.name: {key: value for key, value in vars(dyno).items() if key != "name"} for dyno in loop.dynamometers
+    }
+    data["loop"] = {"structure": loop.structure, "knows": list(loop.knows)}
+    data["loop"] |= {name: loop[name] for name in (*HARDWARE, *KNOBS[loop.structure])}
+    data["targets"] = [vars(target) for target in case.targets]
+    data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
+    data["response"]["objective"] = case.objective
+    data["manoeuvre"] = {
+        name: {"kind": own.kind} | {one.name: getattr(own, one.name) for one in dataclasses.fields(own)}
+        for name, own in case.manoeuvre.items()
+    }
+    data["limits"] = dict(case.limits)
+    data["move"] = {move.name: _bounds(case, move) for move in case.moves}
+    return _HEAD + tomli_w.dumps(data)
+
+
+def value_of(case: Case, name: str) -> float:
+    """Value that a case holds under the name of a quantity that may move, SI."""
+    whose, _, rest = name.partition(".")
+    if whose == "loop":
+        return case.loop[rest]
+    if whose == "rig":
+        return case.rig.parameters[rest].value
+    return next(part.parameters[rest].value for part in case.residual_vehicle.parts if rest in part.parameters)
+
+
+def _bounds(case: Case, move: Move) -> dict[str, float]:
+    start = min(max(value_of(case, move.name), move.lower), move.upper)
+    return {"lower": move.lower, "upper": move.upper, "start": start}

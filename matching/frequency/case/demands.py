@@ -1,0 +1,160 @@
+"""What the vehicle's own manoeuvre asks of adapters and dynamometers, as constraints on what may move.
+
+If the rig answers like the vehicle, the cut shafts carry the vehicle's torques and their ends turn as the vehicle's
+do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque less what
+the inertias before it take, the dynamometer what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from matching.frequency.case.case import Case
+from modelling.model.system import Sensor, Shaft
+from modelling.simulation.simulate import simulate
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What stands behind one cut, from there to the rotor, and the manoeuvre there.
+
+    ``shafts`` holds each shaft with the inertias before it, ``inertias`` all of them;
+    ``torque`` (t,) N·m, ``acceleration`` (t,) rad/s² and ``speed`` (t,) rad/s of the vehicle's interface.
+    """
+
+    dynamometer: str
+    shafts: tuple[tuple[str, tuple[str, ...]], ...]
+    inertias: tuple[str, ...]
+    torque: np.ndarray
+    acceleration: np.ndarray
+    speed: np.ndarray
+
+    def peak(self, inertia: float, factor: np.ndarray | float = 1.0) -> float:
+        """Largest |(torque − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
+        return float(np.abs((self.torque - inertia * self.acceleration) * factor).max())
+
+    def peak_expression(self, inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
+        """The same as an expression of the inertia."""
+        return ca.mmax(ca.fabs(ca.DM(self.torque * factor) - inertia * ca.DM(self.acceleration * factor)))
+
+
+@dataclass(frozen=True)
+class Demands:
+    """Chains of a case and the limits they have to keep."""
+
+    chains: tuple[Chain, ...]
+    limits: Mapping[str, float]
+
+    def constraints(self, p: Mapping[str, ca.MX | float]) -> list[tuple[ca.MX, float]]:
+        """(rows, upper bound) pairs, each row a demand over its limit, to stay below 1."""
+        rows: list[ca.MX] = []
+        for chain in self.chains:
+            for shaft, before in chain.shafts:
+                torque = chain.peak_expression(_inertia(p, before))
+                if (limit := self.limits.get(f"shafts.{shaft}.torque")) is not None:
+                    rows.append(torque / limit)
+                if (limit := self.limits.get(f"shafts.{shaft}.twist")) is not None:
+                    rows.append(torque / p[f"rig.shafts.{shaft}.stiffness"] / limit)
+            total = _inertia(p, chain.inertias)
+            if (limit := self.limits.get("dynamometer_torque")) is not None:
+                rows.append(chain.peak_expression(total) / limit)
+            if (limit := self.limits.get("dynamometer_power")) is not None:
+                rows.append(chain.peak_expression(total, chain.speed) / limit)
+        kept = [row for row in rows if not row.is_constant()]
+        return [(ca.vertcat(*kept), 1.0)] if kept else []
+
+    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[tuple[str, str, float, float]]:
+        """Limits that the manoeuvre takes more than a part of: (dynamometer, limit, demand, allowed), worst first."""
+        found = []
+        for chain in self.chains:
+            demands = {}
+            for shaft, before in chain.shafts:
+                torque = chain.peak(sum(values[f"rig.inertias.{name}.J"] for name in before))
+                demands[f"shafts.{shaft}.torque"] = torque
+                demands[f"shafts.{shaft}.twist"] = torque / max(values[f"rig.shafts.{shaft}.stiffness"], 1e-9)
+            total = sum(values[f"rig.inertias.{name}.J"] for name in chain.inertias)
+            demands["dynamometer_torque"] = chain.peak(total)
+            demands["dynamometer_power"] = chain.peak(total, chain.speed)
+            demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
+            for name, demand in demands.items():
+                if name in self.limits and demand > self.limits[name] * part:
+                    found.append((chain.dynamometer, name, demand, self.limits[name]))
+        return sorted(found, key=lambda one: one[3] / one[2])
+
+    def quantities(self, limit: str) -> set[str]:
+        """Names of the quantities of the rig that decide what the manoeuvre takes of a limit."""
+        found: set[str] = set()
+        for chain in self.chains:
+            behind = {"dynamometer_torque": chain.inertias, "dynamometer_power": chain.inertias}
+            behind |= {f"shafts.{shaft}.{what}": own for shaft, own in chain.shafts for what in ("torque", "twist")}
+            found |= {f"rig.inertias.{name}.J" for name in behind.get(limit, ())}
+            if limit in behind and limit.endswith(".twist"):
+                found.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
+        return found
+
+
+def _inertia(p: Mapping[str, ca.MX | float], names: tuple[str, ...]) -> ca.MX:
+    total = ca.MX(0.0)
+    for name in names:
+        total = total + p[f"rig.inertias.{name}.J"]
+    return total
+
+
+def demands(case: Case, points: int = 400) -> Demands:
+    """Simulate the vehicle's manoeuvre and find what it asks behind every cut.
+
+    Parameters
+    ----------
+    points : int
+        The manoeuvre is thinned to about so many samples, extremes kept.
+
+    Raises
+    ------
+    SimulationError
+        If the vehicle's states do not stay finite.
+    """
+    time = next(iter(case.manoeuvre.values())).time(1000.0)
+    inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
+    inputs |= {name: driven.torque(time) for name, driven in case.manoeuvre.items() if name in inputs}
+    cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
+    watched: list[Sensor] = []
+    for name, own in cuts.items():
+        watched.append(Sensor(f"cut_{name}_torque", "torque", name))
+        watched += [Sensor(f"cut_{name}_{what}", what, own.vehicle_end) for what in ("speed", "acceleration")]
+    vehicle = replace(case.vehicle, sensors=(*case.vehicle.sensors, *watched))
+    readings = simulate(vehicle, time, inputs).readings
+    chains = []
+    for dyno in case.loop.dynamometers:
+        cut = cuts[dyno.follows]
+        rotor = next(part.on for part in case.rig.inputs if part.name == dyno.torque_input)
+        shafts, inertias = _path(case, cut.rig_end, rotor, dyno.follows)
+        torque = readings[f"cut_{cut.shaft}_torque"] * cut.factor
+        acceleration, speed = (readings[f"cut_{cut.shaft}_{what}"] for what in ("acceleration", "speed"))
+        extremes = [place(of) for of in (torque, acceleration) for place in (np.argmax, np.argmin)]
+        keep = np.union1d(np.linspace(0, len(time) - 1, points).astype(int), extremes)
+        chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep]))
+    return Demands(tuple(chains), case.limits)
+
+
+def _path(
+    case: Case, start: str, end: str, without: str
+) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], tuple[str, ...]]:
+    """Shafts from the cut to the rotor, each with the inertias passed before it, and all inertias up to the rotor."""
+    joints: list[Shaft] = [part for part in case.rig.shafts if part.name != without]
+    paths: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [(start, (), (start,))]
+    seen = {start}
+    while paths:
+        here, shafts, passed = paths.pop(0)
+        if here == end:
+            return tuple((name, passed[: i + 1]) for i, name in enumerate(shafts)), passed
+        for joint in joints:
+            if here in joint.between:
+                other = joint.between[1 - joint.between.index(here)]
+                if other not in seen:
+                    seen.add(other)
+                    paths.append((other, (*shafts, joint.name), (*passed, other)))
+    return (), (start, end)

@@ -1,0 +1,68 @@
+"""Target modes as the optimiser needs them: eigenvalue and pattern over the dynamometers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.programme.terms import Goal
+from modelling.common.errors import InputError
+from modelling.modal.damped_modes import damped_modes
+from modelling.modal.modes import Mode, modes
+
+
+def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
+    """For every target the undamped vehicle mode it numbers and the damped mode it is.
+
+    Raises
+    ------
+    InputError
+        If the vehicle has no such mode, or it is rigid or overdamped.
+    """
+    plain, damped = modes(case.vehicle), damped_modes(case.vehicle)
+    found = []
+    for number, target in enumerate(case.targets, 1):
+        where = f"{case.path}: targets[{number}].mode"
+        if target.mode > len(plain):
+            raise InputError(where, f"the vehicle has {len(plain)} modes", "see 'rigmatch modes' of the vehicle file")
+        wanted = plain[target.mode - 1]
+        if wanted.frequency == 0:
+            raise InputError(where, f"mode {target.mode} is a rigid motion", "name an elastic mode")
+        alike = [
+            mode
+            for mode in damped
+            if mode.frequency > 0 and mode.damping_ratio < 1 and mode.symmetry == wanted.symmetry
+        ]
+        best = min(alike, key=lambda mode: abs(np.log(mode.frequency / wanted.frequency)), default=None)
+        if best is None or abs(np.log(best.frequency / wanted.frequency)) > np.log(1.5):
+            raise InputError(
+                where,
+                f"mode {target.mode} ({wanted.frequency:.3g} Hz) is overdamped in the vehicle",
+                "name a mode that swings",
+            )
+        found.append((wanted, best))
+    return found
+
+
+def goals(case: Case, found: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
+    """Eigenvalue wanted and pattern of the interface speeds for every target; one whose interfaces rest has none.
+
+    Dynamometers without torque have no loop and so no eigenpair of one: then the responses alone lead the way.
+    """
+    if case.loop.torqueless and not any(move.name.startswith("loop.") for move in case.moves):
+        return ()
+    cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
+    made = []
+    for plain, damped in found:
+        pattern = np.array(
+            [
+                np.real(plain.shape.get(f"inertias.{cuts[dyno.follows].vehicle_end}", 0.0))
+                for dyno in case.loop.dynamometers
+            ]
+        )
+        if np.abs(pattern).max() < 1e-6:
+            continue
+        omega = 2 * np.pi * damped.frequency
+        eigenvalue = omega * complex(-damped.damping_ratio, np.sqrt(1 - damped.damping_ratio**2))
+        made.append(Goal(eigenvalue, pattern / np.abs(pattern).max()))
+    return tuple(made)

@@ -1,0 +1,67 @@
+"""What the residual vehicle of a bed reads while the bed runs: the vehicle's own sensors on the emulated side.
+
+The residual vehicle turns on the torque that the bed measures at each flange, lag included, and on the road torques of
+the manoeuvre. In the structure ``pi`` that is the model in the loop, as tuned. The twin of ``model_based`` keeps the
+vehicle's own values, so there, and on the free rig whose residual vehicle merely listens, it is the one cut out of the
+vehicle. Its sensors are compared with the vehicle's for R_RVM (Eq. 21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import lsim
+
+from matching.frequency.loop.linear_body import body
+from matching.frequency.loop.parts import Parts
+from modelling.bed.residual_vehicle import cut
+from modelling.model.system import System
+
+PLACE = "residual_vehicle."
+
+
+def emulated(
+    parts: Parts, traces: Mapping[str, np.ndarray], torques: Mapping[str, np.ndarray], *, tuned: bool
+) -> dict[str, np.ndarray]:
+    """Readings (t,) of the residual vehicle by ``residual_vehicle.SENSOR``, SI.
+
+    Parameters
+    ----------
+    traces : mapping
+        Of a rig from rest at the loop's sample time, by name; the torque sensors of the dynamometers are used.
+    torques : mapping
+        Of the manoeuvre by input (t,), held between samples; those that act inside the residual vehicle are used.
+    tuned : bool
+        Whether it has its tuned values or those of the vehicle.
+    """
+    loop = parts.case.loop
+    bodies = parts.residual if tuned else tuple(body(part) for part in cut(parts.case.vehicle, parts.case.rig).parts)
+    count = len(next(iter(traces.values())))
+    time = np.arange(count) * loop["sample_time"]
+    lag = ([1.0], [loop["torque_sensor_lag"], 1.0])
+    measured = {
+        own.torque: sign * lsim(lag, traces[dyno.torque_sensor], time)[1]
+        for dyno, own, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
+    }
+    found: dict[str, np.ndarray] = {}
+    for one in bodies:
+        space, nothing = one.space, np.zeros(count)
+        system = space.A, space.B, space.C, space.D
+        linear = np.stack([measured.get(name, nothing) for name in space.inputs], axis=1)
+        held = np.stack([torques.get(name, nothing) for name in space.inputs], axis=1)
+        y = _readings(system, linear, time, True) + _readings(system, held, time, False)
+        found |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
+    return found
+
+
+def on_emulated_side(vehicle: System, parts: Parts) -> tuple[str, ...]:
+    """Sensors of the vehicle that the residual vehicle has too, less those right at the cuts, which the rotors show."""
+    ends = {own.vehicle_end for own in parts.cuts}
+    there = {sensor.name for part in parts.residual for sensor in part.system.sensors if sensor.of not in ends}
+    return tuple(sensor.name for sensor in vehicle.sensors if sensor.name in there)
+
+
+def _readings(system: tuple[np.ndarray, ...], drive: np.ndarray, time: np.ndarray, linear: bool) -> np.ndarray:
+    _, y, _ = lsim(system, drive, time, interp=linear)
+    return y.reshape(len(time), -1)

@@ -1,0 +1,153 @@
+"""Stability by encirclements and the modulus margin, on the loop with its exact dead time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.parts import Parts
+from matching.frequency.loop.poles import ZERO
+
+LOWEST, HIGHEST = 1e-4, 5e3  # Hz
+STEP = 0.3  # rad: largest phase step of det(I + L) that is believed
+MOST = 200_000  # frequencies
+
+Difference = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Encirclements:
+    """What the return difference I + L(jω) says.
+
+    Attributes
+    ----------
+    unstable : int
+        Closed-loop poles in the right half plane.
+    open_loop_unstable : int
+        Those of the open loop, which were counted by its matrices.
+    resting : int
+        Closed-loop poles at 0.
+    remainder : float
+        By how much the winding missed a whole number; 0.5 where a pole stands on the imaginary axis elsewhere.
+    modulus_margin : float
+        Least singular value of I + L over all frequencies: least distance from −1 of a loop of one dynamometer.
+    margin_frequency : float
+        Hz, where it is reached.
+    gain_edge : float
+        Hz, above which the loop gain stays below a half: what happens to the phase beyond does not matter.
+    frequencies : ndarray (f,)
+        Hz, those that were needed.
+    """
+
+    unstable: int
+    open_loop_unstable: int
+    resting: int
+    remainder: float
+    modulus_margin: float
+    margin_frequency: float
+    gain_edge: float
+    frequencies: np.ndarray
+
+    @property
+    def clear(self) -> bool:
+        """Whether the winding is a whole number."""
+        return abs(self.remainder) < 0.1
+
+
+def encirclements(parts: Parts, dead_time: float | None = None) -> Encirclements:
+    """Count encirclements and find the margin of a case's feedback loop."""
+    loop = ExactLoop(parts, dead_time)
+    open_loop = np.concatenate(
+        [np.linalg.eigvals(part.space.A) for part in parts.residual] + [np.linalg.eigvals(parts.rig.space.A)]
+    )
+    resting = int(np.sum(np.abs(open_loop) < ZERO))
+    if parts.case.loop["integral_gain"]:
+        resting += len(parts.dynamometers)
+    right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= ZERO)))
+    corners = np.abs(open_loop[open_loop.imag > 0]) / (2 * np.pi)
+    return count(loop.return_difference, right, resting, loop.dead_time, corners)
+
+
+def count(difference: Difference, right: int, resting: int, delay: float, corners: np.ndarray) -> Encirclements:
+    """Encirclements of the origin by det(I + L) along the imaginary axis.
+
+    The winding is that of det(I + L)·(s/(s + 1))^r, r the open loop's poles at 0, so that neither end has a pole:
+    1 at s → ∞, c·s^m at s → 0 with m closed-loop poles there, and its phase turns by −π·(unstable − right) − m·π/2 in
+    between (Nyquist, the contour passing 0 on its right).
+
+    Parameters
+    ----------
+    difference : callable
+        s (f,) → I + L (f, k, k).
+    right, resting : int
+        Poles of the open loop in the right half plane and at 0.
+    delay : float
+        s; the grid resolves its turning phase.
+    corners : ndarray
+        Hz, where the open loop resonates: the grid starts finer there.
+    """
+    frequencies = _grid(delay, corners, _top(difference))
+    values = difference(2j * np.pi * frequencies)
+    while True:
+        s = 2j * np.pi * frequencies
+        curve = np.linalg.det(values) * (s / (s + 1)) ** resting
+        step = np.angle(curve[1:] / curve[:-1])
+        wide = np.flatnonzero((np.abs(step) > STEP) & (np.diff(frequencies) > 1e-9 * frequencies[1:]))
+        if not len(wide) or len(frequencies) > MOST:
+            break
+        new = np.sqrt(frequencies[wide] * frequencies[wide + 1])
+        values = np.insert(values, wide + 1, difference(2j * np.pi * new), axis=0)
+        frequencies = np.insert(frequencies, wide + 1, new)
+    slope = np.log(np.abs(curve[1] / curve[0])) / np.log(frequencies[1] / frequencies[0])
+    left = round(float(slope))
+    unstable = right - step.sum() / np.pi - left / 2
+    remainder = 0.5 if len(wide) or np.abs(step).max() > STEP else float(unstable - round(unstable))
+    margin, where = _margin(difference, frequencies, values)
+    gaining = frequencies[_gain(values) > 0.5]
+    edge = float(gaining.max(initial=LOWEST))
+    return Encirclements(round(unstable), right, left, remainder, margin, where, edge, frequencies)
+
+
+def _gain(values: np.ndarray) -> np.ndarray:
+    """Largest singular value (f,) of L for I + L (f, k, k)."""
+    return np.linalg.norm(values - np.eye(values.shape[-1]), 2, axis=(1, 2))
+
+
+def _top(difference: Difference) -> float:
+    """Frequency in Hz up to where the loop is followed: 5 kHz, or more until its gain has gone."""
+    top = HIGHEST
+    while top < 1e6 and _gain(difference(np.array([2j * np.pi * top])))[0] > 0.05:
+        top *= 2
+    return top
+
+
+def _grid(delay: float, corners: np.ndarray, top: float) -> np.ndarray:
+    parts = [np.geomspace(LOWEST, top, 500)]
+    parts.append(np.array([1e-7, 1e-6, 1e-5]))  # so low that the curve begins on the real axis
+    near = np.concatenate([-np.geomspace(0.3, 1e-4, 12), [0.0], np.geomspace(1e-4, 0.3, 12)])
+    parts += [corner * (1 + near) for corner in corners]
+    if delay > 0:
+        parts.append(np.linspace(LOWEST, top, int(min(top * delay * 2 * np.pi / STEP + 2, MOST / 10))))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid > 0) & (grid <= top)]
+
+
+def _margin(difference: Difference, frequencies: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Least singular value and its frequency, refined about the five lowest valleys."""
+    sizes = np.linalg.svd(values, compute_uv=False)[:, -1]
+    padded = np.concatenate([[np.inf], sizes, [np.inf]])
+    valleys = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
+    best = float(sizes.min()), float(frequencies[np.argmin(sizes)])
+    for i in valleys[np.argsort(sizes[valleys])][:5]:
+        low, high = np.log(frequencies[max(i - 1, 0)]), np.log(frequencies[min(i + 1, len(sizes) - 1)])
+        found = minimize_scalar(
+            lambda x: np.linalg.svd(difference(np.array([2j * np.pi * np.exp(x)])), compute_uv=False)[0, -1],
+            bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low) + 1e-12},
+        )  # fmt: skip
+        if found.fun < best[0]:
+            best = float(found.fun), float(np.exp(found.x))
+    return best

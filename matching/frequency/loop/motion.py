@@ -1,0 +1,140 @@
+"""Motion of rig or vehicle from sample to sample, linear exactly, nonlinear by fine steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from scipy.signal import cont2discrete
+
+from matching.frequency.loop.delay_line import arrivals
+from matching.frequency.loop.linear_body import Body
+from matching.frequency.loop.parts import Parts
+from modelling.equations.assembly import CONTACT_TIME
+from modelling.equations.compiled import compiled
+from modelling.equations.elements import elements
+from modelling.model.system import System
+from modelling.simulation.plan import steps_per_second
+
+FINEST = 50e-6  # s: longest fine step
+LINEAR = {"slip", "compliance", "lag", "input_gain", "sensor_gain"}  # effects that a linear model holds completely
+
+
+def is_linear(system: System) -> bool:
+    """Whether the linear model says everything about a system."""
+    return all(effect.kind in LINEAR for effect in system.effects)
+
+
+class LinearMotion:
+    """Exact propagation over fine steps, inputs held; k lines of commands (dynamometers) and d drives.
+
+    Parameters
+    ----------
+    A, B : ndarray (x, x), (x, k + d)
+    commands : int
+        k, the first columns of B.
+    step : float
+        s, one sample.
+    delays : sequence of float
+        s, of the lines that carry commands.
+
+    Attributes
+    ----------
+    whole, drives : ndarray (x, x), (x, d)
+        What a sample makes of state and drives.
+    lines : list of list of (int, ndarray (x, k))
+        For each line, how many samples ago a command was issued and what it does within one sample.
+    """
+
+    def __init__(self, A: np.ndarray, B: np.ndarray, commands: int, step: float, delays: Sequence[float] = ()):
+        pieces = int(np.ceil(step / FINEST - 1e-9))
+        fine, push = cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
+        self.start = np.zeros(len(A))
+        self.whole, total = np.eye(len(A)), np.zeros(B.shape)
+        pushes = []
+        for _ in range(pieces):
+            pushes.append(self.whole @ push)
+            total = total + pushes[-1]
+            self.whole = fine @ self.whole
+        self.drives = total[:, commands:]
+        self.lines = []
+        for delay in delays:
+            weights = arrivals(delay, step, pieces)
+            over = [
+                sum(w * p[:, :commands] for w, p in zip(column, reversed(pushes), strict=True)) for column in weights.T
+            ]
+            self.lines.append([(i, part) for i, part in enumerate(over) if np.any(weights[:, i])])
+
+    def advance(self, x: np.ndarray, drives: np.ndarray, lines: Sequence[np.ndarray], k: int) -> np.ndarray:
+        """The state a sample later; ``lines`` hold the commands issued (t, k) up to sample ``k`` inclusive."""
+        new = self.whole @ x + self.drives @ drives
+        for own, issued in zip(self.lines, lines, strict=True):
+            for i, push in own:
+                if k >= i:
+                    new += push @ issued[k - i]
+        return new
+
+
+class NonlinearMotion:
+    """Runge-Kutta of order four over fine steps, inverter and torque-sensor lags included.
+
+    States [x of the model, air-gap torques (k), lagged flange torques (k)]; arguments as :class:`LinearMotion`.
+    """
+
+    def __init__(self, parts: Parts | None, system: System, step: float, delays: Sequence[float] = ()):
+        model = compiled(system)
+        p = model.p0
+        needed = max(steps_per_second(model, p[None]) * step, step / FINEST)
+        if parts is not None:
+            needed = max(needed, *(step / (2 * parts.case.loop[lag]) for lag in ("inverter_lag", "torque_sensor_lag")))
+        self._pieces = int(np.ceil(needed - 1e-9))
+        if CONTACT_TIME in model.parameters:
+            p = p.copy()
+            p[model.parameters.index(CONTACT_TIME)] = step / self._pieces
+        self._weights = [arrivals(delay, step, self._pieces) for delay in delays]
+        dynos = () if parts is None else parts.dynamometers
+        k, n = len(dynos), len(model.states)
+        x, v, w = ca.SX.sym("x", n + 2 * k), ca.SX.sym("v", k), ca.SX.sym("w", len(model.inputs) - k)
+        u = ca.SX(len(model.inputs), 1)
+        driven = [dyno.torque_input for dyno in dynos]
+        for i, name in enumerate(name for name in model.inputs if name not in driven):
+            u[model.inputs.index(name)] = w[i]
+        for j, name in enumerate(driven):
+            u[model.inputs.index(name)] = x[n + j]
+        rates = [model.rates(x[:n], u, p)]
+        if parts is not None:
+            loop = parts.case.loop
+            readings = model.readings(x[:n], u, p, 0)
+            flange = ca.vertcat(
+                *(parts.toward[j] * readings[model.sensors.index(d.torque_sensor)] for j, d in enumerate(dynos))
+            )
+            rates += [(v - x[n : n + k]) / loop["inverter_lag"], (flange - x[n + k :]) / loop["torque_sensor_lag"]]
+            seen = ca.vertcat(x[n + k :], *(readings[model.sensors.index(d.speed_sensor)] for d in dynos))
+            self.seen = ca.Function("seen", [x], [ca.substitute(seen, w, ca.DM.zeros(w.shape))])
+        slope = ca.Function("slope", [x, v, w], [ca.vertcat(*rates)])
+        h = step / self._pieces
+        k1 = slope(x, v, w)
+        k2 = slope(x + h / 2 * k1, v, w)
+        k3 = slope(x + h / 2 * k2, v, w)
+        k4 = slope(x + h * k3, v, w)
+        one = ca.Function("one", [x, v, w], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        self._run = one.mapaccum("sample", self._pieces)
+        self.start = np.zeros(n + 2 * k)
+        self._count = k
+        self.twists = elements(model, p[None]).deflections
+        self.readings = ca.Function("readings", [x, w], [model.readings(x[:n], u, p, 0)])
+
+    def advance(self, x: np.ndarray, drives: np.ndarray, lines: Sequence[np.ndarray], k: int) -> np.ndarray:
+        """As :meth:`LinearMotion.advance`."""
+        commands = np.zeros((self._pieces, self._count))
+        for weights, issued in zip(self._weights, lines, strict=True):
+            for i in range(min(weights.shape[1], k + 1)):
+                commands += np.outer(weights[:, i], issued[k - i])
+        path = self._run(x, commands.T, np.repeat(drives[:, None], self._pieces, axis=1))
+        return path[:, -1].full().ravel()
+
+
+def body_motion(own: Body, step: float) -> LinearMotion:
+    """Motion of a vehicle or a free rig."""
+    return LinearMotion(own.space.A, own.space.B, 0, step)

@@ -1,0 +1,102 @@
+"""By how much what stands in the way would have to give."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from matching.frequency.case.case import Case, Move
+from matching.frequency.case.demands import Demands
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.loop_modes import feedback_modes, match_mode
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.problem import unscaled
+from matching.frequency.search.solve import Solution, Task, warm
+from modelling.modal.modes import Mode
+
+CORNERS = 6  # quantities up to which every corner of the bounds is a start
+HALVINGS = 3  # of the range of dead times, on a logarithmic scale
+
+Unkept = tuple[str, str, float, float]  # dynamometer, limit, least demand, allowed
+
+
+def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
+    """Limits that the vehicle's manoeuvre breaks whatever the moves are, at the setting that breaks them least.
+
+    Empty where some setting keeps all. The demands are convex in the inertias and fall with stiffness, so the
+    optimiser's end, from the best corner of the bounds, is the least.
+    """
+    v = ca.MX.sym("v", len(moves))
+    own = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
+    own |= {name: ca.MX(unscaled(v[i], move)) for i, move in enumerate(moves) for name in move.together}
+    rows = ca.vertcat(*(row for row, _ in asked.constraints(own)))
+    if not moves or rows.is_empty():
+        return []
+    used = [i for i, does in enumerate(ca.which_depends(rows, v, 1, False)) if does]
+    worst = ca.Function("worst", [v], [ca.mmax(rows)])
+    start = np.full(len(moves), 0.5)
+    corners = itertools.product((0.0, 1.0), repeat=len(used)) if len(used) <= CORNERS else ()
+    starts = [start]
+    for corner in corners:
+        starts.append(start.copy())
+        starts[-1][used] = corner
+    best = min(starts, key=lambda x: float(worst(x)))
+    t = ca.MX.sym("t")
+    quiet: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": {"print_level": 0, "sb": "yes"}}
+    solver = ca.nlpsol("least", "ipopt", {"x": ca.vertcat(v, t), "f": t, "g": rows - t}, quiet)
+    x0 = [*best, float(worst(best))]
+    found = solver(x0=x0, lbx=[*np.zeros(len(moves)), 0], ubx=[*np.ones(len(moves)), np.inf], ubg=0)
+    end = np.clip(found["x"].full().ravel()[:-1], 0, 1)
+    best = min((best, end), key=lambda x: float(worst(x)))
+    if float(worst(best)) <= 1:
+        return []
+    values = {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+    values |= {name: float(unscaled(best[i], move)) for i, move in enumerate(moves) for name in move.together}
+    return asked.broken(values)
+
+
+def sufficient_dead_time(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]]) -> float | None:
+    """The longest dead time found (s) with which feedback shows every target; None if even one sample is too long.
+
+    Each is solved anew from the solution and from a gentler loop, and judged by margin, encirclements and poles.
+    """
+    case = task.case
+    shortest, longest = case.loop["sample_time"], case.loop["dead_time"]
+    if longest <= shortest or not _shows(task, solution, targets, shortest):
+        return None
+    good = shortest
+    for _ in range(HALVINGS):
+        middle = float(np.sqrt(good * longest))
+        if _shows(task, solution, targets, middle):
+            good = middle
+        else:
+            longest = middle
+    return good
+
+
+def _shows(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:
+    case = replace(task.case, loop=task.case.loop.with_values({"dead_time": dead_time}))
+    values = warm(replace(task, case=case), solution)
+    if values is None:
+        return False
+    parts = parts_of(apply(case, values))
+    winding = encirclements(parts)
+    if winding.unstable or not winding.clear or winding.modulus_margin < case.limits["modulus_margin"]:
+        return False
+    found = feedback_modes(parts)
+    inertia = {f"inertias.{own.name}": own.J.value for own in case.vehicle.inertias}
+    for target, (plain, wanted) in zip(case.targets, targets, strict=True):
+        best = match_mode(plain, found, inertia)
+        if (
+            best is None
+            or abs(best[0].frequency / wanted.frequency - 1) > target.frequency_tolerance
+            or abs(best[0].damping_ratio - wanted.damping_ratio) > target.damping_tolerance
+        ):
+            return False
+    return True

@@ -1,0 +1,199 @@
+"""The main job: from a case to a rig that answers like the vehicle, verified, or to what stands in the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from matching.frequency.case.case import Case, Move
+from matching.frequency.case.demands import demands
+from matching.frequency.case.targets import target_modes
+from matching.frequency.case.weights import FREEZE_BELOW, counterparts, price, shares_of
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.responses import error_figures, responses
+from matching.frequency.search.attempt import attempt
+from matching.frequency.search.infeasible_limits import sufficient_dead_time
+from matching.frequency.search.limits import limits
+from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.search.solve import Near, Solution, Task
+from matching.frequency.verification.verify import Verification
+from modelling.bed.model_based import dead_time_bound
+from modelling.bed.residual_vehicle import cut
+from modelling.modal.damped_modes import damped_modes
+from modelling.modal.modes import Mode, modes
+
+SEEN_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
+CURVE_POINTS = 400
+UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
+NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
+
+Progress = Callable[[str], None]
+
+
+def match(
+    case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
+    near: Near | None = None,
+) -> MatchResult:  # fmt: skip
+    """Match a rig to its vehicle.
+
+    Parameters
+    ----------
+    case : Case
+        From :func:`matching.frequency.case.case.load_case`.
+    seed : int
+        Of the random starts.
+    starts : int
+        At most; fewer when three agree on the best.
+    progress : callable, optional
+        Called with a word on what was just done.
+    workers : int
+        Processes for the starts; the result does not depend on how many.
+    near : Near, optional
+        Solutions of like cases, to start from these alone.
+
+    Returns
+    -------
+    MatchResult
+        ``status`` is ``matched`` only if every target is met, in the closed loop and in the simulation, every limit is
+        kept and every check of stability agrees.
+
+    Raises
+    ------
+    InputError
+        If the case cannot be worked on as it stands.
+    NoBetter
+        If ``near`` leads to nothing better than it has to.
+    """
+    begin = time.perf_counter()
+    tell = progress or (lambda _: None)
+    targets = target_modes(case)
+    on_rig = counterparts(case)
+    vehicle = modes(case.vehicle)
+    shares = shares_of(case, vehicle, on_rig)
+    asked = demands(case)
+    tell("vehicle, rig and manoeuvre")
+    found = attempt(case, shares, targets, asked, seed, starts, workers, tell, near)
+    task, solution, tuned, checked = found.task, found.solution, found.tuned, found.checked
+    results = tuple(
+        _target(case, checked, number, pair, mode)
+        for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
+    )
+    missed = any(not target.met for target in results)
+    enough = sufficient_dead_time(task, solution, targets) if missed and _feedback_alone(case, solution) else None
+    stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, enough)
+    error = _errors(case, tuned, checked)
+    tell("bound and curves")
+    return MatchResult(
+        status="limited" if stands else "matched",
+        limits=tuple(stands),
+        notes=(*_notes(task, solution, found.thawed, bool(stands)), *checked.notes),
+        case=case,
+        tuned=tuned,
+        vehicle_modes=tuple(damped_modes(case.vehicle)),
+        rig_modes=tuple(damped_modes(case.rig)),
+        matched_modes=tuple(mode.to_dict() for mode in checked.modes),
+        targets=results,
+        parameters=tuple(
+            _parameter(move, float(part), solution, move in task.moves)
+            for move, part in zip(case.moves, shares, strict=True)
+        ),
+        response_error=error,
+        curves=_curves(case, tuned),
+        verification=checked,
+        objective=solution.objective,
+        starts=solution.starts,
+        pairs=solution.pairs,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _feedback_alone(case: Case, solution: Solution) -> bool:
+    """Whether a shorter dead time is worth a try: feedback has to show the targets, and there is a loop that works."""
+    return case.loop.structure == "pi" and not case.loop.torqueless and solution.feasible
+
+
+def _notes(task: Task, solution: Solution, thawed: Mapping[str, str], limited: bool) -> list[str]:
+    """That nothing had to move, and what moves for a limit's sake only."""
+    found = []
+    own = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
+    if not limited and all(abs(value - move.start) <= UNMOVED * (move.upper - move.lower) for move, value in own):
+        found.append(NOTHING_MOVED)
+    found += [
+        f"{name} holds under {FREEZE_BELOW:.0%} of every target mode's energy and moves for the limit {limit} alone"
+        for name, limit in thawed.items()
+    ]
+    return found
+
+
+def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
+    tuned = solution.values.get(move.name, move.start)
+    return ParameterResult(move.name, move.start, tuned, move.unit, move.lower, move.upper, price(part), part, not free)
+
+
+def _target(
+    case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None
+) -> TargetResult:
+    wanted, target = pair[1], case.targets[number]
+    mode = checked.targets[number][1]
+    seen = checked.seen[number].matched
+    matched = None if mode is None else mode.frequency
+    damping = None if mode is None else mode.damping_ratio
+    met = (
+        matched is not None and damping is not None and seen is not None
+        and abs(matched / wanted.frequency - 1) <= target.frequency_tolerance
+        and abs(damping - wanted.damping_ratio) <= target.damping_tolerance
+        and abs(seen.frequency / wanted.frequency - 1) <= SEEN_TOLERANCE
+        and abs(seen.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
+    )  # fmt: skip
+    return TargetResult(
+        vehicle_mode=target.mode,
+        symmetry=wanted.symmetry,
+        vehicle=wanted.frequency,
+        vehicle_damping=wanted.damping_ratio,
+        rig=None if on_rig is None else on_rig.frequency,
+        matched=matched,
+        matched_damping=damping,
+        seen=None if seen is None else seen.frequency,
+        seen_damping=None if seen is None else seen.damping_ratio,
+        met=met,
+    )
+
+
+def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
+    own = checked.errors
+    return ResponseError(
+        band=own.band,
+        before=own.before,
+        after=own.after,
+        after_like_before=own.after_like_before,
+        unannounced=own.unannounced,
+        bound=_bound(tuned, 1),
+        bound_unsampled=_bound(tuned, 8),
+        functions=tuple(own.functions),
+    )
+
+
+def _bound(case: Case, refinement: int) -> float:
+    """Response error of the best causal controller, see :func:`modelling.bed.model_based.dead_time_bound`."""
+    reference = cut(case.vehicle, case.rig)
+    ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
+    import dataclasses
+
+    told = dataclasses.replace(
+        case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case))
+    )
+    return float(error_figures(told, parts_of(told), ideal).after)
+
+
+def _all_known(case: Case) -> tuple[str, ...]:
+    driven = {dyno.torque_input for dyno in case.loop.dynamometers}
+    return tuple(part.name for part in case.rig.inputs if part.name not in driven)
+
+
+def _curves(case: Case, tuned: Case) -> Curves:
+    top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
+    f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
+    found = responses(tuned, f, parts_of(tuned, untuned=case.rig))
+    return Curves(f, found.vehicle, found.rig, found.matched, found.unannounced)

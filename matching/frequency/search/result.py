@@ -1,0 +1,198 @@
+"""What a match found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
+from modelling.modal.modes import Mode
+
+
+@dataclass(frozen=True)
+class TargetResult:
+    """A target mode in vehicle, rig and matched loop; frequencies in Hz, None where the mode was not found.
+
+    ``seen`` and ``seen_damping`` are read off the simulated manoeuvre, by a method of its own.
+    """
+
+    vehicle_mode: int
+    symmetry: str
+    vehicle: float
+    vehicle_damping: float
+    rig: float | None
+    matched: float | None
+    matched_damping: float | None
+    seen: float | None
+    seen_damping: float | None
+    met: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "vehicle_mode": self.vehicle_mode, "symmetry": self.symmetry, "vehicle": self.vehicle,
+            "vehicle_damping": self.vehicle_damping, "rig": self.rig, "matched": self.matched,
+            "matched_damping": self.matched_damping, "seen_in_simulation": self.seen,
+            "seen_damping": self.seen_damping, "met": self.met,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ParameterResult:
+    """A quantity that was allowed to move, SI.
+
+    ``share`` of a target mode's energy, ``weight`` the price of its change, ``frozen`` where the share is too small.
+    """
+
+    name: str
+    start: float
+    tuned: float
+    unit: str
+    lower: float
+    upper: float
+    weight: float
+    share: float
+    frozen: bool
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether it ended within a thousandth of its range from a bound."""
+        return min(self.tuned - self.lower, self.upper - self.tuned) <= 1e-3 * (self.upper - self.lower)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        keys = ("name", "start", "tuned", "unit", "lower", "upper", "weight", "share", "frozen", "at_bound")
+        return {key: getattr(self, key) for key in keys}
+
+
+@dataclass(frozen=True)
+class ResponseError:
+    """Root mean square over band and compared functions of |log(H_rig/H_vehicle)|.
+
+    ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
+    ones, ``after_like_before`` over those of ``before``; ``unannounced`` what the feedback alone does, to torques
+    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.bed.model_based.dead_time_bound`), at the loop's
+    sample time, and ``bound_unsampled`` without sampling. ``functions`` holds the same for every compared function.
+    """
+
+    band: tuple[float, float]
+    before: float | None
+    after: float
+    after_like_before: float | None
+    unannounced: float
+    bound: float
+    bound_unsampled: float
+    functions: tuple[dict[str, Any], ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        keys = ("before", "after", "after_like_before", "unannounced", "bound", "bound_unsampled")
+        return (
+            {"band": list(self.band)} | {key: getattr(self, key) for key in keys} | {"functions": list(self.functions)}
+        )
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
+
+    frequencies: np.ndarray
+    vehicle: np.ndarray
+    rig: np.ndarray
+    matched: np.ndarray
+    unannounced: np.ndarray
+
+
+@dataclass(frozen=True)
+class MatchResult:
+    """A match: what was asked, what was tuned, how well it does, and how that was checked.
+
+    Attributes
+    ----------
+    status : str
+        ``matched`` or ``limited``.
+    limits : tuple of str
+        What stands in the way, most binding first.
+    notes : tuple of str
+        What the user should know beside it.
+    case, tuned : Case
+        As asked and with the tuned values.
+    vehicle_modes, rig_modes, matched_modes : tuple of Mode
+        ``matched_modes`` of the closed loop.
+    verification : Verification
+        See :mod:`matching.frequency.verification`.
+    objective : float
+        Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable); ``pairs`` as
+        :class:`matching.frequency.search.solve.Solution` has them.
+    """
+
+    status: str
+    limits: tuple[str, ...]
+    notes: tuple[str, ...]
+    case: Case
+    tuned: Case
+    vehicle_modes: tuple[Mode, ...]
+    rig_modes: tuple[Mode, ...]
+    matched_modes: tuple[dict[str, Any], ...]
+    targets: tuple[TargetResult, ...]
+    parameters: tuple[ParameterResult, ...]
+    response_error: ResponseError
+    curves: Curves = field(repr=False)
+    verification: Any = field(repr=False)
+    objective: float = float("nan")
+    starts: tuple[float | None, ...] = ()
+    pairs: tuple[float, ...] = ()
+    seconds: float = 0.0
+
+    @cached_property
+    def fidelity(self) -> MatchFidelity | None:
+        """R_SD, R_RVM, R_MU and R_XiL of free and matched rig on the manoeuvre; None where the simulation ran away."""
+        traces = self.verification.traces
+        return None if traces is None else match_fidelity(parts_of(self.tuned), traces)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``result.json``."""
+        checks = self.verification
+        return {
+            "status": self.status,
+            "limits": list(self.limits),
+            "notes": list(self.notes),
+            "title": self.case.title,
+            "structure": self.case.loop.structure,
+            "vehicle": {"modes": [mode.to_dict() for mode in self.vehicle_modes]},
+            "rig": {"modes": [mode.to_dict() for mode in self.rig_modes]},
+            "matched": {"modes": list(self.matched_modes)},
+            "targets": [target.to_dict() for target in self.targets],
+            "parameters": [parameter.to_dict() for parameter in self.parameters],
+            "needs_no_identification": [parameter.name for parameter in self.parameters if parameter.frozen],
+            "stable": checks.stable,
+            "modulus_margin": checks.modulus_margin,
+            "spectral_abscissa": checks.spectral_abscissa,
+            "response_error": self.response_error.to_dict(),
+            "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
+            "verification": checks.to_dict(),
+            "objective": self.objective,
+            "starts": list(self.starts),
+            "seconds": self.seconds,
+        }
+
+    def plot(self) -> Any:
+        """The overview figure of the report (Matplotlib figure)."""
+        from matching.report.match.figures import overview
+
+        return overview(self)
+
+    def __str__(self) -> str:
+        from matching.report.match.text import content, summary
+
+        return summary(content(self))
+
+    def _repr_html_(self) -> str:
+        from matching.report.match.page import summary_html
+
+        return summary_html(self)

@@ -1,0 +1,136 @@
+"""One draw after the other of a match whose hardware varies: margin, stability, modes and response errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.linear_body import body
+from matching.frequency.loop.loop_modes import feedback_modes
+from matching.frequency.loop.parts import Parts, parts_of, watched
+from matching.frequency.loop.responses import response_error
+from matching.frequency.studies.drawn_loops import Loops
+from matching.frequency.verification.robustness import compared
+from modelling.bed.model_based import Twin, twin
+from modelling.bed.residual_vehicle import cut
+from modelling.modal.modes import modes
+
+POINTS = 48  # frequencies of a response error
+CLOSE = 0.6  # relative distance within which a mode of the loop counts as the target's
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A quantity that is drawn evenly from its range, SI."""
+
+    name: str
+    value: float
+    lower: float
+    upper: float
+    unit: str
+
+
+def draw(varied: tuple[Varied, ...], seed: int, number: int, count: int) -> np.ndarray:
+    """Values (count, p) of chunk ``number``."""
+    random = np.random.default_rng([seed, number])
+    lower, upper = (np.array([getattr(one, key) for one in varied]) for key in ("lower", "upper"))
+    return lower + (upper - lower) * random.random((count, len(varied)))
+
+
+class Prepared(Loops):
+    """What all chunks share, built once a worker."""
+
+    def __init__(self, given: tuple[Case, tuple[Varied, ...], int]):
+        self.case, self.varied, self.seed = given
+        self.parts: Parts = parts_of(self.case)
+        corners = [mode.frequency for mode in modes(self.case.rig) if 0 < mode.frequency < 1000]
+        center = np.array([one.value for one in self.varied])
+        names = [one.name for one in self.varied]
+        super().__init__(self.case, names, center, corners, encirclements(self.parts).margin_frequency)
+        self.margin = float(self.margins(center[None])[0][0])
+        near = self._goals()
+        self.targets, self.goals = list(near), list(near.values())
+        self.told: Twin | None = None
+        if self.case.loop.structure == "model_based":
+            self.told = twin(self.case.rig, cut(self.case.vehicle, self.case.rig), self.case.loop)
+        self.vehicle = body(self.case.vehicle)
+
+    def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
+        """Whether each draw is stable, (b,)."""
+        turning, unclear = self.turning(x, determinants)
+        found = ~turning
+        for i in np.flatnonzero(unclear):
+            winding = encirclements(self.true(x[i]), self.dead_time(x[i]))
+            found[i] = winding.unstable == 0 and winding.clear
+        return found
+
+    def true(self, x: np.ndarray) -> Parts:
+        """The bed as drawn, with the controller as it is."""
+        values = {one.name.removeprefix("rig."): v for one, v in zip(self.varied, x) if one.name.startswith("rig.")}
+        system = self.case.rig.with_values(values)
+        loop = {one.name.removeprefix("loop."): v for one, v in zip(self.varied, x) if one.name.startswith("loop.")}
+        case = replace(self.case, loop=self.case.loop.with_values(loop)) if loop else self.case
+        return replace(self.parts, case=case, rig=body(watched(system, self.parts.cuts, rig_side=True)))
+
+    def dead_time(self, x: np.ndarray) -> float:
+        """Dead time of a draw, s."""
+        names = [one.name for one in self.varied]
+        return float(x[names.index("loop.dead_time")]) if "loop.dead_time" in names else self.case.loop["dead_time"]
+
+    def errors(self, x: np.ndarray) -> list[float]:
+        """Response error of a draw to all torques as the case announces them, and to torques nobody announces."""
+        own = {one.name.removeprefix("rig."): v for one, v in zip(self.varied, x)}
+        shared = {name: v for name, v in own.items() if name in self.case.vehicle.parameters}
+        vehicle = body(self.case.vehicle.with_values(shared)) if shared else self.vehicle
+        loop = ExactLoop(self.true(x), self.dead_time(x))
+        frequencies = np.geomspace(*self.case.band, POINTS)
+        told = [self.told, None] if self.told is not None else [None]
+        return [response_error(*compared(loop, one, vehicle, frequencies)) for one in told]
+
+    def _goals(self) -> dict[int, complex]:
+        """Modes of the nominal feedback loop near the targets, as far as it has any, by the target's mode number."""
+        found = {}
+        own = [
+            mode.eigenvalue for mode in feedback_modes(self.parts) if mode.frequency > 0 and mode.eigenvalue.imag > 0
+        ]
+        plain = modes(self.case.vehicle)
+        for target in self.case.targets:
+            wanted = 2j * np.pi * plain[target.mode - 1].frequency
+            near = min(own, key=lambda s: abs(s - wanted), default=0j)
+            if abs(near - wanted) < CLOSE * abs(wanted):
+                found[target.mode] = complex(near)
+        return found
+
+
+def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
+    """One chunk: number, draws, and how many of them get response errors."""
+    number, count, few = chunk
+    x = draw(prepared.varied, prepared.seed, number, count)
+    least, determinants = prepared.margins(x)
+    values: dict[str, Any] = {
+        "modulus_margin": least.tolist(), "stable": prepared.stable(x, determinants).astype(float).tolist(),
+    }  # fmt: skip
+    units, nominal = {"modulus_margin": ""}, {"modulus_margin": prepared.margin}
+    for mode, goal, root in zip(prepared.targets, prepared.goals, prepared.roots(x, prepared.goals).T):
+        for what, unit, of in (("frequency", "Hz", _frequency), ("damping_ratio", "", _damping)):
+            name = f"target_mode_{mode}_{what}"
+            values[name], units[name], nominal[name] = of(root).tolist(), unit, float(of(np.array([goal]))[0])
+    errors = np.array([prepared.errors(row) for row in x[:few]])
+    here = prepared.errors(prepared.center)
+    names = ["response_error", "response_error_not_announced"] if len(here) == 2 else ["response_error"]
+    for j, name in enumerate(names):
+        values[name], units[name], nominal[name] = errors[:, j].tolist(), "", here[j]
+    return {"values": values, "units": units, "nominal": nominal}
+
+
+def _frequency(root: np.ndarray) -> np.ndarray:
+    return np.abs(root) / (2 * np.pi)
+
+
+def _damping(root: np.ndarray) -> np.ndarray:
+    return -root.real / np.abs(root)

@@ -1,0 +1,146 @@
+"""The achievable error over two quantities: the delay budget and the adapter's size at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from matching import __version__
+from matching.frequency.case.case import Case
+from matching.frequency.case.case_file import case_files
+from matching.frequency.studies.map_axis import Axis, axis, quantities
+from matching.frequency.studies.map_passes import Task, improved
+from matching.frequency.studies.map_point import Point, improved_at, match_at
+from matching.studies import executor_of, run
+from modelling.common.display import Shown, labelled
+from modelling.common.errors import InputError
+
+
+@dataclass(frozen=True)
+class Map(Shown):
+    """Points (y, x) row by row over two axes."""
+
+    title: str
+    band: tuple[float, float]
+    x: Axis
+    y: Axis
+    points: tuple[tuple[Point, ...], ...]
+
+    _view = "matching.report.map.view"
+
+    def errors(self, which: str = "error") -> np.ndarray:
+        """Response errors (y, x), or ``unannounced`` or ``bound``; NaN where there is none."""
+        found = [[getattr(own, which) for own in row] for row in self.points]
+        return np.array([[np.nan if own is None else own for own in row] for row in found])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``map.json``."""
+        axes = {key: {**vars(axis), "values": list(axis.values)} for key, axis in (("x", self.x), ("y", self.y))}
+        points = [own.to_dict() for row in self.points for own in row]
+        return {"title": self.title, "band": list(self.band), **axes, "points": points}
+
+    def to_xarray(self) -> Any:
+        """Error and modulus margin over both quantities (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        margin = [[np.nan if own.modulus_margin is None else own.modulus_margin for own in row] for row in self.points]
+        names = [self.y.name, self.x.name]
+        return labelled(
+            {"error": (names, self.errors(), "1"), "modulus_margin": (names, np.array(margin), "1")},
+            {axis.name: (list(axis.values), axis.unit) for axis in (self.y, self.x)},
+        )
+
+
+def map_case(
+    case: Case,
+    x: Axis | str,
+    y: Axis | str,
+    executor: Executor | None = None,
+    *,
+    seed: int = 0,
+    starts: int = 2,
+    workers: int | None = None,
+    record: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Map:
+    """Match a case at every pair of values of two quantities, first each point by itself, then from its neighbours.
+
+    See :mod:`matching.frequency.studies.map_passes`. The map depends neither on the executor nor on the order in which points
+    end.
+
+    Parameters
+    ----------
+    x, y : Axis or str
+        As :func:`axis` reads them.
+    executor : concurrent.futures.Executor, optional
+        Where the matches run; processes of this machine if none is given.
+    seed, starts : int
+        Of every match by itself.
+    workers : int, optional
+        Processes, where no executor is given.
+    record : Path, optional
+        File for finished points, from which a map that was stopped goes on.
+    progress : callable, optional
+        Called with (matches done, all matches so far known of).
+
+    Raises
+    ------
+    InputError
+        If a quantity is unknown, or both are the same.
+    """
+    x, y = (axis(case, own) if isinstance(own, str) else own for own in (x, y))
+    together = quantities(case)[x.name][2]
+    if y.name in together:
+        raise InputError(y.name, "is on both axes", "name two quantities")
+    files = (f"{key}: {text}" for key, text in case_files(case).items())
+    content = "\n".join([__version__, *files, f"{x.name} {y.name} {seed} {starts}"])
+    before = 0  # matches of the passes before
+
+    def advance(done: int, total: int) -> None:
+        if progress:
+            progress(before + done, before + total)
+
+    with nullcontext(executor) if executor else executor_of(workers) as own:
+
+        def solved(chunks: list[Task]) -> list[Any]:
+            nonlocal before
+            rows = run(
+                _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, own,
+                content=content, record=record, progress=advance,
+            )  # fmt: skip
+            before += len(chunks)
+            return [None if row is None else Point.of(row) for row in rows]
+
+        first = solved([{"x": a, "y": b} for b in y.values for a in x.values])
+        width = len(x.values)
+        points = improved([first[i : i + width] for i in range(0, len(first), width)], solved)
+    return Map(case.title, case.band, x, y, tuple(tuple(row) for row in points))
+
+
+Prepared = tuple[Case, tuple[str, str], int, int]
+
+
+def _prepare(given: Prepared) -> Prepared:
+    return given
+
+
+def _point_at(given: Prepared, task: Task) -> dict[str, Any] | None:
+    """A point as plain values: from starts of its own, or from its neighbours' solutions where there are such."""
+    from matching.frequency.search.solve import Near
+
+    case, names, seed, starts = given
+    x, y = zip(names, (task["x"], task["y"]), strict=True)
+    if "near" not in task:
+        return vars(match_at(case, x, y, seed, starts))
+    found = improved_at(case, x, y, Near(tuple((values, pairs) for values, pairs in task["near"]), task["below"]))
+    return None if found is None else vars(found)

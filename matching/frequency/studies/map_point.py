@@ -1,0 +1,154 @@
+"""One point of a map: both quantities held, the rest matched, from starts of its own or from its neighbours' ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.case.tuned import apply
+from matching.frequency.studies.map_axis import quantities
+from modelling.common.errors import InputError
+from modelling.model.system import unknown
+
+if TYPE_CHECKING:
+    from matching.frequency.search.result import MatchResult
+    from matching.frequency.search.solve import Near
+
+
+@dataclass(frozen=True)
+class Point:
+    """A match with both quantities held.
+
+    Attributes
+    ----------
+    status : str
+        ``matched`` or ``limited``; ``impossible`` where no match could be tried, with the reason in ``limits`` and no
+        errors.
+    error, unannounced, bound : float or None
+        As :class:`matching.frequency.search.result.ResponseError` has them: ``after``, ``unannounced``, ``bound``.
+    limited_by : tuple of str
+        What stands in the way, by name: ``stability``, ``targets``, or the limits of the case that are broken.
+    objective, first : float or None
+        What the optimiser minimised, and what it reached from starts of this point's own, before those of its
+        neighbours were tried; None where no setting kept the constraints.
+    values : dict of str to float
+        Tuned values by name, SI.
+    pairs : tuple of float
+        The goals' eigenpairs, see :class:`matching.frequency.search.solve.Solution`: what a neighbour starts from beside them.
+    """
+
+    x: float
+    y: float
+    status: str
+    error: float | None
+    unannounced: float | None
+    bound: float | None
+    stable: bool
+    modulus_margin: float | None
+    limits: tuple[str, ...]
+    limited_by: tuple[str, ...] = ()
+    objective: float | None = None
+    first: float | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    pairs: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Point:
+        """From plain values, as a record holds them."""
+        return cls(**{**row, **{key: tuple(row[key]) for key in ("limits", "limited_by", "pairs")}})
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``map.json`` holds it."""
+        return {key: own for key, own in vars(self).items() if key != "pairs"}
+
+    def beats(self, other: Point) -> bool:
+        """Whether it is matched where the other is not, stable where the other is not, or of a smaller objective."""
+        return self._rank() < other._rank()
+
+    def improving(self, other: Point) -> Point:
+        """This one in the place of the other, whose own first objective it keeps."""
+        return replace(self, first=other.first)
+
+    def _rank(self) -> tuple[bool, bool, float]:
+        return self.status != "matched", not self.stable, np.inf if self.objective is None else self.objective
+
+
+def held_at(case: Case, name: str, value: float) -> Case:
+    """The case with a quantity at a value where it stays, whether it might move before or not.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, the value impossible, or nothing would be left to move.
+    """
+    known = quantities(case)
+    if name not in known:
+        raise unknown(name, list(known), "")
+    moved = apply(case, dict.fromkeys(known[name][2], value))
+    left = tuple(move for move in case.moves if name not in move.together)
+    if not left:
+        raise InputError(name, "is all that may move", "let the case move something else as well")
+    return replace(moved, moves=left)
+
+
+def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
+    """One point, from starts of its own."""
+    from matching.frequency.search.match import match
+
+    try:
+        result = match(held_at(held_at(case, *x), *y), seed=seed, starts=starts)
+    except InputError as fault:
+        return Point(x[1], y[1], "impossible", None, None, None, False, None, (str(fault),))
+    return _point(x[1], y[1], result)
+
+
+def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Near) -> Point | None:
+    """The same point from its neighbours' solutions; None where that leads to nothing better."""
+    from matching.frequency.search.match import match
+    from matching.frequency.search.solve import NoBetter
+
+    try:
+        return _point(x[1], y[1], match(held_at(held_at(case, *x), *y), near=near))
+    except NoBetter:
+        return None
+
+
+def _point(x: float, y: float, result: MatchResult) -> Point:
+    error, seen, objective = result.response_error, result.verification, _finite(result.objective)
+    return Point(
+        x=x,
+        y=y,
+        status=result.status,
+        error=_finite(error.after),
+        unannounced=_finite(error.unannounced),
+        bound=_finite(error.bound),
+        stable=bool(seen.stable),
+        modulus_margin=_finite(seen.modulus_margin),
+        limits=tuple(result.limits),
+        limited_by=_limited_by(result),
+        objective=objective,
+        first=objective,
+        values={own.name: own.tuned for own in result.parameters},
+        pairs=tuple(result.pairs),
+    )
+
+
+def _limited_by(result: MatchResult) -> tuple[str, ...]:
+    """Names of what stands in the way: as :func:`matching.frequency.search.limits.limits` finds it, without the words."""
+    from matching.frequency.case.demands import demands
+
+    if not result.verification.stable:
+        return ("stability",)
+    rig = {f"rig.{name}": own.value for name, own in result.tuned.rig.parameters.items()}
+    names = ["targets"] if any(not target.met for target in result.targets) else []
+    names += [own.limit for own in result.verification.violations]
+    names += [limit for _, limit, _, _ in demands(result.tuned).broken(rig)]
+    return tuple(dict.fromkeys(names))
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

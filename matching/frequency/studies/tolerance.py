@@ -1,0 +1,177 @@
+"""What manufacturing tolerances of the bed do to a match whose controller stays as it is.
+
+Every quantity of the rig that has a range in its file, and what the user adds, is drawn evenly from it, each on its
+own (a mirror image too). The margin, stability and the feedback loop's modes come of every draw, from the exact loop;
+response errors, which take longer, of the first few hundred. A component that vehicle and rig share is the same piece
+of hardware: there the vehicle it is compared with has the drawn value too.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from matching import __version__
+from matching.frequency.case.case import Case, movable
+from matching.frequency.case.case_file import case_files
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.studies.draws import Prepared, Varied, draw, work
+from matching.spread import Spread, spread
+from matching.studies import run
+from modelling.common.display import Shown
+from modelling.common.errors import InputError
+from modelling.model.system import unknown
+
+CHUNK = 1000  # draws
+RESPONSES = 400  # draws whose response errors are worked out
+SAME = (0.01, 0.02)  # of a target: relative in frequency, absolute in damping ratio
+
+
+@dataclass(frozen=True)
+class Tolerance(Shown):
+    """A tolerance study.
+
+    Attributes
+    ----------
+    draws, seed : int
+    varied : tuple of Varied
+    spreads : tuple of Spread
+        Modulus margin, modes of the feedback loop near the targets, response errors.
+    shares : dict of str to float
+        Yield: the share of draws that is stable, keeps the margin asked for, keeps every target mode near its nominal
+        value (1 % in frequency, 0.02 in damping ratio), and all of these.
+    """
+
+    title: str
+    draws: int
+    seed: int
+    varied: tuple[Varied, ...]
+    spreads: tuple[Spread, ...]
+    shares: dict[str, float]
+    asked: float
+
+    _view = "matching.report.tolerance.view"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``tolerance.json``."""
+        return {
+            "title": self.title, "draws": self.draws, "seed": self.seed, "varied": [vars(one) for one in self.varied],
+            "quantities": [one.to_dict() for one in self.spreads], "yield": self.shares,
+            "modulus_margin_asked": self.asked,
+        }  # fmt: skip
+
+
+def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
+    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance.
+
+    Raises
+    ------
+    InputError
+        If nothing varies, a name is unknown or belongs to the residual vehicle, or a tolerance is not in (0, 1).
+    """
+    known = {f"rig.{name}": (own.value, case.rig.units[name]) for name, own in case.rig.parameters.items()}
+    every = movable(case.rig, case.residual_vehicle, case.loop)
+    known |= {name: own[:2] for name, own in every.items() if not name.startswith("rig.")}
+    found = {}
+    for name, own in case.rig.uncertain.items():
+        if own.lower is not None and own.upper is not None and own.lower < own.upper:
+            unit = known[f"rig.{name}"][1]
+            found[f"rig.{name}"] = Varied(f"rig.{name}", own.value, own.lower, own.upper, unit)
+    for name, share in _named(added or {}, known):
+        if name.startswith("residual_vehicle."):
+            raise InputError(
+                "--tolerance", f"{name} is a number in the controller", "name a quantity of the rig or loop"
+            )
+        value, unit = known[name]
+        if not 0 < share < 1 or value == 0:
+            raise InputError("--tolerance", f"{name} = {value:g} cannot vary by {share:g}", "give 0 < SHARE < 1")
+        found[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
+    if not found:
+        right = "write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance 'rig.*.stiffness=0.05'"
+        raise InputError(case.path, "no quantity of the rig has a tolerance", right)
+    return tuple(found.values())
+
+
+def _named(added: Mapping[str, float], known: Mapping[str, tuple[float, str]]) -> list[tuple[str, float]]:
+    """Names with their tolerances; a pattern stands for all of the rig and loop that it fits and that are not zero."""
+    found = []
+    for name, share in added.items():
+        fitting = [name] if name in known else []
+        if "*" in name:
+            own = [one for one in known if known[one][0] != 0 and not one.startswith("residual_vehicle.")]
+            fitting = fnmatch.filter(own, name)
+        if not fitting:
+            raise unknown(name, list(known), "--tolerance")
+        found += [(one, share) for one in fitting]
+    return found
+
+
+def tuned(case: Case) -> Case:
+    """The case at the start values of its ``[move]``, which a match writes as tuned."""
+    return apply(case, {name: move.start for move in case.moves for name in move.together})
+
+
+def tolerance(
+    case: Case, draws: int, executor: Executor, *, seed: int = 0, added: Mapping[str, float] | None = None,
+    record: Path | None = None, progress: Callable[[int, int], None] | None = None,
+) -> Tolerance:  # fmt: skip
+    """Spread of margin, modes and response errors over tolerances, with the yield and what drives it.
+
+    Parameters
+    ----------
+    case : Case
+        Its moves stand at their start values: give the case file that a match wrote.
+    draws : int
+    executor : concurrent.futures.Executor
+    added : mapping of str to float, optional
+        Relative tolerances beside those of the rig file, by name or by a pattern such as ``rig.*.stiffness``; what
+        stands later counts.
+    record, progress : see :func:`matching.studies.run`
+
+    Raises
+    ------
+    InputError
+        If nothing varies, or the nominal loop is unstable.
+    """
+    case = tuned(case)
+    varied = varied_of(case, added)
+    winding = encirclements(parts_of(case))
+    if winding.unstable or not winding.clear:
+        raise InputError(case.path, "the loop is unstable as it stands", "match first and give DIR/case.toml")
+    few = -(-RESPONSES // max(1, -(-draws // CHUNK)))
+    chunks = [[number, min(CHUNK, draws - CHUNK * number), few] for number in range(-(-draws // CHUNK))]
+    content = [__version__, str(seed), *(str(vars(one)) for one in varied)]
+    content += [f"{name}: {text}" for name, text in case_files(case).items()]
+    rows = run(
+        work, Prepared, (case, varied, seed), chunks, executor,
+        content="\n".join(content), record=record, progress=progress,
+    )  # fmt: skip
+    values: dict[str, np.ndarray] = {
+        name: np.concatenate([np.array(row["values"][name], float) for row in rows]) for name in rows[0]["values"]
+    }
+    x = np.concatenate([draw(varied, seed, number, count) for number, count, _ in chunks])
+    first = np.concatenate([np.arange(count) < few for _, count, _ in chunks])
+    nominal = rows[0]["nominal"]
+    names = [one.name for one in varied]
+    spreads = []
+    for name, unit in rows[0]["units"].items():
+        drawn = x[first] if len(values[name]) < len(x) else x
+        spreads.append(spread(name, unit, nominal[name], values[name], names, drawn))
+    asked = case.limits["modulus_margin"]
+    kept = {"stable": values["stable"] > 0.5}
+    kept["modulus_margin"] = kept["stable"] & (values["modulus_margin"] >= asked)
+    for name in nominal:
+        if name.startswith("target"):
+            own = values[name] / nominal[name] - 1 if name.endswith("frequency") else values[name] - nominal[name]
+            kept[name] = np.abs(own) <= SAME[0 if name.endswith("frequency") else 1]
+    kept["all"] = np.logical_and.reduce(list(kept.values()))
+    shares = {name: float(own.mean()) for name, own in kept.items()}
+    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked)

@@ -1,0 +1,26 @@
+"""Pages are Jinja templates; a page needs no other file."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING
+
+from matching.report.common.wording import handy, hertz, number, plain, unit
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+def environment() -> Environment:
+    """Templates of this package with the filters for numbers and units."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
+    made.filters |= {"number": number, "unit": unit, "handy": handy, "hertz": hertz, "plain": plain}
+    return made
+
+
+def embedded(content: bytes) -> str:
+    """A figure as a data URI, so that the page needs no other file."""
+    kind = "png" if content.startswith(b"\x89PNG") else "svg+xml"
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"

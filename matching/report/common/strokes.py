@@ -1,0 +1,27 @@
+"""How vehicle, rig and matched rig are drawn: colour, and a line that tells them apart in grey as well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matching.report.common.style import MATCHED, RIG, VEHICLE
+
+# The vehicle lies broad underneath, so that a matched rig is seen to run inside it.
+LINES: dict[str, dict[str, Any]] = {
+    "vehicle": {"color": VEHICLE, "linewidth": 4.6, "linestyle": "-", "label": "vehicle", "zorder": 2.0, "alpha": 0.4},
+    "rig": {"color": RIG, "linewidth": 1.2, "linestyle": (0, (6, 2)), "label": "free rig", "zorder": 2.1},
+    "matched": {"color": MATCHED, "linewidth": 1.4, "linestyle": "-", "label": "matched rig", "zorder": 2.3},
+    "unannounced": {
+        "color": MATCHED,
+        "linewidth": 1.0,
+        "linestyle": (0, (2, 2)),
+        "label": "matched rig, torque not announced",
+        "zorder": 2.2,
+    },
+}
+
+
+def legend_above(drawn: Any, axes: Any, columns: int = 4, **more: Any) -> None:
+    """One legend for the whole figure, above the axes."""
+    handles, labels = axes.get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=columns, **more)

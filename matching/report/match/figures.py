@@ -1,0 +1,54 @@
+"""The figures of a match, by file name, and the overview."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from matching.report.match.checks import signals, wrong_values
+from matching.report.match.margin_figure import margin_figure
+from matching.report.match.modes_figure import match_modes_figure
+from matching.report.match.overview_figure import overview_figure
+from matching.report.match.quantity_figure import quantity_figure
+from matching.report.match.response_figure import response_figure
+from matching.report.match.robustness_figure import robustness_figure
+from matching.report.match.trace_figure import trace_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.frequency.search.result import MatchResult
+
+CAPTIONS = {
+    "overview": "Response, manoeuvre and target modes at a glance.",
+    "modes": "Modes and where their energy sits. Shown in colour: the target modes, and on the free rig those of the "
+    "same symmetry. s symmetric, a antisymmetric left to right.",
+    "responses": "Frequency responses. The matched rig is to run inside the broad line of the vehicle; the grey band "
+    "is what was matched. Dotted: the matched rig when nobody announces the torque to the controller.",
+    "manoeuvre": "The manoeuvre, simulated with a true delay line and a sampled controller.",
+    "margin": "Distance of the feedback loop from instability, dead time exact.",
+    "quantities": "What was allowed to move, between its bounds, and the price a change of it had.",
+    "robustness": "What must be known how well: response error when one value is off.",
+}
+
+
+def overview(result: MatchResult) -> Figure:
+    """The match in one figure, 1200 pixels wide as PNG."""
+    return overview_figure(result, signals(result))
+
+
+def figures(result: MatchResult) -> dict[str, Figure]:
+    """All figures of a match; those for which there is nothing to show are left out."""
+    modes = [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
+    made = {
+        "overview": overview(result),
+        "modes": match_modes_figure(result),
+        "responses": response_figure(result),
+    }
+    if shown := signals(result):
+        made["manoeuvre"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
+    made["margin"] = margin_figure(result.tuned, modes)
+    if result.parameters:
+        made["quantities"] = quantity_figure(result)
+    if wrong := wrong_values(result):
+        made["robustness"] = robustness_figure(wrong, result.response_error.after)
+    return made

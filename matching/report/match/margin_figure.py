@@ -1,0 +1,100 @@
+"""How far the feedback loop stays from instability: smallest singular value of I + L, and the loci of L."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.report.common.style import LIMIT, MATCHED, figure, styled
+from matching.report.common.wording import number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.frequency.case.case import Case
+
+LOWEST, HIGHEST, POINTS = 1e-2, 500.0, 4000  # Hz: below, the integrator alone acts; above, nothing is left
+
+
+def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
+    """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz, dead time exact."""
+    from matching.frequency.loop.exact_loop import ExactLoop
+    from matching.frequency.loop.parts import parts_of
+
+    return ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies)
+
+
+def frequencies_around(modes: list[float]) -> np.ndarray:
+    """A grid (f,) in Hz, dense round the modes, where a lightly damped loop turns fast."""
+    near = [np.linspace(0.92, 1.08, 201) * mode for mode in modes if LOWEST < mode < HIGHEST]
+    return np.unique(np.concatenate([np.geomspace(LOWEST, HIGHEST, POINTS), *near]))
+
+
+def margin_figure(case: Case, modes: list[float]) -> Figure:
+    """Distance from instability over frequency, and the loop's loci about −1.
+
+    Parameters
+    ----------
+    case : Case
+        With the tuned values.
+    modes : list of float
+        Hz, where to look closely.
+    """
+    f = frequencies_around(modes)
+    difference = return_difference(case, f)
+    distance = np.linalg.svd(difference, compute_uv=False)[:, -1]
+    asked = case.limits["modulus_margin"]
+    with styled():
+        drawn = figure(12.4, 4.6)
+        left, right = drawn.subplots(1, 2, width_ratios=[1.5, 1])
+        least = int(np.argmin(distance))
+        left.plot(f, distance, color=MATCHED, linewidth=1.6)
+        left.axhspan(0, asked, color="#EEEEEE", zorder=0, linewidth=0)
+        left.axhline(asked, color=LIMIT, linestyle="--", linewidth=1.2)
+        where = {"textcoords": "offset points", "fontsize": 8}
+        left.annotate(f"asked: {asked:g}", (f[0], asked), (4, -11), color=LIMIT, **where)
+        left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
+        said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
+        beside = (0, -13 if distance[least] > 0.2 else 9)
+        left.annotate(said, (f[least], distance[least]), beside, ha="center", **where)
+        left.set_xscale("log")
+        left.set_xlim(f[0], f[-1])
+        left.set_ylim(0, min(max(2.0, 4 * distance[least]), 3.0))
+        left.set_xlabel("Frequency in Hz")
+        left.set_ylabel("Smallest singular value of I + L")
+        left.set_title("Distance from instability")
+        _loci(right, np.linalg.eigvals(difference) - 1, asked)
+    return drawn
+
+
+def _loci(axes: Any, loci: np.ndarray, asked: float) -> None:
+    from matplotlib.patches import Circle
+
+    loci = _followed(loci)
+    for k, line in enumerate(("-", (0, (4, 2)), ":")[: loci.shape[1]]):
+        axes.plot(
+            loci[:, k].real, loci[:, k].imag, color=MATCHED, linewidth=1.4, linestyle=line, label=f"locus {k + 1}"
+        )
+    axes.add_patch(Circle((-1, 0), asked, facecolor="#EEEEEE", edgecolor=LIMIT, linestyle="--", linewidth=1.2))
+    axes.plot(-1, 0, "+", color="#222222", markersize=10, markeredgewidth=1.6)
+    axes.annotate("−1", (-1, 0), (4, 5), textcoords="offset points", fontsize=8)
+    axes.set_aspect("equal")
+    axes.set_xlim(-2.6, 1.6)
+    axes.set_ylim(-1.9, 1.9)
+    axes.set_xlabel("Real part")
+    axes.set_ylabel("Imaginary part")
+    axes.set_title("Loci of the open loop L, positive frequencies")
+    if loci.shape[1] > 1:
+        axes.legend(fontsize=8, loc="lower right")
+
+
+def _followed(loci: np.ndarray) -> np.ndarray:
+    """Loci (f, u) with each column followed through from frequency to frequency."""
+    from scipy.optimize import linear_sum_assignment
+
+    out = loci.copy()
+    for k in range(1, len(out)):
+        _, order = linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))
+        out[k] = loci[k][order]
+    return out

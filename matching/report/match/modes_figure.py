@@ -1,0 +1,59 @@
+"""Frequencies and energy shares of vehicle, free rig and matched rig, as the paper's Fig. 3 shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from matching.report.common.style import MATCHED, RIG, VEHICLE
+from matching.report.modes.figures import Column, energy_figure
+from modelling.modal.modes import Mode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.frequency.search.result import MatchResult
+
+HIGHEST = 1000.0  # Hz: above are poles of lags and of the dead time, which no one would call modes
+
+
+def match_modes_figure(result: MatchResult) -> Figure:
+    """Three columns, three rows: frequencies, kinetic and potential shares of the target modes."""
+    return energy_figure(columns(result))
+
+
+def columns(result: MatchResult) -> list[Column]:
+    """Vehicle, free rig and matched rig with the target modes to show; a system without modes is left out."""
+    # what a driver demands is announced; those modes are what the matched rig shows
+    announced = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
+    matched = [mode_of(entry) for entry in announced or result.matched_modes]
+    found = []
+    for title, colour, modes, aims in (
+        ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
+        ("Free rig", RIG, result.rig_modes, [target.rig for target in result.targets]),
+        ("Matched rig", MATCHED, matched, [target.matched for target in result.targets]),
+    ):
+        shown = [
+            nearest(modes, aim, target.symmetry)
+            for aim, target in zip(aims, result.targets, strict=True)
+            if aim is not None
+        ]
+        numbers = tuple(dict.fromkeys(mode.number for mode in shown if mode is not None))
+        low = [mode for mode in modes if mode.frequency <= HIGHEST]
+        if not numbers:
+            title += ", no target mode found: its first modes"
+        if low:
+            found.append(Column(title, colour, low, numbers))
+    return found
+
+
+def mode_of(entry: dict[str, Any]) -> Mode:
+    """A mode from its entry in ``result.json``."""
+    keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
+    return Mode(**{key: entry[key] for key in keys})
+
+
+def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
+    """The mode of a symmetry whose frequency lies nearest."""
+    alike = [mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= HIGHEST]
+    return min(alike, key=lambda mode: abs(mode.frequency - frequency), default=None)

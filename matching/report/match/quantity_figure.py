@@ -1,0 +1,79 @@
+"""Tuned quantities within their bounds, and how dear a change of each was."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from matching.report.common.style import LIMIT, MATCHED, figure, styled
+from matching.report.common.wording import number, unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.frequency.search.result import MatchResult, ParameterResult
+
+
+def quantity_figure(result: MatchResult) -> Figure:
+    """A bar from bound to bound for every quantity that might move, with start, tuned value and price of change."""
+    rows = result.parameters
+    with styled():
+        drawn = figure(12.4, 1.2 + 0.36 * max(len(rows), 1))
+        bars, prices = drawn.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
+        for place, row in enumerate(rows):
+            _bar(bars, place, row)
+            prices.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
+            prices.annotate(
+                number(row.weight, 2),
+                (row.weight, place),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
+            )
+        bars.set_yticks(range(len(rows)), [_label(row) for row in rows], fontsize=8)
+        bars.set_ylim(len(rows) - 0.4, -0.6)
+        bars.set_xlim(-0.22, 1.22)
+        bars.set_xticks([0, 0.5, 1], ["lower bound", "middle", "upper bound"])
+        bars.grid(False, axis="y")
+        prices.grid(False, axis="y")
+        prices.set_xlabel("Price of change (weight)")
+        prices.tick_params(left=False)
+        prices.margins(x=0.2)
+        handles, labels = bars.get_legend_handles_labels()
+        unique = dict(zip(labels, handles))
+        drawn.legend(list(unique.values()), list(unique), loc="outside upper center", ncols=4)
+    return drawn
+
+
+def _bar(axes: Any, place: int, row: ParameterResult) -> None:
+    def at(value: float) -> float:
+        return (value - row.lower) / (row.upper - row.lower)
+
+    axes.barh(place, 1, height=0.34, color="#ECECEC", edgecolor="#AAAAAA", linewidth=0.6)
+    axes.plot([at(row.start), at(row.tuned)], [place, place], color=MATCHED, linewidth=2.2, zorder=3)
+    axes.plot(
+        at(row.start),
+        place,
+        "|",
+        color="#222222",
+        markersize=12,
+        markeredgewidth=1.6,
+        zorder=4,
+        label="start",
+        linestyle="none",
+    )
+    marker = (
+        {"label": "at a bound", "markerfacecolor": LIMIT, "marker": "s"}
+        if row.at_bound
+        else {"label": "tuned", "markerfacecolor": MATCHED, "marker": "D"}
+    )
+    if row.frozen:
+        marker = {"label": "stays, needs no identification", "markerfacecolor": "white", "marker": "D"}
+    axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
+    axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=7.5)
+    axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=7.5)
+
+
+def _label(row: ParameterResult) -> str:
+    moved = number(row.tuned) if row.frozen or row.start == row.tuned else f"{number(row.start)} → {number(row.tuned)}"
+    return f"{row.name}\n{moved} {unit(row.unit)}"

@@ -1,0 +1,117 @@
+"""Frequency responses of the compared functions: vehicle, free rig and matched rig, with band and error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from matching.report.common.strokes import LINES, legend_above
+from matching.report.common.style import BAND, figure, styled
+from matching.report.common.wording import number, unit
+from modelling.model.system import SENSOR_UNITS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from matching.frequency.case.case import Compared
+    from matching.frequency.search.result import MatchResult
+
+_ACROSS = 3
+
+
+def response_figure(result: MatchResult) -> Figure:
+    """Magnitude over phase for every compared function, three functions side by side."""
+    compared = result.case.compared
+    across = min(len(compared), _ACROSS)
+    down = -(-len(compared) // across)
+    with styled():
+        drawn = figure(0.8 + 3.9 * across, 0.6 + 3.9 * down)
+        cells = drawn.subplots(2 * down, across, squeeze=False, sharex=True, height_ratios=[2, 1] * down)
+        for number_, pair in enumerate(compared):
+            row, column = divmod(number_, across)
+            upper, lower = cells[2 * row, column], cells[2 * row + 1, column]
+            magnitude(upper, result, number_)
+            phase(lower, result, number_)
+            upper.set_ylabel(magnitude_label(result, pair), fontsize=8)
+            if column == 0:
+                lower.set_ylabel("Phase in °", fontsize=8)
+            lower.set_xlabel("Frequency in Hz" if number_ + across >= len(compared) else "")
+        for spare in range(len(compared), down * across):
+            row, column = divmod(spare, across)
+            cells[2 * row, column].set_visible(False)
+            cells[2 * row + 1, column].set_visible(False)
+        legend_above(drawn, cells[0, 0])
+    return drawn
+
+
+def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
+    """Responses (f,) of a compared function by what answers; without those that have no path."""
+    named = {name: getattr(result.curves, name)[:, index] for name in LINES}
+    if np.array_equal(named["unannounced"], named["matched"]):
+        del named["unannounced"]  # no twin: all torques are answered alike
+    return {name: values for name, values in named.items() if np.isfinite(values).all()}
+
+
+def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) -> None:
+    """Magnitude of one compared function, with the band shaded and the error in the corner."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    f = result.curves.frequencies
+    found = curves_of(result, index)
+    shade(axes, result.response_error.band)
+    for name, values in found.items():
+        axes.plot(f, np.abs(values), **LINES[name])
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(f[0], f[-1])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_locator(LogLocator(numticks=7))
+    largest = max(np.abs(values).max() for values in found.values())
+    smallest = min(np.abs(values).min() for name, values in found.items() if name in ("vehicle", "matched"))
+    axes.set_ylim(smallest / 3, largest * 2)
+    axes.annotate(_error(result, index), (0.03, 0.04), xycoords="axes fraction", fontsize=8, va="bottom")
+    if title:
+        pair = result.case.compared[index]
+        axes.set_title(f"{_said(pair.input)} → {_said(pair.sensor)}", fontsize=9)
+
+
+def phase(axes: Any, result: MatchResult, index: int) -> None:
+    """Phase of one compared function, by whole turns as near to the vehicle's as may be."""
+    from matplotlib.ticker import MultipleLocator
+
+    f = result.curves.frequencies
+    band = result.response_error.band
+    inside = (f >= band[0]) & (f <= band[1])
+    shade(axes, band)
+    found = {name: np.degrees(np.unwrap(np.angle(values))) for name, values in curves_of(result, index).items()}
+    for name, values in found.items():
+        turns = np.round(np.mean((values - found["vehicle"])[inside]) / 360)
+        axes.plot(f, values - 360 * turns, **LINES[name])
+    axes.set_xlim(f[0], f[-1])
+    axes.yaxis.set_major_locator(MultipleLocator(90 * max(1, round(np.ptp(axes.get_ylim()) / 360))))
+
+
+def shade(axes: Any, band: tuple[float, float]) -> None:
+    """The band that is matched."""
+    axes.axvspan(*band, color=BAND, zorder=0, linewidth=0)
+
+
+def magnitude_label(result: MatchResult, pair: Compared) -> str:
+    """Quantity and unit of a compared function."""
+    sensor = next(own for own in result.case.vehicle.sensors if own.name == pair.sensor)
+    return f"{sensor.measures.capitalize()} in {unit(SENSOR_UNITS[sensor.measures])} per N·m"
+
+
+def _error(result: MatchResult, index: int) -> str:
+    own = result.response_error.functions[index]
+    parts = [f"error {number(own['after'], 2)}"]
+    if own.get("before") is not None:
+        parts.append(f"free rig {number(own['before'], 2)}")
+    if "unannounced" in curves_of(result, index) and own.get("unannounced") is not None:
+        parts.append(f"not announced {number(own['unannounced'], 2)}")
+    return "\n".join(parts)
+
+
+def _said(name: str) -> str:
+    return name.replace("_", " ")

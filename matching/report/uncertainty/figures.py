@@ -1,0 +1,101 @@
+"""Figures of an uncertainty budget: contributions as bars, causes as Ishikawa diagram (like Figs. 4 and 5)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from matching.report.common import style
+from matching.validity.units import printed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def contributions(measurand: dict[str, Any]) -> Figure:
+    """Bars of |c|·u(x) of each input, largest on top, with the combined standard uncertainty as line.
+
+    ``measurand`` is an entry of ``measurands`` in ``uncertainty.json``.
+    """
+    rows = [row for row in measurand["budget"] if row["contribution"] > 0][:20]
+    with style.styled():
+        drawn = style.figure(6.4, 1.2 + 0.3 * max(len(rows), 2))
+        axes = drawn.add_subplot()
+        axes.grid(visible=False, axis="y")
+        bars = axes.barh([row["name"] for row in rows], [row["contribution"] for row in rows], color=style.VEHICLE)
+        axes.bar_label(bars, [f" {100 * row['share']:.3g} %" for row in rows], fontsize=8)
+        combined = measurand["standard_uncertainty"]
+        axes.axvline(combined, color=style.LIMIT, linestyle="--", label=f"combined, {combined:.3g}{_unit(measurand)}")
+        axes.invert_yaxis()
+        axes.margins(x=0.12)
+        axes.set_xlabel(f"contribution |c|·u(x) to u({measurand['name']}){_axis_unit(measurand)}; labels: share of u²")
+        drawn.legend(loc="outside lower right")
+        axes.set_title(measurand["statement"], fontsize=9)
+    return drawn
+
+
+def ishikawa(measurand: dict[str, Any]) -> Figure:
+    """The causes as branches on a spine that ends in the measurand; widths and numbers follow the share of u²."""
+    branches = _branches(measurand["budget"])
+    columns = math.ceil(len(branches) / 2)
+    most = max(len(rows) for _, rows in branches)
+    width, reach = 3.1, 0.42 * (most + 1)
+    with style.styled():
+        drawn = style.figure(2.2 + width * columns, max(3.2, 2 * reach + 1.2))
+        axes = drawn.add_subplot()
+        axes.set_axis_off()
+        end = width * columns + 0.8
+        axes.annotate("", (end, 0), (-0.2, 0), arrowprops={"arrowstyle": "-|>", "lw": 2.2, "color": "black"})
+        axes.text(
+            end + 0.08,
+            0,
+            f"{measurand['name']}\nU = {measurand['expanded_uncertainty']:.3g}{_unit(measurand)}",
+            va="center",
+            ha="left",
+            fontweight="bold",
+        )
+        for place, (cause, rows) in enumerate(branches):
+            _branch(axes, width * (place // 2 + 1), 1 if place % 2 == 0 else -1, cause, rows, reach)
+        axes.set_xlim(-0.9, end + 1.6)
+        axes.set_ylim(-reach - 0.7, reach + 0.7)
+    return drawn
+
+
+def _branch(axes: Any, foot: float, side: int, cause: str, rows: list[dict[str, Any]], reach: float) -> None:
+    slant = 0.35 * reach
+    share = sum(row["share"] for row in rows)
+    axes.plot([foot - slant, foot], [side * reach, 0], color=style.VEHICLE, lw=1 + 3 * max(0.0, min(1.0, share)))
+    axes.text(
+        foot - slant,
+        side * (reach + 0.12),
+        f"{cause}\n{100 * share:.3g} %" if side > 0 else f"{100 * share:.3g} %\n{cause}",
+        ha="center",
+        va="bottom" if side > 0 else "top",
+        fontweight="bold",
+    )
+    for number, row in enumerate(rows):
+        height = reach * (1 - (number + 0.6) / (len(rows) + 0.4))
+        at = foot - slant * height / reach
+        axes.plot([at - 1.75, at], [side * height] * 2, color=style.LIMIT, lw=0.9)
+        axes.text(
+            at - 1.75, side * height + 0.04, f"{row['name']}  {100 * row['share']:.3g} %", fontsize=8, va="bottom"
+        )
+
+
+def _branches(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Uncertain inputs by cause, the weightiest cause first."""
+    causes: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["standard_uncertainty"] > 0:
+            causes.setdefault(row["cause"], []).append(row)
+    if not causes:
+        return [("no uncertain input", [])]
+    return sorted(causes.items(), key=lambda item: -sum(row["share"] for row in item[1]))
+
+
+def _unit(measurand: dict[str, Any]) -> str:
+    return "" if measurand["unit"] == "1" else f" {printed(measurand['unit'])}"
+
+
+def _axis_unit(measurand: dict[str, Any]) -> str:
+    return "" if measurand["unit"] == "1" else f" in {printed(measurand['unit'])}"

@@ -1,0 +1,189 @@
+"""Equations → CasADi functions of (state, input, parameters), by one tree walk."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from modelling.equations.assembly import SIMULATION_DEFAULTS
+from modelling.equations.lagrange import Equations, derive
+from modelling.equations.sympy_to_casadi import to_casadi
+from modelling.model.system import System, unknown
+
+
+class Model:
+    """A system compiled: x = [q (n), q̇ (n), z], u inputs, p parameters.
+
+    Attributes
+    ----------
+    coordinates, states, inputs, sensors, parameters : list of str
+        Names, in the order of the vectors; ``states`` names all x.
+    p0 : ndarray (p,)
+        Parameter values of the system, SI.
+    """
+
+    def __init__(self, system: System):
+        self.system = system
+        self.equations: Equations = derive(system)
+        self._functions = _compile(self.equations)
+        a = self.equations.assembly
+        self.coordinates = list(a.coordinates)
+        self.states = [f"angle({c})" for c in a.coordinates] + [f"speed({c})" for c in a.coordinates] + list(a.states)
+        self.inputs = [part.name for part in system.inputs]
+        self.sensors = [part.name for part in system.sensors]
+        self.parameters = list(a.parameters)
+        values = SIMULATION_DEFAULTS | {name: quantity.value for name, quantity in system.parameters.items()}
+        self.p0 = np.array([values[name] for name in self.parameters])
+
+    @property
+    def n(self) -> int:
+        """Degrees of freedom."""
+        return len(self.coordinates)
+
+    @property
+    def rates(self) -> ca.Function:
+        """(x, u, p) → ẋ."""
+        return self._functions["rates"]
+
+    @property
+    def readings(self) -> ca.Function:
+        """(x, u, p, t) → y, without the sensors' delays."""
+        return self._functions["readings"]
+
+    @property
+    def mass(self) -> ca.Function:
+        """p → M (n, n), sparse."""
+        return self._functions["mass"]
+
+    @property
+    def force(self) -> ca.Function:
+        """(x, u, p) → M·q̈ (n,)."""
+        return self._functions["force"]
+
+    @property
+    def delays(self) -> ca.Function:
+        """p → (delay of each input, delay of each sensor), s."""
+        return self._functions["delays"]
+
+    @property
+    def shaft_torques(self) -> ca.Function:
+        """(x, u, p) → torque that each shaft transmits, N·m, on the second end's side."""
+        return self._functions["shaft_torques"]
+
+    @property
+    def jacobians(self) -> ca.Function:
+        """(x, u, p, t) → A (x, x), B (x, u), C (y, x), D (y, u) of rates and readings."""
+        return self._functions["jacobians"]
+
+    @property
+    def elements(self) -> ca.Function:
+        """(x, p) → elements of modal analysis, see :func:`modelling.equations.elements.build`."""
+        if "elements" not in self._functions:
+            from modelling.equations.elements import build
+
+            self._functions["elements"] = build(self.equations)
+        return self._functions["elements"]
+
+    @property
+    def element_weights(self) -> ca.Function:
+        """(x, p) → J (k,), stiffness (s,) of the elements alone."""
+        if "element_weights" not in self._functions:
+            x, p = ca.SX.sym("x", len(self.states)), ca.SX.sym("p", len(self.parameters))
+            J, _, stiffness, *_ = self.elements(x, p)
+            self._functions["element_weights"] = ca.Function("element_weights", [x, p], [J, stiffness])
+        return self._functions["element_weights"]
+
+    def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
+        """Parameter vector (p,) with some values changed by name.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown.
+        """
+        p = self.p0.copy()
+        for name, value in (values or {}).items():
+            if name not in self._index:
+                raise unknown(name, self.parameters, "")
+            p[self._index[name]] = value
+        return p
+
+    @functools.cached_property
+    def _index(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.parameters)}
+
+
+@functools.lru_cache(maxsize=256)
+def compiled(system: System) -> Model:
+    """The compiled model of a system; equations and functions are shared by systems of one structure.
+
+    Raises
+    ------
+    InputError
+        If rigid gears lock the system.
+    NotImplementedError
+        If a law uses a function that the walk to CasADi does not know.
+    """
+    return Model(system)
+
+
+_BY_EQUATIONS: dict[int, tuple[Equations, dict[str, ca.Function]]] = {}
+
+
+def _compile(equations: Equations) -> dict[str, ca.Function]:
+    kept = _BY_EQUATIONS.get(id(equations))
+    if kept is None:
+        kept = _BY_EQUATIONS[id(equations)] = (equations, _functions(equations))
+    return kept[1]
+
+
+def _functions(equations: Equations) -> dict[str, ca.Function]:
+    a = equations.assembly
+    n, extra = len(a.q), len(a.states)
+    x, u = ca.SX.sym("x", 2 * n + extra), ca.SX.sym("u", len(a.inputs))
+    p, t = ca.SX.sym("p", len(a.parameters)), ca.SX.sym("t")
+    known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
+    # an input path may end in a state; its recorded value is always u(name)
+    import sympy as sm
+
+    known |= {sm.Symbol(f"u({name})", real=True): u[i] for i, name in enumerate(a.inputs)}
+    known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
+    known[a.time] = t
+
+    entries = to_casadi(list(equations.mass.values()), known)
+    mass = ca.SX(n, n)
+    for (i, j), entry in zip(equations.mass, entries, strict=True):
+        mass[i, j] = entry
+    force = _column(to_casadi(equations.force, known))
+    acceleration = _solve(mass, force)
+    torques = _column(to_casadi([law.torque for law in a.shafts.values()], known))
+    for i, symbol in enumerate(a.qdd):
+        known[symbol] = acceleration[i]
+    rates = _column(to_casadi([rate for _, rate in a.states.values()], known))
+    readings = _column(to_casadi([path.value for path in a.sensors.values()], known))
+    input_delays = _column(to_casadi([path.delay for path in a.inputs.values()], known))
+    sensor_delays = _column(to_casadi([path.delay for path in a.sensors.values()], known))
+    xdot, readings = ca.cse([ca.vertcat(x[n : 2 * n], acceleration, rates), readings])
+    jacobians = [ca.jacobian(xdot, x), ca.jacobian(xdot, u), ca.jacobian(readings, x), ca.jacobian(readings, u)]
+    return {
+        "rates": ca.Function("rates", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"]),
+        "readings": ca.Function("readings", [x, u, p, t], [readings], ["x", "u", "p", "t"], ["y"]),
+        "mass": ca.Function("mass", [p], [mass], ["p"], ["M"]),
+        "force": ca.Function("force", [x, u, p], [force], ["x", "u", "p"], ["f"]),
+        "shaft_torques": ca.Function("shaft_torques", [x, u, p], [torques], ["x", "u", "p"], ["torque"]),
+        "delays": ca.Function("delays", [p], [input_delays, sensor_delays], ["p"], ["input", "sensor"]),
+        "jacobians": ca.Function("jacobians", [x, u, p, t], jacobians, ["x", "u", "p", "t"], ["A", "B", "C", "D"]),
+    }
+
+
+def _column(parts: list) -> ca.SX:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def _solve(mass: ca.SX, force: ca.SX) -> ca.SX:
+    """M⁻¹·f as operations on the sparse factors of M: no fill where gears do not couple coordinates."""
+    diagonal, lower, order = ca.ldl(mass)
+    return ca.ldl_solve(force, diagonal, lower, order)

@@ -1,0 +1,116 @@
+"""A model made linear about a state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from modelling.common.errors import InputError
+from modelling.equations.compiled import Model, compiled
+from modelling.equations.elements import Elements, null, rest, unit_rows
+from modelling.model.system import System
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Δẋ = A·Δx + B·Δu, Δy = C·Δx + D·Δu about (x0, u0), with exact delays of inputs and sensors.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray (x, x), (x, u), (y, x), (y, u)
+        SI; x = [q (n), q̇ (n), z].
+    x0, u0, p : ndarray (x,), (u,), (p,)
+    input_delays, sensor_delays : ndarray (u,), (y,)
+        s.
+    model : Model
+        The compiled model; it names states, inputs, sensors and parameters.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    x0: np.ndarray
+    u0: np.ndarray
+    p: np.ndarray
+    input_delays: np.ndarray
+    sensor_delays: np.ndarray
+    model: Model
+
+
+def linearise(
+    system: System | Model,
+    values: Mapping[str, float] | None = None,
+    state: np.ndarray | None = None,
+    inputs: np.ndarray | None = None,
+) -> Linear:
+    """Make a system linear about a state; at rest with every lash just closed if none is given.
+
+    Parameters
+    ----------
+    values : mapping, optional
+        Parameters that differ from the system's, by name, SI.
+    state, inputs : ndarray (x,), (u,), optional
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a vector has the wrong length.
+    FloatingPointError
+        If a derivative is not finite there.
+    """
+    model = system if isinstance(system, Model) else compiled(system)
+    p = model.vector(values)
+    x = np.atleast_2d(rest(model, p))[0] if state is None else np.asarray(state, float)
+    u = np.zeros(len(model.inputs)) if inputs is None else np.asarray(inputs, float)
+    for what, given, names in (("state", x, model.states), ("inputs", u, model.inputs)):
+        if given.shape != (len(names),):
+            raise InputError(what, f"shape {given.shape} does not fit {len(names)} names", f"give ({len(names)},)")
+    return linear_at(model, p, x, u)
+
+
+def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Linear:
+    """:func:`linearise` for vectors of a compiled model."""
+    A, B, C, D = (part.full() for part in model.jacobians(x, u, p, 0.0))
+    for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):
+        if not np.isfinite(part).all():
+            raise FloatingPointError(f"{name} is not finite about this state")
+    delays = [delay.full().ravel() for delay in model.delays(p)]
+    return Linear(A, B, C, D, x, u, p, delays[0], delays[1], model)
+
+
+def deflated(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The model without the angles that nothing depends on.
+
+    With them, a rigid motion is a double eigenvalue 0 with one vector, which rounding spreads to ±1e-8·|λ|max, and
+    small twists drown in large speeds near 0 Hz. So angles and speeds are written in a basis of those free angles and
+    of what is orthogonal to them, and the free angles are left out.
+
+    Returns
+    -------
+    A : ndarray (l, l)
+        Of the states that remain.
+    lift : ndarray (x, l)
+        Takes those to all states, free angles 0; its columns are orthonormal, so liftᵀ takes B along.
+    free : ndarray (n, r)
+        The free angles.
+    """
+    A, n = linear.A, linear.model.n
+    held = parts.deflections[:, :n]
+    held = held[np.abs(held).any(axis=1)]
+    free = null(unit_rows(held)) if len(held) else np.eye(n)
+    if float(np.linalg.norm(A[:, :n] @ free)) > 1e-9 * float(np.linalg.norm(A[:, :n])):
+        free = np.zeros((n, 0))  # something else holds an angle to ground
+    basis, r = null(free.T) if free.size else np.eye(n), free.shape[1]
+    lift = np.zeros((len(A), len(A) - r))
+    lift[:n, : n - r] = basis
+    lift[n : 2 * n, n - r : n], lift[n : 2 * n, n : 2 * n - r] = free, basis
+    lift[2 * n :, 2 * n - r :] = np.eye(len(A) - 2 * n)
+    inner = lift.T @ A @ lift
+    inner[: n - r] = 0.0
+    inner[: n - r, n : 2 * n - r] = np.eye(n - r)  # the rate of a twist is a difference of speeds, exactly
+    speeds = inner[:, n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
+    speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=1)[:, None]] = 0.0
+    return inner, lift, free

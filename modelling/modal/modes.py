@@ -1,0 +1,275 @@
+"""Undamped modes and what each component holds of them (paper Eqs. 1–7), one model or a batch of parameter sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from modelling.common.display import Shown, labelled
+from modelling.common.errors import InputError
+from modelling.equations.compiled import Model, compiled
+from modelling.equations.elements import Elements, elements
+from modelling.modal.symmetry import images, labels, split
+from modelling.model.system import System
+
+SAME = 1e-9  # relative distance of squared frequencies below which a mode counts as repeated
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode: ``frequency`` in Hz, energy shares by component name, largest amplitude of the shape 1.
+
+    ``modal_mass`` μ in kg·m² and ``modal_stiffness`` γ in N·m/rad belong to that shape, f = √(γ/μ)/2π (Eq. 3);
+    ``shape`` gives the amplitude of every inertia, complex for damped modes.
+    """
+
+    number: int
+    frequency: float
+    damping_ratio: float
+    symmetry: str
+    kinetic: dict[str, float]
+    potential: dict[str, float]
+    modal_mass: float = field(default=0.0)
+    modal_stiffness: float = field(default=0.0)
+    shape: dict[str, complex] = field(default_factory=dict, repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``modes.json`` holds it."""
+        keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
+        return {key: getattr(self, key) for key in keys}
+
+    def animate(self) -> Any:
+        """The chain swinging in this mode, slowed: a drawing for a notebook, with ``save(path)`` for a file (SVG)."""
+        return import_module("matching.report.modes.animation").ModeAnimation(self)
+
+
+@dataclass(frozen=True)
+class Modes(Shown):
+    """Modes of a model, in order of frequency; every array may have leading batch axes (b, …).
+
+    Attributes
+    ----------
+    frequencies, damping_ratios : ndarray (m,)
+        Hz (a rigid-body mode is exactly 0.0), and −Re λ/|λ|, 0 for undamped modes.
+    symmetries : ndarray (m,) of str
+        ``symmetric``, ``antisymmetric`` or ``none``.
+    shapes : ndarray (n, m)
+        Amplitudes of the coordinates, normalised so that the largest is 1.
+    modal_mass, modal_stiffness : ndarray (m,)
+        μ and γ (Eqs. 4 and 5) of these shapes, kg·m² and N·m/rad.
+    kinetic, potential : ndarray (m, k), (m, s)
+        Energy shares (Eqs. 7 and 6) of masses and springs; each row adds up to 1, potential ones of rigid modes to 0.
+    turns : ndarray (k, m)
+        Amplitudes of the masses.
+    masses, springs, coordinates : tuple of str
+        Names.
+    eigenvalues : ndarray (m,), complex
+        1/s.
+    """
+
+    frequencies: np.ndarray
+    damping_ratios: np.ndarray
+    symmetries: np.ndarray
+    shapes: np.ndarray
+    modal_mass: np.ndarray
+    modal_stiffness: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    turns: np.ndarray
+    masses: tuple[str, ...]
+    springs: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    eigenvalues: np.ndarray
+
+    _view = "matching.report.modes.view"
+    _ARRAYS = (
+        "frequencies", "damping_ratios", "symmetries", "shapes", "modal_mass", "modal_stiffness", "kinetic",
+        "potential", "turns", "eigenvalues",
+    )  # fmt: skip
+
+    def case(self, index: int) -> Modes:
+        """Modes of one parameter set of a batch."""
+        arrays = {name: getattr(self, name)[index] for name in self._ARRAYS}
+        return Modes(masses=self.masses, springs=self.springs, coordinates=self.coordinates, **arrays)
+
+    def __len__(self) -> int:
+        return self.frequencies.shape[-1]
+
+    def __getitem__(self, index: int) -> Mode:
+        """Mode by index from 0; its number is one more."""
+        index = range(len(self))[index]
+        return Mode(
+            number=index + 1,
+            frequency=float(self.frequencies[index]),
+            damping_ratio=float(self.damping_ratios[index]),
+            symmetry=str(self.symmetries[index]),
+            kinetic=dict(zip(self.masses, self.kinetic[index].tolist(), strict=True)),
+            potential=dict(zip(self.springs, self.potential[index].tolist(), strict=True)),
+            modal_mass=float(self.modal_mass[index]),
+            modal_stiffness=float(self.modal_stiffness[index]),
+            shape=dict(zip(self.masses, self.turns[:, index].tolist(), strict=True)),
+        )
+
+    def __iter__(self) -> Iterator[Mode]:
+        return (self[i] for i in range(len(self)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``modes.json``."""
+        return {"modes": [mode.to_dict() for mode in self]}
+
+    def to_xarray(self) -> Any:
+        """Frequencies, damping ratios, energy shares and shapes over mode and component (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return labelled(
+            {
+                "frequency": (["mode"], self.frequencies, "Hz"),
+                "damping_ratio": (["mode"], self.damping_ratios, "1"),
+                "kinetic": (["mode", "mass"], self.kinetic, "1"),
+                "potential": (["mode", "spring"], self.potential, "1"),
+                "shape": (["mass", "mode"], self.turns, "1"),
+            },
+            {
+                "mode": (np.arange(1, len(self) + 1), ""),
+                "mass": (list(self.masses), ""),
+                "spring": (list(self.springs), ""),
+            },
+        )
+
+
+def modes(system: System, values: Mapping[str, float] | None = None, state: np.ndarray | None = None) -> Modes:
+    """Undamped modes of a system.
+
+    Dampers in parallel are left out, a damper in series (tyre slip) is rigid, lash is closed, and dry friction and
+    torque ripple do not hold the shaft, as in a drive that turns under load.
+
+    Parameters
+    ----------
+    values : mapping, optional
+        Parameters that differ from the system's, by name, SI.
+    state : ndarray (x,), optional
+        About which nonlinear springs are tangent; default at rest, lash just closed.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, a value is not finite, an inertia is not positive, or the stiffness at the state is
+        negative (a softening shaft past its peak): there is nothing to oscillate about.
+    """
+    model = compiled(system)
+    return modes_of(model, model.vector(values)[None], state).case(0)
+
+
+def modes_batch(
+    system: System, values: np.ndarray, names: Sequence[str] | None = None, state: np.ndarray | None = None
+) -> Modes:
+    """Undamped modes at many parameter sets at once.
+
+    Parameters
+    ----------
+    values : ndarray (b, p)
+        Parameter sets, SI; its columns are ``names``, or all parameters of the compiled model in order.
+    names : sequence of str, optional
+    state : ndarray (x,) or (b, x), optional
+
+    Raises
+    ------
+    InputError
+        As :func:`modes`, or if the shape does not fit.
+    """
+    model = compiled(system)
+    values = np.asarray(values, float)
+    columns = model.parameters if names is None else list(names)
+    if values.ndim != 2 or values.shape[1] != len(columns):
+        raise InputError("values", f"shape {values.shape} does not fit {len(columns)} parameters", "give (b, p)")
+    p = np.repeat(model.vector(dict.fromkeys(columns, 0.0))[None], len(values), axis=0)
+    p[:, [model.parameters.index(name) for name in columns]] = values
+    return modes_of(model, p, state)
+
+
+def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Modes:
+    """Undamped modes of a compiled model at parameter sets (b, p); see :func:`modes_batch`."""
+    if not np.isfinite(p).all():
+        raise InputError("values", "a parameter is not finite", "give finite numbers")
+    parts = elements(model, p, state)
+    squares, shapes = _eigen(parts)
+    rigid = np.arange(squares.shape[1]) < parts.rigid()[:, None]
+    if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):
+        raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
+    squares = np.where(rigid, 0.0, np.maximum(squares, 0.0))
+    image = images(model.system, parts.masses)
+    if image is not None:
+        _split_repeated(squares, shapes, parts, image)
+    return _shares(squares, shapes, parts, image, tuple(model.coordinates))
+
+
+def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+    """ω² (b, m) ascending and mass-normalised shapes (b, n, m) of K·v = ω²·M·v, whitened by M."""
+    mass, stiffness = parts.mass_matrix(), parts.stiffness_matrix()
+    n = mass.shape[-1]
+    diagonal = mass[:, range(n), range(n)]
+    if np.any(parts.J <= 0):
+        raise InputError(
+            "", f"the inertia of {parts.masses[int(np.argmin(parts.J.min(axis=0)))]} is not positive", "J > 0"
+        )
+    if np.count_nonzero(mass) == diagonal.size:
+        scale = 1 / np.sqrt(diagonal)
+        squares, shapes = np.linalg.eigh(stiffness * scale[:, :, None] * scale[:, None, :])
+        return squares, shapes * scale[:, :, None]
+    inverse = np.linalg.inv(np.linalg.cholesky(mass))
+    across = np.swapaxes(inverse, -1, -2)
+    white = inverse @ stiffness @ across
+    squares, shapes = np.linalg.eigh((white + np.swapaxes(white, -1, -2)) / 2)
+    return squares, across @ shapes
+
+
+def _split_repeated(squares: np.ndarray, shapes: np.ndarray, parts: Elements, image: np.ndarray) -> None:
+    """Rotate the shapes of repeated modes into symmetric and antisymmetric ones, in place."""
+    near = np.diff(squares, axis=1) <= SAME * squares[:, 1:] + 1e-13 * squares[:, -1:]
+    for case in np.flatnonzero(near.any(axis=1)):
+        turns = parts.turns if parts.turns.ndim == 2 else parts.turns[case]
+        first = 0
+        for last in range(1, squares.shape[1] + 1):
+            if last == squares.shape[1] or not near[case, last - 1]:
+                if last - first > 1:
+                    group = slice(first, last)
+                    shapes[case][:, group] = split(shapes[case][:, group], turns, parts.J[case], image)
+                first = last
+
+
+def _shares(
+    squares: np.ndarray, shapes: np.ndarray, parts: Elements, image: np.ndarray | None, coordinates: tuple[str, ...]
+) -> Modes:
+    largest = np.take_along_axis(shapes, np.argmax(np.abs(shapes), axis=1)[:, None], axis=1)
+    shapes = shapes / largest
+    modal_mass = 1 / largest[:, 0] ** 2
+    turns, twists = parts.turns @ shapes, parts.twists @ shapes
+    kinetic = parts.J[:, :, None] * turns**2
+    potential = parts.stiffness[:, :, None] * twists**2 * (squares > 0)[:, None]
+    kinetic = kinetic / kinetic.sum(axis=1, keepdims=True)
+    total = potential.sum(axis=1, keepdims=True)
+    potential = potential / np.where(total > 0, total, 1.0)
+    omega = np.sqrt(squares)
+    return Modes(
+        frequencies=omega / (2 * np.pi),
+        damping_ratios=np.zeros_like(squares),
+        symmetries=labels(turns, parts.J, image),
+        shapes=shapes,
+        modal_mass=modal_mass,
+        modal_stiffness=squares * modal_mass,
+        kinetic=np.swapaxes(kinetic, 1, 2),
+        potential=np.swapaxes(potential, 1, 2),
+        turns=turns,
+        masses=parts.masses,
+        springs=parts.springs,
+        coordinates=coordinates,
+        eigenvalues=1j * omega,
+    )

@@ -1,0 +1,153 @@
+"""What a change does to the frequencies: Eq. 8's prediction, always beside the exact re-solve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from modelling.equations.compiled import Model, compiled
+from modelling.equations.elements import rest
+from modelling.modal.modes import Modes, modes_of
+from modelling.modal.tracking import track_vectors
+from modelling.model.system import System
+
+STEPS = 32  # along the way from the old values to the new ones
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of the undamped frequencies by every parameter.
+
+    Attributes
+    ----------
+    names : tuple of str (p,)
+    slopes : ndarray (m, p)
+        ∂f/∂p, Hz per SI unit; 0 for rigid-body modes.
+    relative : ndarray (m, p)
+        (p/f)·∂f/∂p: half the potential share for a stiffness, minus half the kinetic share for an inertia (Eqs. 6–8).
+    modes : Modes
+    """
+
+    names: tuple[str, ...]
+    slopes: np.ndarray
+    relative: np.ndarray
+    modes: Modes
+
+
+def sensitivities(system: System, values: Mapping[str, float] | None = None) -> Sensitivities:
+    """∂f/∂p for every mode and parameter, from ∂λ/∂p = vᵀ(∂K/∂p − λ·∂M/∂p)v/μ.
+
+    For a repeated mode they hold for the shapes given, i.e. for changes that keep the symmetry.
+
+    Raises
+    ------
+    InputError
+        As :func:`modelling.modal.modes.modes`.
+    """
+    model = compiled(system)
+    p = model.vector(values)
+    found = modes_of(model, p[None]).case(0)
+    squares = (2 * np.pi * found.frequencies) ** 2
+    x = np.atleast_2d(rest(model, p))[0]
+    energy = _slope(model).map(len(found))
+    columns = np.tile(np.concatenate([x, p])[:, None], len(found))
+    slope = energy(columns[: len(x)], columns[len(x) :], found.shapes, squares[None]).full().T
+    elastic = found.frequencies > 0
+    per_frequency = 8 * np.pi**2 * np.where(elastic, found.frequencies, 1.0) * found.modal_mass
+    slopes = np.where(elastic[:, None], slope / per_frequency[:, None], 0.0)
+    relative = slopes * p / np.where(elastic, found.frequencies, 1.0)[:, None]
+    return Sensitivities(tuple(model.parameters), slopes, relative, found)
+
+
+def _slope(model: Model) -> ca.Function:
+    """(x, p, v, λ) → ∂(vᵀKv − λ·vᵀMv)/∂p with v and λ held, (p,)."""
+    functions = model._functions
+    if "slope" not in functions:
+        x, p = ca.SX.sym("x", len(model.states)), ca.SX.sym("p", len(model.parameters))
+        v, square = ca.SX.sym("v", model.n), ca.SX.sym("square")
+        J, turns, stiffness, twists, *_ = model.elements(x, p)
+        energy = ca.dot(stiffness, (twists @ v) ** 2) - square * ca.dot(J, (turns @ v) ** 2)
+        functions["slope"] = ca.Function("slope", [x, p, v, square], [ca.gradient(energy, p)])
+    return functions["slope"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a change of parameters does to one mode; frequencies in Hz.
+
+    ``predicted`` is Eq. 8, first order; ``exact`` is solved anew and found again by shape, ``likeness`` the smallest
+    MAC met on the way.
+    """
+
+    number: int
+    frequency: float
+    predicted: float
+    exact: float
+    number_after: int
+    likeness: float
+
+    @property
+    def predicted_change(self) -> float:
+        """Eq. 8: Δf/f."""
+        return self.predicted / self.frequency - 1 if self.frequency else 0.0
+
+    @property
+    def exact_change(self) -> float:
+        """Δf/f of the exact solution."""
+        return self.exact / self.frequency - 1 if self.frequency else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields and both relative changes, for JSON."""
+        own = {
+            key: getattr(self, key) for key in ("number", "frequency", "predicted", "exact", "number_after", "likeness")
+        }
+        return own | {"predicted_change": self.predicted_change, "exact_change": self.exact_change}
+
+
+def what_if(system: System, changes: Mapping[str, float], values: Mapping[str, float] | None = None) -> list[Change]:
+    """What every mode does when parameters change to new values: Eq. 8's prediction and the exact re-solve.
+
+    Parameters
+    ----------
+    changes : mapping
+        New values by name, SI.
+    values : mapping, optional
+        The values to start from where they differ from the system's.
+
+    Raises
+    ------
+    InputError
+        As :func:`modelling.modal.modes.modes`.
+    """
+    model = compiled(system)
+    start = model.vector(values)
+    end = model.vector({**(values or {}), **changes})
+    slope = sensitivities(system, values)
+    tracked = track_vectors(model, _path(start, end))
+    before = slope.modes.frequencies
+    predicted = before + slope.slopes @ (end - start)
+    return [
+        Change(
+            number=i + 1,
+            frequency=float(before[i]),
+            predicted=float(predicted[i]),
+            exact=float(tracked.frequencies[-1, i]),
+            number_after=int(tracked.order[-1, i]) + 1,
+            likeness=float(tracked.likeness[:, i].min()),
+        )
+        for i in range(len(before))
+    ]
+
+
+def _path(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Parameter vectors (t, p) from start to end, by equal factors where the sign stays and equal steps elsewhere."""
+    part = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
+    factor = start * end > 0
+    ratio = np.where(factor, end / np.where(factor, start, 1.0), 1.0)
+    path = np.where(factor, start * ratio**part, start + (end - start) * part)
+    path[0], path[-1] = start, end
+    return path

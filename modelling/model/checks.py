@@ -1,0 +1,140 @@
+"""What makes parts a system: names, ends, signs, one connected piece."""
+
+from __future__ import annotations
+
+import re
+
+from modelling.common.errors import InputError
+from modelling.model.quantity import Quantity
+from modelling.model.system import SENSOR_UNITS, TABLES, Sensor, System, listed, unknown
+
+_NAME = re.compile(r"\w[\w-]*")
+
+
+def check(system: System) -> None:
+    """Check a system; values, references and connectedness.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    if not system.inertias:
+        raise InputError("inertias", "the model has none", "at least one [inertias.NAME] with J is needed")
+    _names(system)
+    inertias = [part.name for part in system.inertias]
+    for part in system.inertias:
+        _sign(f"inertias.{part.name}.J", part.J, positive=True)
+        _sign(f"inertias.{part.name}.drag", part.drag)
+    for shaft in system.shafts:
+        _ends(f"shafts.{shaft.name}.between", shaft.between, inertias)
+        _sign(f"shafts.{shaft.name}.stiffness", shaft.stiffness)
+        _sign(f"shafts.{shaft.name}.damping", shaft.damping)
+        _ratio(f"shafts.{shaft.name}.ratio", shaft.ratio)
+    for gear in system.gears:
+        _ends(f"gears.{gear.name}.between", gear.between, inertias)
+        _ratio(f"gears.{gear.name}.ratio", gear.ratio)
+    for differential in system.differentials:
+        ends = (differential.cage, differential.left, differential.right)
+        _ends(f"differentials.{differential.name}", ends, inertias)
+    for source in system.inputs:
+        if source.on not in inertias:
+            raise unknown(source.on, inertias, f"inputs.{source.name}.on")
+    for sensor in system.sensors:
+        _sensor(sensor, system, inertias)
+    for pair in system.mirror:
+        _ends("mirror.pairs", pair, inertias)
+    mirrored = [name for pair in system.mirror for name in pair]
+    if len(set(mirrored)) < len(mirrored):
+        raise InputError("mirror.pairs", "an inertia stands in two pairs", "each inertia has one mirror image")
+    if system.reference and system.reference not in inertias:
+        raise unknown(system.reference, inertias, "reference")
+    _effects(system)
+    _connected(system, inertias)
+
+
+def _names(system: System) -> None:
+    for table in TABLES:
+        seen = set()
+        for part in getattr(system, table):
+            if not _NAME.fullmatch(part.name):
+                raise InputError(f"{table}.{part.name[:40]!r}", "is no usable name", "use letters, digits, _ and -")
+            if part.name in seen:
+                raise InputError(f"{table}.{part.name}", "the name is taken twice", "names must differ within a table")
+            seen.add(part.name)
+    both = {part.name for part in system.inputs} & {part.name for part in system.sensors}
+    if both:
+        raise InputError(
+            f"sensors.{min(both)}", "an input has the same name", "inputs and sensors share the columns of a recording"
+        )
+
+
+def _sign(where: str, quantity: Quantity, positive: bool = False) -> None:
+    low = quantity.value if quantity.lower is None else min(quantity.lower, quantity.value)
+    if low < 0 or (positive and low == 0):
+        bound = "greater than 0" if positive else "0 or more"
+        raise InputError(where, f"{low:g} is not possible", f"{bound} is needed")
+
+
+def _ratio(where: str, quantity: Quantity | None) -> None:
+    if quantity is None:
+        return
+    low, high = (quantity.value if end is None else end for end in (quantity.lower, quantity.upper))
+    if low <= 0 <= high:
+        raise InputError(where, "a ratio of 0 joins nothing", "write speed(first)/speed(second)")
+
+
+def _ends(where: str, ends: tuple[str, ...], inertias: list[str]) -> None:
+    for end in ends:
+        if end not in inertias:
+            raise unknown(end, inertias, where)
+    if len(set(ends)) < len(ends):
+        raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
+
+
+def _sensor(part: Sensor, system: System, inertias: list[str]) -> None:
+    where = f"sensors.{part.name}"
+    if part.measures not in SENSOR_UNITS:
+        raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
+    known = [shaft.name for shaft in system.shafts] if part.measures == "torque" else inertias
+    if part.of not in known:
+        raise unknown(part.of, known, f"{where}.of")
+    if part.uncertainty is not None and not part.uncertainty > 0:
+        raise InputError(f"{where}.uncertainty", f"{part.uncertainty:g} is not possible", "greater than 0 is needed")
+
+
+def _effects(system: System) -> None:
+    from modelling.effects import EFFECTS
+
+    seen = set()
+    for number, effect in enumerate(system.effects, 1):
+        where = f"effects[{number}]"
+        if effect.kind not in EFFECTS:
+            raise unknown(effect.kind, sorted(EFFECTS), f"{where}.kind")
+        EFFECTS[effect.kind].check(effect, system, where)
+        if effect.name in seen:
+            raise InputError(where, f"{effect.kind} stands twice at {effect.at}", "one of a kind at a place")
+        seen.add(effect.name)
+
+
+def _connected(system: System, inertias: list[str]) -> None:
+    joined: dict[str, set[str]] = {name: set() for name in inertias}
+    for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
+        joined[first].add(second)
+        joined[second].add(first)
+    for part in system.differentials:
+        for end in (part.left, part.right):
+            joined[part.cage].add(end)
+            joined[end].add(part.cage)
+    reached, todo = {inertias[0]}, [inertias[0]]
+    while todo:
+        new = joined[todo.pop()] - reached
+        reached |= new
+        todo.extend(new)
+    if len(reached) < len(inertias):
+        apart = [name for name in inertias if name not in reached]
+        raise InputError(
+            "inertias",
+            f"{listed(apart)} hang on nothing that joins them to {inertias[0]!r}",
+            "add the missing shaft or gear",
+        )

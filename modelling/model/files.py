@@ -1,0 +1,314 @@
+"""Model files: TOML ⇄ System."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from modelling.common.errors import InputError
+from modelling.common.units import to_si
+from modelling.model.quantity import Quantity
+from modelling.model.system import (
+    TABLES,
+    UNITS,
+    Differential,
+    Effect,
+    Gear,
+    Inertia,
+    Input,
+    Sensor,
+    Shaft,
+    System,
+    unknown,
+)
+
+LARGEST = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
+
+_KEYS = {
+    "inertias": {"J", "drag"},
+    "shafts": {"between", "ratio", "stiffness", "damping"},
+    "gears": {"between", "ratio"},
+    "differentials": {"cage", "left", "right"},
+    "inputs": {"on"},
+    "sensors": {"measures", "of", "uncertainty"},
+}
+_TOP = {"title", "reference", "mirror", "effects", *TABLES}
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """A TOML file as a dictionary.
+
+    Raises
+    ------
+    InputError
+        If it is missing, too large, not UTF-8 or not TOML; with the line.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST:
+            raise InputError(
+                str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read"
+            )
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(str(path), "does not exist", "name an existing file") from None
+    except OSError as fault:
+        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
+    except UnicodeDecodeError as fault:
+        raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
+    except tomllib.TOMLDecodeError as fault:
+        raise InputError(str(path), f"is not TOML: {fault}", "mend that line") from None
+    except ValueError as fault:  # a number of thousands of digits, say
+        raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
+    except RecursionError:
+        raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
+
+
+def load(path: str | Path) -> System:
+    """Read a model file.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    return from_dict(read_toml(path), str(path))
+
+
+def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
+    """A system from the content of a model file.
+
+    Parameters
+    ----------
+    data : mapping
+        As :func:`tomllib.load` gives it.
+    where : str
+        How errors call it.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    for key in data:
+        if key not in _TOP:
+            raise unknown(key, sorted(_TOP), where)
+    try:
+        return System(
+            inertias=tuple(_parts(data, "inertias", where, _inertia)),
+            shafts=tuple(_parts(data, "shafts", where, _shaft)),
+            gears=tuple(_parts(data, "gears", where, _gear)),
+            differentials=tuple(_parts(data, "differentials", where, _differential)),
+            inputs=tuple(_parts(data, "inputs", where, _input)),
+            sensors=tuple(_parts(data, "sensors", where, _sensor)),
+            mirror=_mirror(data.get("mirror", {}), f"{where}: mirror"),
+            effects=_effects(data, where),
+            title=_text(data.get("title", ""), f"{where}: title"),
+            reference=_text(data.get("reference", ""), f"{where}: reference"),
+        )
+    except InputError as fault:
+        if fault.where.startswith(where):
+            raise
+        raise InputError(f"{where}: {fault.where}" if fault.where else where, fault.wrong, fault.right) from None
+
+
+def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str, dict, str], Any]) -> list:
+    parts = data.get(table, {})
+    if not isinstance(parts, dict):
+        raise InputError(f"{where}: {table}", "is no table", f"write [{table}.NAME]")
+    made = []
+    for name, own in parts.items():
+        place = f"{where}: {table}.{name}"
+        if not isinstance(own, dict):
+            raise InputError(place, "is no table", f"write [{table}.NAME] and its keys below")
+        for key in own:
+            if key not in _KEYS[table]:
+                raise unknown(key, sorted(_KEYS[table]), place)
+        made.append(make(name, own, place))
+    return made
+
+
+def _inertia(name: str, own: dict, place: str) -> Inertia:
+    return Inertia(name, _needed(own, "J", place), _optional(own, "drag", place) or Quantity(0.0))
+
+
+def _shaft(name: str, own: dict, place: str) -> Shaft:
+    return Shaft(
+        name,
+        _between(own, place),
+        _needed(own, "stiffness", place),
+        _optional(own, "damping", place) or Quantity(0.0),
+        _optional(own, "ratio", place),
+    )
+
+
+def _gear(name: str, own: dict, place: str) -> Gear:
+    return Gear(name, _between(own, place), _needed(own, "ratio", place))
+
+
+def _differential(name: str, own: dict, place: str) -> Differential:
+    return Differential(name, *(_name(own, key, place) for key in ("cage", "left", "right")))
+
+
+def _input(name: str, own: dict, place: str) -> Input:
+    return Input(name, _name(own, "on", place))
+
+
+def _sensor(name: str, own: dict, place: str) -> Sensor:
+    measures = _name(own, "measures", place)
+    unit = Sensor(name, measures, "").unit if measures in ("angle", "speed", "acceleration", "torque") else "1"
+    uncertainty = to_si(own["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in own else None
+    return Sensor(name, measures, _name(own, "of", place), uncertainty)
+
+
+def _mirror(own: Any, place: str) -> tuple[tuple[str, str], ...]:
+    pairs = own.get("pairs", []) if isinstance(own, dict) else None
+    if not isinstance(pairs, list) or (isinstance(own, dict) and set(own) - {"pairs"}):
+        raise InputError(place, "is not understood", 'write pairs = [["left", "right"], …] below [mirror]')
+    return tuple(_pair(pair, f"{place}.pairs") for pair in pairs)
+
+
+def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
+    from modelling.effects import EFFECTS
+
+    given = data.get("effects", [])
+    if not isinstance(given, list) or not all(isinstance(own, dict) for own in given):
+        raise InputError(f"{where}: effects", "is no list of tables", "write [[effects]] with kind and at below")
+    made: list[Effect] = []
+    if not given:
+        return ()
+    # units and places are those of the bare system
+    base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
+    for number, own in enumerate(given, 1):
+        place = f"{where}: effects[{number}]"
+        kind, at = (_name(own, key, place) for key in ("kind", "at"))
+        if kind not in EFFECTS:
+            raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
+        places = EFFECTS[kind].places(base)
+        if at not in places:
+            raise unknown(at, places, f"{place}.at")
+        keys = [key for key in own if key not in ("kind", "at")]
+        for key in keys:
+            if key not in EFFECTS[kind].parameters:
+                raise unknown(key, list(EFFECTS[kind].parameters), f"{place} ({kind})")
+        values = tuple((key, quantity(own[key], EFFECTS[kind].unit(key, at, base), f"{place}.{key}")) for key in keys)
+        made.append(Effect(kind, at, values))
+    return tuple(made)
+
+
+def quantity(value: Any, si: str, where: str) -> Quantity:
+    """A quantity as files write it: a number, ``"number unit"``, ``{value, lower, upper}`` or ``{value, tolerance}``.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, not finite, of another unit, or its bounds cross.
+    """
+    if not isinstance(value, dict):
+        return Quantity(to_si(value, si, where))
+    keys = set(value)
+    if keys not in ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"}):
+        raise InputError(
+            where,
+            f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}",
+            "write {value, lower, upper} or {value, tolerance}",
+        )
+    middle = to_si(value["value"], si, f"{where}.value")
+    if "tolerance" in keys:
+        tolerance = to_si(value["tolerance"], "1", f"{where}.tolerance")
+        if tolerance < 0:
+            raise InputError(
+                f"{where}.tolerance", f"{tolerance:g} is negative", "write the relative half-width, e.g. 0.1"
+            )
+        half = abs(middle) * tolerance
+        low, high = middle - half, middle + half
+    elif "lower" in keys:
+        low, high = (to_si(value[key], si, f"{where}.{key}") for key in ("lower", "upper"))
+    else:
+        return Quantity(middle)
+    try:
+        return Quantity(middle, low, high)
+    except InputError as fault:
+        raise InputError(where, fault.wrong, fault.right) from None
+
+
+def _needed(own: dict, key: str, place: str) -> Quantity:
+    if key not in own:
+        raise InputError(place, f"{key!r} is missing", f"give it in {UNITS[key]}")
+    return quantity(own[key], UNITS[key], f"{place}.{key}")
+
+
+def _optional(own: dict, key: str, place: str) -> Quantity | None:
+    return quantity(own[key], UNITS[key], f"{place}.{key}") if key in own else None
+
+
+def _name(own: dict, key: str, place: str) -> str:
+    if key not in own:
+        raise InputError(place, f"{key!r} is missing", f'write {key} = "…"')
+    return _text(own[key], f"{place}.{key}")
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(where, f"{type(value).__name__} where a name in quotes is expected", 'write "…"')
+    return value
+
+
+def _between(own: dict, place: str) -> tuple[str, str]:
+    if "between" not in own:
+        raise InputError(place, "'between' is missing", 'write between = ["first", "second"]')
+    return _pair(own["between"], f"{place}.between")
+
+
+def _pair(value: Any, where: str) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(where, "is no pair", 'write ["first", "second"]')
+    return _text(value[0], where), _text(value[1], where)
+
+
+def to_dict(system: System) -> dict[str, Any]:
+    """The content of the model file of a system; :func:`from_dict` gives the same system back."""
+    data: dict[str, Any] = {}
+    if system.title:
+        data["title"] = system.title
+    if system.reference:
+        data["reference"] = system.reference
+    for table in TABLES:
+        own = {part.name: _fields(part, _KEYS[table]) for part in getattr(system, table)}
+        if own:
+            data[table] = own
+    if system.mirror:
+        data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
+    if system.effects:
+        data["effects"] = [
+            {"kind": effect.kind, "at": effect.at} | {key: _written(value) for key, value in effect.parameters}
+            for effect in system.effects
+        ]
+    return data
+
+
+def dumps(system: System) -> str:
+    """A system as the text of a model file, in SI."""
+    import tomli_w
+
+    return tomli_w.dumps(to_dict(system))
+
+
+def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
+    order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *UNITS)
+    own = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
+    own = {key: value for key, value in own.items() if not (key in ("drag", "damping") and value == Quantity(0.0))}
+    return {
+        key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
+        for key, value in own.items()
+    }
+
+
+def _written(value: Quantity) -> float | dict[str, float]:
+    if value.lower is None or value.upper is None:
+        return value.value
+    assert math.isfinite(value.lower)
+    return {"value": value.value, "lower": value.lower, "upper": value.upper}
