@@ -1,43 +1,27 @@
-"""Matching, judging and diagnosing: what is done with drivetrain models.
+"""Matching, judging and diagnosing: what is done with drivetrain models. Users import :mod:`rigmatch`."""
 
-The functions behind the commands, under the same names; each is imported when it is first asked for::
+from importlib import import_module
+from typing import Any
 
-    import matching as rm
-    rm.modes("rig.toml")                     # energy shares, symmetry; .plot(), .to_dict(), .to_xarray()
-    found = rm.match("case.toml")            # found.status, found.limits, found.plot()
-"""
-
-from typing import TYPE_CHECKING, Any
-
-__version__ = "0.1.0"
+from modelling.common import display
+from modelling.common.version import VERSION
 
 __all__ = [
     "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
     "simulate", "tolerance", "uncertainty",
 ]  # fmt: skip
 
-if TYPE_CHECKING:
-    from matching.api import (
-        diagnose,
-        export,
-        fidelity,
-        load,
-        load_case,
-        map,  # noqa: A004
-        match,
-        modes,
-        read_recording,
-        response,
-        simulate,
-        tolerance,
-        uncertainty,
-    )
+
+def _load_view(shown: type) -> None:
+    import_module("matching.report").load_view(shown)
+
+
+display.provide(_load_view)
+__version__ = VERSION
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        from importlib import import_module
-
         return getattr(import_module("matching.api"), name)
     raise AttributeError(f"module 'matching' has no attribute {name!r}; it has {', '.join(__all__)}")
 

@@ -195,11 +195,9 @@ def fidelity(
 
 def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
     """Write the tuned residual vehicle of a match, or any model, as an FMU for co-simulation; returns its path."""
-    from argparse import Namespace
+    from matching.fmu.write import write
 
-    from matching.commands.export import run
-
-    run(Namespace(result=str(result), fmu=str(fmu), fmi=fmi))
+    write(str(result), str(fmu), fmi)
     return Path(fmu)
 
 

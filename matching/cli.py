@@ -12,9 +12,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
-from matching import __version__
 from matching.commands import available
 from modelling.common.errors import InputError
+from modelling.common.version import VERSION
 
 ANSWERED, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -70,7 +70,7 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     about = "Tunes a powertrain test bed until it answers like the vehicle."
     tab = 'Tab completion in bash or zsh: eval "$(register-python-argcomplete rigmatch)"'
     parser = Parser(prog="rigmatch", description=about, epilog=tab, allow_abbrev=False)
-    parser.add_argument("--version", action="version", version=f"rigmatch {__version__}")
+    parser.add_argument("--version", action="version", version=f"rigmatch {VERSION}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if not word.startswith("-")), None)
     modules = {}

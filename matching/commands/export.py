@@ -22,41 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Write the FMU; the result object tells what is in it."""
-    from pathlib import Path
+    from matching.fmu.write import write
 
-    from matching.fmu.given import given
-    from modelling.common.errors import InputError
-    from modelling.common.output import write_all
-    from modelling.fmu.export import fmu
-
-    target = Path(arguments.fmu)
-    if target.suffix != ".fmu":
-        raise InputError("--fmu", f"{str(target)!r} is no name of an FMU", "let it end in .fmu")
-    wanted = given(arguments.result)
-    made = fmu(wanted.block, arguments.fmi, wanted.step)
-    write_all(target.parent, {target.name: made.content})
-    notes = list(wanted.notes)
-    if made.platform is None:
-        notes.append(f"{made.lacking}: the FMU holds C sources only, to be compiled where it is used")
-    own = wanted.block
-    return {
-        "fmu": str(target),
-        "fmi": arguments.fmi,
-        "of": wanted.kind,
-        "title": own.title,
-        "identifier": made.identifier,
-        "token": made.token,
-        "platform": made.platform,
-        "communication_step": wanted.step,
-        "steps_per_second": own.steps_per_second,
-        "inputs": {one.name: one.unit for one in own.inputs},
-        "outputs": {one.name: one.unit for one in own.outputs},
-        "parameters": [
-            {"name": one.name, "value": one.start, "unit": one.unit, "tuned": one.name in wanted.tuned}
-            for one in own.parameters
-        ],
-        "notes": notes,
-    }
+    return write(arguments.result, arguments.fmu, arguments.fmi)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -11,17 +11,25 @@ import numpy as np
 from matching.diagnosis.candidates.backlash_one_flank import bounded_below
 from matching.diagnosis.candidates.extend import extended
 from matching.diagnosis.candidates.motion import seen
-from matching.diagnosis.data.holdout import Ahead, elsewhere, ratios, residuals, rest_of, rest_segments, unseen_segments
 from matching.diagnosis.data.holdout_fidelity import Unseen, fidelity
 from matching.diagnosis.data.holdout_fidelity import unseen as laid_out
 from matching.diagnosis.data.preparation import prepare_data, split
 from matching.diagnosis.fitting import batch_simulation as runs
 from matching.diagnosis.fitting.fit import Fit, base_problem, solve
-from matching.diagnosis.fitting.profile_likelihood import as_good, widened
+from matching.diagnosis.fitting.holdout import (
+    Ahead,
+    elsewhere,
+    ratios,
+    residuals,
+    rest_of,
+    rest_segments,
+    unseen_segments,
+)
 from matching.diagnosis.fitting.uncertainty import Estimate, discretisation, estimates
+from matching.diagnosis.identify_causes import walk, without
 from matching.diagnosis.search.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.search.greedy_search import Search
-from matching.diagnosis.search.identify_causes import walk, without
+from matching.diagnosis.search.profile_likelihood import as_good, widened
 from matching.diagnosis.verdict.next_recording import propose
 from matching.diagnosis.verdict.result import Candidate, CauseFound, Diagnosis, Pictures, finite
 from matching.diagnosis.verdict.verdict import Rated, confidence

@@ -1,1 +1,26 @@
-"""What a reader gets: figures and pages."""
+"""What a reader gets: figures, pages and text; how each result is shown stands in the ``view`` of its room."""
+
+from importlib import import_module
+
+VIEWS = {
+    "modelling.modal.modes.Mode": "matching.report.modes.animation",
+    "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",
+    "matching.frequency.search.result.MatchResult": "matching.report.match.view",
+    "matching.frequency.studies.map.Map": "matching.report.map.view",
+    "matching.frequency.studies.tolerance.Tolerance": "matching.report.tolerance.view",
+    "matching.report.modes.animation.ModeAnimation": "matching.report.modes.animation",
+    "matching.validity.answers.Uncertainty": "matching.report.uncertainty.view",
+    "matching.validity.answers.XilFidelity": "matching.report.fidelity.view",
+    "modelling.equations.lagrange.Equations": "matching.report.modes.equations_view",
+    "modelling.linear.response.Response": "matching.report.simulation.response_view",
+    "modelling.modal.modes.Modes": "matching.report.modes.view",
+    "modelling.model.system.System": "matching.report.modes.equations_view",
+    "modelling.simulation.result.Simulation": "matching.report.simulation.view",
+}
+
+
+def load_view(shown: type) -> None:
+    """Import the module that registers the views of a class, see :func:`modelling.common.display.provide`."""
+    module = VIEWS.get(f"{shown.__module__}.{shown.__qualname__}")
+    if module:
+        import_module(module)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from modelling.common.display import Shown
+from modelling.common.display import Displayed
 
 
 @dataclass(frozen=True)
-class Uncertainty(Shown):
+class Uncertainty(Displayed):
     """A budget evaluated; ``content`` is that of ``uncertainty.json``."""
 
     content: dict[str, Any]
-
-    _view = "matching.report.uncertainty.view"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``uncertainty.json``."""
@@ -27,12 +25,10 @@ class Uncertainty(Shown):
 
 
 @dataclass(frozen=True)
-class XilFidelity(Shown):
+class XilFidelity(Displayed):
     """A fidelity assessed; ``content`` is that of ``fidelity.json``."""
 
     content: dict[str, Any]
-
-    _view = "matching.report.fidelity.view"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``fidelity.json``."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import pint
+
 from modelling.common.errors import InputError
 from modelling.common.units import NEWTON_METRE, factor
 
@@ -44,8 +46,6 @@ class Unit:
 @cache
 def registry() -> Any:
     """Pint's registry, made when first asked for."""
-    import pint
-
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
 
 

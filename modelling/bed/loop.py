@@ -5,7 +5,8 @@ torque and acceleration feed-forward and a lead → dead time → inverter lag �
 
 Two structures. ``pi`` is that and nothing else. ``model_based`` runs a twin of rig and vehicle on the announced
 torques (motor torque demand, simulated road torques), predicts it across the dead time and commands what makes the
-twin's interface follow the vehicle (:mod:`modelling.bed.model_based`); the ``pi`` loop then acts on what the measurements
+twin's interface follow the vehicle (:mod:`modelling.bed.model_based`); the ``pi`` loop then acts on what the
+measurements
 deviate from the twin by, so its poles, margins and its answer to unannounced torques are those of ``pi``.
 """
 

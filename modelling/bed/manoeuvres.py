@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, unknown
 from modelling.common.units import to_si
-from modelling.model.system import unknown
 
 UNITS = {
     "amplitude": "N*m", "offset": "N*m", "creep": "N*m", "at": "s", "rise_time": "s", "duration": "s",

@@ -20,7 +20,8 @@ from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.common.errors import InputError
 from modelling.linear.state_space import StateSpace, state_space
-from modelling.model.system import Sensor, System
+from modelling.model.components import Sensor
+from modelling.model.system import System
 
 EFFORT_PRICE = 1e-12  # (rad/s per N·m)²: at this price the commands are practically free
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from modelling.common.errors import InputError
-from modelling.model.system import Effect, Input, Sensor, System, listed
+from modelling.common.errors import InputError, listed
+from modelling.model.components import Effect, Input, Sensor
+from modelling.model.system import System
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,79 @@
-"""What every result can do: draw itself, show itself in print and notebook, hand its arrays on with labels."""
+"""How results are shown: as a picture, in print, in a notebook; and their arrays with labels.
+
+Results do not know how they are drawn. ``matching.report`` registers a function for each class with :func:`plot`,
+:func:`text` and :func:`html`, through the provider that the package ``matching`` names here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from importlib import import_module
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from functools import singledispatch
+from typing import Any
 
 from modelling.common.errors import InputError
 
+_providers: list[Callable[[type], None]] = []
 
-class Shown:
-    """A result with a picture and a table.
 
-    The views live above this package, so a result knows its view by name only and finds it when it is asked.
-    """
+def provide(provider: Callable[[type], None]) -> None:
+    """Let ``provider(class)`` import the module that registers the views of a class, the first time one is shown."""
+    _providers.append(provider)
 
-    _view: ClassVar[str]
+
+class Displayed:
+    """A result with a picture and a table."""
 
     def plot(self) -> Any:
         """The picture of this result, a Matplotlib figure without any global state."""
-        return import_module(self._view).plot(self)
+        return plot(self)
 
     def __str__(self) -> str:
-        said: str = import_module(self._view).said(self)
-        return said
+        return text(self)
 
     def _repr_html_(self) -> str:
-        html: str = import_module(self._view).html(self)
-        return html
+        return html(self)
+
+
+@singledispatch
+def plot(result: Any) -> Any:
+    """The picture of a result (Matplotlib figure).
+
+    Raises
+    ------
+    InputError
+        If no view is registered for its class.
+    """
+    return _registered(plot, result)(result)
+
+
+@singledispatch
+def text(result: Any) -> str:
+    """A result in a few lines for a terminal; raises as :func:`plot` does."""
+    return _registered(text, result)(result)
+
+
+@singledispatch
+def html(result: Any) -> str:
+    """A result as HTML for a notebook; raises as :func:`plot` does."""
+    return _registered(html, result)(result)
+
+
+@singledispatch
+def animation(result: Any) -> Any:
+    """A result as a moving drawing with ``save(path)``; raises as :func:`plot` does."""
+    return _registered(animation, result)(result)
+
+
+def _registered(function: Any, result: Any) -> Callable[[Any], Any]:
+    """What is registered for the class of a result, once the providers have had their say."""
+    for provider in _providers:
+        for base in type(result).__mro__:
+            provider(base)
+    view: Callable[[Any], Any] = function.dispatch(type(result))
+    if view is function.dispatch(object):
+        name = type(result).__name__
+        raise InputError(name, "has no view yet", "import rigmatch, which brings the figures and tables")
+    return view
 
 
 def labelled(

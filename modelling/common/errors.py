@@ -1,5 +1,7 @@
 """The one error that bad input raises."""
 
+from difflib import get_close_matches
+
 
 class InputError(ValueError):
     """Bad input from a user's file or call: one line that names where, what is wrong and what would be right.
@@ -29,3 +31,17 @@ def _plain(text: str, longest: int = 400) -> str:
     """Text in one line without control characters, cut in the middle where it is endless."""
     line = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
     return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
+
+
+def unknown(name: str, known: list[str], where: str) -> InputError:
+    """The error for a name nobody has, with the nearest one that exists."""
+    near = get_close_matches(str(name), known, 1, 0.6)
+    return InputError(
+        where, f"{name!r} does not exist", f"did you mean {near[0]!r}?" if near else f"known are {listed(known)}"
+    )
+
+
+def listed(names: list[str], most: int = 12) -> str:
+    """Names in a sentence, not more than ``most``."""
+    shown = ", ".join(names[:most]) or "none"
+    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

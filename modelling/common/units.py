@@ -7,6 +7,8 @@ import math
 import re
 from typing import Any
 
+import pint
+
 from modelling.common.errors import InputError
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
@@ -17,11 +19,20 @@ _SPEED = "rad/s"
 _AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
 
 
+# SI unit of every quantity that stands in a table of a model file
+UNITS = {
+    "J": "kg*m^2",
+    "drag": "N*m*s/rad",
+    "stiffness": "N*m/rad",
+    "damping": "N*m*s/rad",
+    "ratio": "1",
+}
+SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
+
+
 @functools.cache
 def registry() -> Any:
     """The one registry of units of this process (pint)."""
-    import pint
-
     return pint.UnitRegistry(cache_folder=None)
 
 
@@ -49,8 +60,6 @@ def factor(unit: str, si: str, where: str = "") -> float:
     right = f"a unit like {si} is expected" if si != "1" else "a plain number is expected"
     if not _UNIT.fullmatch(text) or _TOWER.search(text):
         raise InputError(where, f"{text!r} is no unit", right)
-    import pint
-
     units = registry()
     try:
         parsed = units.parse_units(NEWTON_METRE.sub("N*m", text).replace("·", "*"))

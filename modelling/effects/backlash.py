@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Backlash(Kind):
@@ -21,12 +20,10 @@ class Backlash(Kind):
     parameters = {"gap": Parameter("rad", lower=0.0)}
     abrupt = True
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.gap = p["gap"]
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         name = at.split(".")[1]
         stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[name]
         for share in (0.02, 0.1, 0.3, 1.0):

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import bilinear
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Spring, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
-    from modelling.model.system import System
 
 
 class Compliance(Kind):
@@ -24,9 +21,7 @@ class Compliance(Kind):
     tables = ("shafts",)
     parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "J": Parameter("kg*m^2", lower=1e-12)}
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
-        from modelling.equations.assembly import Spring
-
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         label = f"{law.place}.compliance"
         middle = assembly.coordinate(label)
         further = middle - law.second
@@ -36,8 +31,6 @@ class Compliance(Kind):
         law.second = middle
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         name, second = at.split(".")[1], seen.ends[at.split(".")[1]][1]
         k, c = seen.value[f"{at}.stiffness"], seen.value[f"{at}.damping"]
         J_end = min(seen.value[f"inertias.{end}.J"] for end in seen.ends[name])
@@ -51,7 +44,7 @@ class Compliance(Kind):
                 yield Guess((push,), partial(_softer, k2, J))
 
     def simpler(
-        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterator[tuple[str, str, dict[str, float]]]:
         """A stiff one is a softer shaft, or a larger inertia at its second end."""
         name = f"{at}.stiffness"
@@ -66,8 +59,6 @@ class Compliance(Kind):
 
 def _middle(seen: Seen, name: str, second: str, k: float, c: float, k2: float, J: float) -> np.ndarray:
     """Angle (t,) of the middle inertia ahead of the second end: J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈."""
-    from scipy.signal import bilinear
-
     b, a = bilinear([1.0], [J, c, k + k2], 1 / seen.step)
     return seen.filtered(list(b), list(a), k * seen.twist[name] + c * seen.rate[name] - J * seen.acceleration[second])
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, Motion, Symbols
 
 
 class ConstantTorque(Kind):
@@ -20,10 +19,8 @@ class ConstantTorque(Kind):
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m")}
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.act(name, -p["torque"], motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         yield Guess(({at: -np.ones_like(seen.time)},), lambda a: {"torque": float(a[0])})

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, Motion, Symbols
 
 
 class CoulombFriction(Kind):
@@ -20,15 +19,13 @@ class CoulombFriction(Kind):
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "torque_reverse": Parameter("N*m", lower=0.0, optional=True)}
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         sign = assembly.sign(motion.speed)
         forward, reverse = p["torque"], p.get("torque_reverse", p["torque"])
         friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
         assembly.act(name, -friction, motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         speed = seen.speed[at.split(".")[1]]
         sign = np.tanh(speed / (1e-3 * float(np.abs(speed).max()) + 1e-9))
         yield Guess(({at: -sign},), positive("torque"))

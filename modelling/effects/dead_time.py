@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, InputPath, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, InputPath, Symbols
 
 
 class DeadTime(Kind):
@@ -20,7 +17,7 @@ class DeadTime(Kind):
     tables = ("inputs",)
     parameters = {"delay": Parameter("s", lower=0.0)}
 
-    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.delay += p["delay"]
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
+from scipy.signal import lfilter
 
 
 @dataclass(frozen=True)
@@ -56,34 +55,24 @@ class Seen:
     @property
     def step(self) -> float:
         """Sampling interval, s."""
-        import numpy as np
-
         return float(np.median(np.diff(self.time[self.parts[0]])))
 
     def each(self, work: Callable[[np.ndarray, np.ndarray], np.ndarray], signal: np.ndarray) -> np.ndarray:
         """``work(time, signal)`` on every segment by itself."""
-        import numpy as np
-
         return np.concatenate([work(self.time[part], signal[part]) for part in self.parts])
 
     def later(self, signal: np.ndarray, delay: float) -> np.ndarray:
         """A signal (t,) that comes ``delay`` s later."""
-        import numpy as np
-
         return self.each(lambda t, s: np.interp(t - delay, t, s), signal)
 
     def lagged(self, signal: np.ndarray, time_constant: float) -> np.ndarray:
         """A signal (t,) through a first-order lag."""
-        import numpy as np
-
         a = float(np.exp(-self.step / time_constant))
         last = time_constant / self.step * (1 - a) - a
         return self.filtered([1 - a - last, last], [1, -a], signal)
 
     def filtered(self, b: list[float], a: list[float], signal: np.ndarray) -> np.ndarray:
         """A signal (t,) through a discrete filter that has settled at the first sample."""
-        from scipy.signal import lfilter
-
         return self.each(lambda _, s: lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
 
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Hardening(Kind):
@@ -20,7 +17,7 @@ class Hardening(Kind):
     tables = ("shafts",)
     parameters = {"cubic": Parameter("N*m/rad^3")}
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import accumulate
+
+import numpy as np
+from sympy import Abs
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
-    from modelling.model.system import System
 
 
 class Hysteresis(Kind):
@@ -27,9 +25,7 @@ class Hysteresis(Kind):
     tables = ("shafts",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "angle": Parameter("rad", lower=1e-9)}
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
-        from sympy import Abs
-
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         # z/torque is the state: it stays within ±1 and has a limit at torque = 0
         z = assembly.state(f"{law.place}.hysteresis", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
         law.parallel.append(p["torque"] * z)
@@ -45,7 +41,7 @@ class Hysteresis(Kind):
             )
 
     def simpler(
-        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterator[tuple[str, str, dict[str, float]]]:
         """Over an angle that is never reached it is a spring."""
         name = f"{at}.stiffness"
@@ -57,10 +53,6 @@ class Hysteresis(Kind):
 
 def _dahl(angle: float, time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """z/torque over a twist rate (t,), exact for a rate that is constant between samples."""
-    from itertools import accumulate
-
-    import numpy as np
-
     mean = (rate[1:] + rate[:-1]) / 2
     kept = np.exp(-np.abs(mean) * np.diff(time) / angle)
     added = np.sign(mean) * (1 - kept)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, InputPath, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, InputPath, Symbols
 
 
 class InputGain(Kind):
@@ -20,7 +17,7 @@ class InputGain(Kind):
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
 
-    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value *= p["factor"]
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

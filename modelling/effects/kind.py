@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from modelling.common.errors import InputError
-
-if TYPE_CHECKING:
-    from modelling.effects.first_guess import Guess, Seen
-    from modelling.equations.assembly import Assembly, InputPath, Motion, SensorPath, ShaftLaw, Symbols
-    from modelling.model.system import Effect, System
+from modelling.common.units import UNITS
+from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, Motion, SensorPath, ShaftLaw, Symbols
 
 
 @dataclass(frozen=True)
@@ -37,19 +34,19 @@ class Kind:
     parameters: ClassVar[dict[str, Parameter]] = {}
     abrupt: ClassVar[bool] = False  # the torque jumps within a step: a fit needs finer steps
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         """Change the torque law of a shaft."""
         raise NotImplementedError
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         """Add a torque on an inertia."""
         raise NotImplementedError
 
-    def input(self, path: InputPath, p: Symbols, assembly: Assembly) -> None:
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         """Change what reaches the inertia of a recorded input."""
         raise NotImplementedError
 
-    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
+    def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         """Change what a sensor reads."""
         raise NotImplementedError
 
@@ -62,7 +59,7 @@ class Kind:
         return ()
 
     def simpler(
-        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterable[tuple[str, str, dict[str, float]]]:
         """Kinds with fewer parameters that this effect, with these, may pass for: kind, place, parameters; here none.
 
@@ -83,10 +80,8 @@ class Kind:
         """The same effect with its parameters as one would write them, e.g. an angle within one turn."""
         return parameters
 
-    def unit(self, key: str, at: str, system: System) -> str:
+    def unit(self, key: str, at: str, system: Drivetrain) -> str:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""
-        from modelling.model.system import UNITS
-
         unit = self.parameters[key].unit
         if unit == "quantity":
             return UNITS[at.rsplit(".", 1)[1]]
@@ -95,38 +90,6 @@ class Kind:
             return own + unit.removeprefix("sensor")
         return unit
 
-    def check(self, effect: Effect, system: System, where: str) -> None:
-        """Check place, keys and bounds.
-
-        Raises
-        ------
-        InputError
-            Naming the key that is wrong.
-        """
-        from modelling.model.system import unknown
-
-        places = self.places(system)
-        if effect.at not in places:
-            raise unknown(effect.at, places, f"{where}.at")
-        given = dict(effect.parameters)
-        for key in given:
-            if key not in self.parameters:
-                raise unknown(key, list(self.parameters), f"{where} ({effect.kind})")
-        for key, parameter in self.parameters.items():
-            if key not in given:
-                if parameter.optional:
-                    continue
-                raise InputError(
-                    f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {self.unit(key, effect.at, system)}"
-                )
-            value = given[key].value
-            if not parameter.lower <= value <= parameter.upper:
-                raise InputError(
-                    f"{where}.{key}",
-                    f"{value:g} is not possible",
-                    f"{parameter.lower:g} … {parameter.upper:g} is needed",
-                )
-
-    def places(self, system: System) -> list[str]:
+    def places(self, system: Drivetrain) -> list[str]:
         """Every place of a system where this kind can sit."""
         return [place for place in system.places() if place.split(".")[0] in self.tables]

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, InputPath, SensorPath, Symbols
 
 
 class Lag(Kind):
@@ -20,11 +17,11 @@ class Lag(Kind):
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
 
-    def input(self, path: InputPath | SensorPath, p: Symbols, assembly: Assembly) -> None:
+    def input(self, path: InputPath | SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         value = path.value
         path.value = assembly.state(f"{path.place}.lag", lambda lagged: (value - lagged) / p["time_constant"])
 
-    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
+    def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         at_once = path.value.subs(assembly.time, 0)
         ramp = path.value - at_once
         path.value = at_once

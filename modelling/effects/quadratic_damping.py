@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+from sympy import Abs
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
 
 
 class QuadraticDamping(Kind):
@@ -20,9 +19,7 @@ class QuadraticDamping(Kind):
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
-        from sympy import Abs
-
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.parallel.append(p["coefficient"] * law.rate * Abs(law.rate))
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

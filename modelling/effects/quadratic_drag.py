@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+from sympy import Abs
 
 from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, Motion, Symbols
 
 
 class QuadraticDrag(Kind):
@@ -20,9 +19,7 @@ class QuadraticDrag(Kind):
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
-        from sympy import Abs
-
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

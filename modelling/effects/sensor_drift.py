@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly, SensorPath, Symbols
 
 
 class SensorDrift(Kind):
@@ -20,7 +17,7 @@ class SensorDrift(Kind):
     tables = ("sensors",)
     parameters = {"rate": Parameter("sensor/s")}
 
-    def sensor(self, path: SensorPath, p: Symbols, assembly: Assembly) -> None:
+    def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value += p["rate"] * assembly.time
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from modelling.equations.assembly import Assembly, ShaftLaw, Symbols
 
 
 class Slip(Kind):
@@ -23,7 +20,7 @@ class Slip(Kind):
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s/rad", lower=1e-9)}
 
-    def shaft(self, law: ShaftLaw, p: Symbols, assembly: Assembly) -> None:
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.series = p["coefficient"]
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

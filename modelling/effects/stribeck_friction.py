@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+
+import numpy as np
+from sympy import exp
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from modelling.equations.assembly import Assembly, Motion, Symbols
-    from modelling.model.system import System
 
 
 class StribeckFriction(Kind):
@@ -28,21 +25,17 @@ class StribeckFriction(Kind):
         "speed": Parameter("rad/s", lower=1e-6),
     }
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
-        from sympy import exp
-
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
         assembly.act(name, -assembly.sign(motion.speed) * sliding, motion)
 
     def simpler(
-        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: System
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterator[tuple[str, str, dict[str, float]]]:
         """Where it hardly falls, or the speed is seldom below that over which it does, it is Coulomb's."""
         yield "coulomb_friction", at, {"torque": parameters["torque"]}
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        import numpy as np
-
         own = seen.speed[at.split(".")[1]]
         sign = np.tanh(own / (1e-3 * float(np.abs(own).max()) + 1e-9))
         for share in (0.05, 0.15, 0.4):

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import medfilt
+from sympy import sin
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from modelling.equations.assembly import Assembly, Motion, Symbols
 
 
 class TorqueRipple(Kind):
@@ -23,9 +23,7 @@ class TorqueRipple(Kind):
     tables = ("inertias",)
     parameters = {"order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad")}
 
-    def inertia(self, motion: Motion, p: Symbols, assembly: Assembly, name: str) -> None:
-        from sympy import sin
-
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.act(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
@@ -35,8 +33,6 @@ class TorqueRipple(Kind):
 
     def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterator[Guess]:
         """Orders about the best one, half a line apart: a motion to and fro gives the true one many side lobes."""
-        import numpy as np
-
         angle = seen.angle[at.split(".")[1]]
         span = float(np.ptp(angle))
         if span > 4 * np.pi:
@@ -47,31 +43,22 @@ class TorqueRipple(Kind):
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
-        import math
-
         turn = math.pi if parameters["amplitude"] < 0 else 0.0
         phase = math.remainder(parameters["phase"] + turn, 2 * math.pi)
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
 
 
 def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
-    import numpy as np
-
     pushes = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
     return Guess(pushes, partial(_wave, order), chosen_from)
 
 
 def _wave(order: float, a: np.ndarray) -> dict[str, float]:
-    import numpy as np
-
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
 def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float = 24.0) -> Iterator[tuple[float, float]]:
     """Orders at which the torque that would help stands out of its surroundings, and from how many each was chosen."""
-    import numpy as np
-    from scipy.signal import medfilt
-
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:
         return

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.interface import Drivetrain
 from modelling.effects.kind import Kind, Parameter
-
-if TYPE_CHECKING:
-    from modelling.model.system import System
 
 
 class WrongParameter(Kind):
@@ -20,7 +17,7 @@ class WrongParameter(Kind):
     tables = ("inertias", "shafts", "gears")
     parameters = {"value": Parameter("quantity")}
 
-    def places(self, system: System) -> list[str]:
+    def places(self, system: Drivetrain) -> list[str]:
         return [name for name in system.parameters if name.count(".") == 2]
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:

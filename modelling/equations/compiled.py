@@ -7,11 +7,14 @@ from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
+import sympy as sm
 
+from modelling.common.errors import unknown
 from modelling.equations.assembly import SIMULATION_DEFAULTS
+from modelling.equations.elements import build
 from modelling.equations.lagrange import Equations, derive
 from modelling.equations.sympy_to_casadi import to_casadi
-from modelling.model.system import System, unknown
+from modelling.model.system import System
 
 
 class Model:
@@ -82,8 +85,6 @@ class Model:
     def elements(self) -> ca.Function:
         """(x, p) → elements of modal analysis, see :func:`modelling.equations.elements.build`."""
         if "elements" not in self._functions:
-            from modelling.equations.elements import build
-
             self._functions["elements"] = build(self.equations)
         return self._functions["elements"]
 
@@ -147,8 +148,6 @@ def _functions(equations: Equations) -> dict[str, ca.Function]:
     p, t = ca.SX.sym("p", len(a.parameters)), ca.SX.sym("t")
     known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
     # an input path may end in a state; its recorded value is always u(name)
-    import sympy as sm
-
     known |= {sm.Symbol(f"u({name})", real=True): u[i] for i, name in enumerate(a.inputs)}
     known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
     known[a.time] = t

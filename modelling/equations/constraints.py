@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import sympy as sm
 
 from modelling.common.errors import InputError
+from modelling.effects.interface import EquationBuilder, Motion
+from modelling.model.system import System
 
-if TYPE_CHECKING:
-    from modelling.equations.assembly import Assembly
 
-
-def eliminate(assembly: Assembly) -> None:
-    """Fill ``assembly.motions`` with a motion for every inertia, and create the independent coordinates.
+def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
+    """A motion for every inertia by name; creates the independent coordinates in ``assembly``.
 
     Raises
     ------
     InputError
         If gears and differentials lock the system or say the same thing twice.
     """
-    from modelling.equations.assembly import Motion
-
-    system = assembly.system
     rows: list[tuple[str, dict[str, sm.Expr]]] = []
     for gear in system.gears:
         first, second = gear.between
@@ -51,11 +45,13 @@ def eliminate(assembly: Assembly) -> None:
         solved = {name: _combined(own, {pivot: rest}) for name, own in solved.items()}
         solved[pivot] = rest
     free = {part.name: assembly.coordinate(part.name) for part in system.inertias if part.name not in solved}
+    motions: dict[str, Motion] = {}
     for inertia in system.inertias:
         share: dict[int, sm.Expr] = {}
         for name, c in solved.get(inertia.name, {inertia.name: sm.Integer(1)}).items():
             share[next(iter(free[name].share))] = c
-        assembly.motions[inertia.name] = Motion(share, assembly)
+        motions[inertia.name] = Motion(share, assembly)
+    return motions
 
 
 def _combined(row: dict[str, sm.Expr], solved: dict[str, dict[str, sm.Expr]]) -> dict[str, sm.Expr]:

@@ -1,85 +1,13 @@
-"""Masses and springs of small oscillations: each element a coefficient and a row over the coordinates.
-
-M = Σ J·sᵀs and K = Σ c·tᵀt (paper Eqs. 4 and 5), so energies by component come for free and a batch is one product.
-"""
+"""Masses and springs of small oscillations as a CasADi function: each element a coefficient and a row."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
-import numpy as np
 
+from modelling.equations.lagrange import Equations
 from modelling.equations.sympy_to_casadi import to_casadi
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
-    from modelling.equations.lagrange import Equations
-
-CLOSED = 1e-9  # rad past the edge of a lash, so that it is closed
-
-
-@dataclass(frozen=True)
-class Elements:
-    """Elements of a model at parameter sets (b, p); k masses, s springs.
-
-    Attributes
-    ----------
-    masses, springs : tuple of str
-        Component names.
-    J, stiffness : ndarray (b, k), (b, s)
-        kg·m², N·m/rad; the stiffness is the tangent at the state.
-    turns, twists : ndarray (k, n), (s, n) or (b, k, n), (b, s, n)
-        Speed of every mass and twist of every spring for unit coordinates; with b where ratios vary.
-    deflections : ndarray (s, x)
-        Deflection of every spring for unit states; differs from the twist where a damper sits in series.
-    """
-
-    masses: tuple[str, ...]
-    springs: tuple[str, ...]
-    J: np.ndarray
-    stiffness: np.ndarray
-    turns: np.ndarray
-    twists: np.ndarray
-    deflections: np.ndarray
-
-    def mass_matrix(self) -> np.ndarray:
-        """M (b, n, n), kg·m²."""
-        return _weighted(self.J, self.turns)
-
-    def stiffness_matrix(self) -> np.ndarray:
-        """K (b, n, n), N·m/rad."""
-        return _weighted(self.stiffness, self.twists)
-
-    def rigid(self) -> np.ndarray:
-        """Number of rigid-body modes (b,): directions in which no spring twists, by structure, not size."""
-        n = self.twists.shape[-1]
-        holds = self.stiffness != 0
-        if (holds == holds[0]).all():
-            return np.full(len(holds), n - rank(self._one_twists()[holds[0]]))
-        patterns, case = np.unique(holds, axis=0, return_inverse=True)
-        counts = np.array([n - rank(self._one_twists()[pattern]) for pattern in patterns])
-        return counts[case.reshape(-1)]
-
-    def _one_twists(self) -> np.ndarray:
-        return self.twists if self.twists.ndim == 2 else self.twists[0]
-
-
-def rank(rows: np.ndarray) -> int:
-    """Rank of rows (r, n), each taken to length one."""
-    return int(np.linalg.matrix_rank(unit_rows(rows), tol=1e-9)) if rows.size else 0
-
-
-def unit_rows(rows: np.ndarray) -> np.ndarray:
-    """Rows (r, n) at length one."""
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
-
-
-def null(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, r) of the directions that rows (k, n) of length one do not see."""
-    _, sizes, across = np.linalg.svd(rows)
-    return across[int(np.sum(sizes > 1e-9)) :].T
 
 
 def build(equations: Equations) -> ca.Function:
@@ -106,64 +34,3 @@ def _rows(shares: list[dict[int, Any]], n: int, known: dict) -> ca.SX:
         for j, entry in zip(share, to_casadi(list(share.values()), known), strict=True):
             rows[i, j] = entry
     return rows
-
-
-def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elements:
-    """Elements at parameter sets.
-
-    Parameters
-    ----------
-    p : ndarray (b, p)
-    x : ndarray (x,) or (b, x), optional
-        State about which springs are tangent; at rest with lash just closed (:func:`rest`) if not given.
-    """
-    x = rest(model, p) if x is None else np.asarray(x, float)
-    function, a = model.elements, model.equations.assembly
-    first = [out.full() for out in function(x if x.ndim == 1 else x[0], p[0])]
-    varies = np.ptp(p, axis=0) > 0 if len(p) > 1 else np.zeros(p.shape[1], bool)
-    turns, twists = first[1], first[3]
-    if len(p) == 1:
-        J, stiffness = first[0].T, first[2].T
-    else:
-        states = np.broadcast_to(x, (len(p), x.shape[-1])).T
-        weights = model.element_weights.map(len(p))(states, p.T)
-        J, stiffness = weights[0].full().T, weights[1].full().T
-        if np.any(varies & (first[5].ravel() > 0)):
-            mapped = function.map(len(p))(states, p.T)
-            turns, twists = (_unstacked(mapped[i], len(p)) for i in (1, 3))
-    return Elements(tuple(a.masses), tuple(a.springs), J, stiffness, turns, twists, first[4])
-
-
-def rest(model: Model, p: np.ndarray) -> np.ndarray:
-    """State at rest, (x,) or with lash (b, x): every lash just closed in the driving direction, all else zero."""
-    gaps = {name: f"{name}.backlash.gap" for name in model.equations.assembly.springs}
-    gaps = {name: gap for name, gap in gaps.items() if gap in model.parameters}
-    size = len(model.states)
-    if not gaps:
-        return np.zeros(size)
-    p = np.atleast_2d(p)
-    function, springs = model.elements, list(model.equations.assembly.springs)
-    twists, deflections = (out.full() for out in (function(np.zeros(size), p[0])[i] for i in (3, 4)))
-    wanted = np.zeros((len(p), len(springs)))
-    for name, gap in gaps.items():
-        wanted[:, springs.index(name)] = p[:, model.parameters.index(gap)] / 2 + CLOSED
-    x = np.zeros((len(p), size))
-    x[:, : model.n] = wanted @ np.linalg.pinv(twists).T
-    for i in range(len(springs)):  # a spring behind a damper in series has a deflection of its own
-        if not deflections[i, : model.n].any():
-            x[:, np.flatnonzero(deflections[i])] = wanted[:, [i]]
-    return x
-
-
-def _unstacked(stacked: ca.DM, count: int) -> np.ndarray:
-    full = stacked.full()
-    return full.reshape(full.shape[0], count, -1).transpose(1, 0, 2)
-
-
-def _weighted(weights: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Σ weight·rowᵀrow over the rows, (b, n, n)."""
-    n = rows.shape[-1]
-    if rows.ndim == 2 and len(weights) > 1 and rows.size * n < 1e6:
-        return (weights @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), n * n)).reshape(-1, n, n)
-    across = np.swapaxes(rows, -1, -2)
-    return (across * weights[:, None, :]) @ rows

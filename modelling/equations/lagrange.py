@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import sympy as sm
 
+from modelling.common import display
 from modelling.equations.assembly import Assembly
 from modelling.equations.derivative import differentiate
 from modelling.model.system import System
@@ -64,14 +65,8 @@ class Equations:
         n = len(self.assembly.q)
         return sm.Matrix(n, n, lambda i, j: self.mass.get((i, j), sm.Integer(0)))
 
-    def html(self) -> str:
-        """T, V, D and the equations of motion as LaTeX for a notebook or a page."""
-        from modelling.equations.latex import html
-
-        return html(self)
-
     def _repr_html_(self) -> str:
-        return self.html()
+        return display.html(self)
 
 
 def derive(system: System) -> Equations:

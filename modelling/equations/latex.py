@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import sympy as sm
 
-if TYPE_CHECKING:
-    from modelling.equations.lagrange import Equations
-    from modelling.model.system import System
+from modelling.equations.lagrange import Equations
+from modelling.model.system import System
 
 _LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i"}
 

@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, correlate, find_peaks, sosfiltfilt
 
 SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
 RIVAL = 4.0  # standard deviations of the residual's variance beyond which another lag is no rival any more
@@ -107,8 +109,6 @@ def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) 
 
     Zero where the overlap holds less than a quarter of either signal's variance: there chance decides.
     """
-    from scipy.signal import correlate
-
     x, y = reference - reference.mean(), test - test.mean()
     count = len(x)
     lags = np.arange(-reach, reach + 1)
@@ -130,8 +130,6 @@ def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) 
 
 def _peaks(correlation: np.ndarray) -> np.ndarray:
     """Places of local maxima that stand out of the noise, highest first."""
-    from scipy.signal import find_peaks
-
     places, _ = find_peaks(np.concatenate([[-2.0], correlation, [-2.0]]), prominence=0.05)
     places = places - 1
     return places[np.argsort(-correlation[places])]
@@ -161,9 +159,6 @@ def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None
 
 
 def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: float) -> _Fit | None:
-    from scipy.interpolate import make_interp_spline
-    from scipy.signal import butter, sosfiltfilt
-
     settle = math.ceil(3 / cutoff)
     if cutoff < 0.5 and len(reference) < 8 * settle + 2 * abs(start):
         return None

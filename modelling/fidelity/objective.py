@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import casadi
 import numpy as np
 
 from modelling.common.errors import InputError
@@ -77,14 +78,10 @@ def _positive(value: Any) -> Any:
 def _dot(first: Any, second: Any) -> Any:
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
         return first @ second
-    import casadi
-
     return casadi.dot(first, second)
 
 
 def _arctan(value: Any) -> Any:
     if isinstance(value, float):
         return np.arctan(value)
-    import casadi
-
     return casadi.atan(value)

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.signal import detrend
+from scipy.signal.windows import hann
 
 from modelling.fidelity.assess import MEASUREMENT, Fidelity, Sensor, SignalFidelity, SignalPair
 from modelling.fidelity.measures import delay_fidelity
@@ -74,9 +76,6 @@ def noise_of(pair: SignalPair, step: float, f_max: float) -> tuple[float, float]
 
 
 def _high_band(signal: np.ndarray, step: float, edge: float) -> float:
-    from scipy.signal import detrend
-    from scipy.signal.windows import hann
-
     window = hann(len(signal), sym=False)
     if len(signal) < 32:
         return 0.0

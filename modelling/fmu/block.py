@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 
 from modelling.common.errors import InputError
-from modelling.equations.assembly import CONTACT_TIME, SIMULATION_DEFAULTS
+from modelling.equations.assembly import SIMULATION_DEFAULTS
 from modelling.equations.compiled import Model, compiled
+from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.fmu import variables
 from modelling.fmu.variables import Variable
 from modelling.model.system import System

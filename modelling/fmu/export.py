@@ -9,6 +9,8 @@ import re
 import zipfile
 from dataclasses import dataclass
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from modelling.fmu.block import Block
 from modelling.fmu.build import SUFFIX, binary, folder
 from modelling.fmu.description import description
@@ -67,8 +69,6 @@ def _token(block: Block, identifier: str, fmi: str, step: float) -> str:
 
 
 def _page(block: Block, fmi: str) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     made = Environment(
         loader=PackageLoader("modelling.fmu", "sources"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 from modelling.effects import EFFECTS
-from modelling.equations.assembly import CONTACT_TIME, STICK_SPEED
+from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model
+from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.system import System
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.elements import Elements, null, rest, unit_rows
+from modelling.linear.elements import Elements, null, rest, unit_rows
 from modelling.model.system import System
 
 

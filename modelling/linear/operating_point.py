@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, unknown
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.elements import Elements, elements, rest
+from modelling.linear.elements import Elements, elements, rest
 from modelling.linear.linearise import Linear, linear_at
-from modelling.model.system import System, unknown
+from modelling.model.system import System
 
 _STEPS = 60
 _TOLERANCE = 1e-9  # of the largest torque in the balance

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from modelling.common.display import Shown, labelled
-from modelling.common.errors import InputError
-from modelling.equations.elements import elements
+from modelling.common.display import Displayed, labelled
+from modelling.common.errors import InputError, unknown
+from modelling.linear.elements import elements
 from modelling.linear.linearise import Linear, deflated, linearise
-from modelling.model.system import System, unknown
+from modelling.model.system import System
 
 _CHUNK = 4_000_000  # complex numbers at once
 
 
 @dataclass(frozen=True)
-class Response(Shown):
+class Response(Displayed):
     """Complex frequency responses.
 
     Attributes
@@ -34,8 +34,6 @@ class Response(Shown):
     sensors: tuple[str, ...]
     inputs: tuple[str, ...]
     values: np.ndarray
-
-    _view = "matching.report.simulation.response_view"
 
     def __getitem__(self, pair: tuple[str, str]) -> np.ndarray:
         """Response (f,) of a sensor to an input, ``response[sensor, input]``.

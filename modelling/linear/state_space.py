@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modelling.common.errors import InputError
-from modelling.equations.elements import elements
+from modelling.common.errors import InputError, unknown
+from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.model.system import System, unknown
+from modelling.model.system import System
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, unknown
 from modelling.common.units import factor
 from modelling.measurement.readers import Table
-from modelling.model.system import unknown
+from modelling.model.files import read_toml
 
 KEYS = ("channel", "unit", "sign")
 
@@ -42,8 +42,6 @@ def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
     InputError
         Names file and key: no table ``[channels]``, a key or value that does not fit, a channel that is used twice.
     """
-    from modelling.model.files import read_toml
-
     path = Path(path)
     data = read_toml(path)
     for key in data:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, listed, unknown
 from modelling.common.units import factor
 from modelling.measurement.channels import Channel, called, renamed
 from modelling.measurement.readers import Table, name_time, read_table
-from modelling.model.system import System, listed, unknown
+from modelling.model.system import System
 
 _COLUMN = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
 LONGEST_FILL = 0.1  # s of missing input that are bridged
@@ -276,8 +277,6 @@ def csv_text(time: np.ndarray, columns: Mapping[str, np.ndarray], units: Mapping
     units : mapping of str to str
         By column.
     """
-    import io
-
     text = io.StringIO()
     header = ",".join(["time [s]", *(f"{name} [{units[name]}]" for name in columns)])
     np.savetxt(text, np.column_stack([time, *columns.values()]), "%.9g", ",", header=header, comments="")

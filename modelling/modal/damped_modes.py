@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from modelling.equations.elements import Elements, elements, null, unit_rows
+from modelling.linear.elements import Elements, elements, null, unit_rows
 from modelling.linear.linearise import Linear, deflated, linearise
 from modelling.modal.modes import Modes
 from modelling.modal.symmetry import images, labels

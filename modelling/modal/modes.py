@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from modelling.common.display import Shown, labelled
+from modelling.common import display
+from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.elements import Elements, elements
+from modelling.linear.elements import Elements, elements
 from modelling.modal.symmetry import images, labels, split
 from modelling.model.system import System
 
@@ -44,11 +44,11 @@ class Mode:
 
     def animate(self) -> Any:
         """The chain swinging in this mode, slowed: a drawing for a notebook, with ``save(path)`` for a file (SVG)."""
-        return import_module("matching.report.modes.animation").ModeAnimation(self)
+        return display.animation(self)
 
 
 @dataclass(frozen=True)
-class Modes(Shown):
+class Modes(Displayed):
     """Modes of a model, in order of frequency; every array may have leading batch axes (b, …).
 
     Attributes
@@ -85,7 +85,6 @@ class Modes(Shown):
     coordinates: tuple[str, ...]
     eigenvalues: np.ndarray
 
-    _view = "matching.report.modes.view"
     _ARRAYS = (
         "frequencies", "damping_ratios", "symmetries", "shapes", "modal_mass", "modal_stiffness", "kinetic",
         "potential", "turns", "eigenvalues",

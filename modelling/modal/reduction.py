@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
-from modelling.equations.elements import Elements, elements, null, unit_rows
+from modelling.linear.elements import Elements, elements, null, unit_rows
 from modelling.modal.modes import Modes
 from modelling.model.system import System
 

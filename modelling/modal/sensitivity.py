@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.elements import rest
+from modelling.linear.elements import rest
 from modelling.modal.modes import Modes, modes_of
 from modelling.modal.tracking import track_vectors
 from modelling.model.system import System

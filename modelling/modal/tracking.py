@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.elements import elements
+from modelling.linear.elements import elements
 from modelling.modal.modes import Modes, modes_of
 from modelling.model.system import System
 
@@ -73,8 +74,6 @@ def track(system: System, sets: Sequence[Mapping[str, float]]) -> Tracked:
 
 def track_vectors(model: Model, p: np.ndarray) -> Tracked:
     """:func:`track` for parameter vectors (t, p) of a compiled model."""
-    from scipy.optimize import linear_sum_assignment
-
     batch = modes_of(model, p)
     mass = elements(model, p).mass_matrix()
     order = np.tile(np.arange(len(batch)), (len(p), 1))

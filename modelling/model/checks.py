@@ -3,15 +3,57 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
+from typing import Protocol
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, listed, unknown
+from modelling.common.units import SENSOR_UNITS
+from modelling.effects import EFFECTS, Kind
+from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
-from modelling.model.system import SENSOR_UNITS, TABLES, Sensor, System, listed, unknown
 
 _NAME = re.compile(r"\w[\w-]*")
 
 
-def check(system: System) -> None:
+class Parts(Protocol):
+    """What is checked: the components of a :class:`modelling.model.system.System`."""
+
+    @property
+    def inertias(self) -> tuple[Inertia, ...]: ...  # noqa: D102
+
+    @property
+    def shafts(self) -> tuple[Shaft, ...]: ...  # noqa: D102
+
+    @property
+    def gears(self) -> tuple[Gear, ...]: ...  # noqa: D102
+
+    @property
+    def differentials(self) -> tuple[Differential, ...]: ...  # noqa: D102
+
+    @property
+    def inputs(self) -> tuple[Input, ...]: ...  # noqa: D102
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]: ...  # noqa: D102
+
+    @property
+    def effects(self) -> tuple[Effect, ...]: ...  # noqa: D102
+
+    @property
+    def mirror(self) -> tuple[tuple[str, str], ...]: ...  # noqa: D102
+
+    @property
+    def reference(self) -> str: ...  # noqa: D102
+
+    @property
+    def parameters(self) -> Mapping[str, Quantity]:
+        """Every quantity by its full name."""
+
+    def places(self) -> Iterator[str]:
+        """Every ``table.name``."""
+
+
+def check(system: Parts) -> None:
     """Check a system; values, references and connectedness.
 
     Raises
@@ -53,7 +95,7 @@ def check(system: System) -> None:
     _connected(system, inertias)
 
 
-def _names(system: System) -> None:
+def _names(system: Parts) -> None:
     for table in TABLES:
         seen = set()
         for part in getattr(system, table):
@@ -92,7 +134,7 @@ def _ends(where: str, ends: tuple[str, ...], inertias: list[str]) -> None:
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
 
 
-def _sensor(part: Sensor, system: System, inertias: list[str]) -> None:
+def _sensor(part: Sensor, system: Parts, inertias: list[str]) -> None:
     where = f"sensors.{part.name}"
     if part.measures not in SENSOR_UNITS:
         raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
@@ -103,21 +145,50 @@ def _sensor(part: Sensor, system: System, inertias: list[str]) -> None:
         raise InputError(f"{where}.uncertainty", f"{part.uncertainty:g} is not possible", "greater than 0 is needed")
 
 
-def _effects(system: System) -> None:
-    from modelling.effects import EFFECTS
-
+def _effects(system: Parts) -> None:
     seen = set()
     for number, effect in enumerate(system.effects, 1):
         where = f"effects[{number}]"
         if effect.kind not in EFFECTS:
             raise unknown(effect.kind, sorted(EFFECTS), f"{where}.kind")
-        EFFECTS[effect.kind].check(effect, system, where)
+        _effect(EFFECTS[effect.kind], effect, system, where)
         if effect.name in seen:
             raise InputError(where, f"{effect.kind} stands twice at {effect.at}", "one of a kind at a place")
         seen.add(effect.name)
 
 
-def _connected(system: System, inertias: list[str]) -> None:
+def _effect(kind: Kind, effect: Effect, system: Parts, where: str) -> None:
+    """Check place, keys and bounds of one effect.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    places = kind.places(system)
+    if effect.at not in places:
+        raise unknown(effect.at, places, f"{where}.at")
+    given = dict(effect.parameters)
+    for key in given:
+        if key not in kind.parameters:
+            raise unknown(key, list(kind.parameters), f"{where} ({effect.kind})")
+    for key, parameter in kind.parameters.items():
+        if key not in given:
+            if parameter.optional:
+                continue
+            raise InputError(
+                f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {kind.unit(key, effect.at, system)}"
+            )
+        value = given[key].value
+        if not parameter.lower <= value <= parameter.upper:
+            raise InputError(
+                f"{where}.{key}",
+                f"{value:g} is not possible",
+                f"{parameter.lower:g} … {parameter.upper:g} is needed",
+            )
+
+
+def _connected(system: Parts, inertias: list[str]) -> None:
     joined: dict[str, set[str]] = {name: set() for name in inertias}
     for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
         joined[first].add(second)

@@ -8,22 +8,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from modelling.common.errors import InputError
-from modelling.common.units import to_si
+import tomli_w
+
+from modelling.common.errors import InputError, unknown
+from modelling.common.units import UNITS, to_si
+from modelling.effects import EFFECTS
+from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
-from modelling.model.system import (
-    TABLES,
-    UNITS,
-    Differential,
-    Effect,
-    Gear,
-    Inertia,
-    Input,
-    Sensor,
-    Shaft,
-    System,
-    unknown,
-)
+from modelling.model.system import System
 
 LARGEST = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
 
@@ -172,8 +164,6 @@ def _mirror(own: Any, place: str) -> tuple[tuple[str, str], ...]:
 
 
 def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
-    from modelling.effects import EFFECTS
-
     given = data.get("effects", [])
     if not isinstance(given, list) or not all(isinstance(own, dict) for own in given):
         raise InputError(f"{where}: effects", "is no list of tables", "write [[effects]] with kind and at below")
@@ -292,8 +282,6 @@ def to_dict(system: System) -> dict[str, Any]:
 
 def dumps(system: System) -> str:
     """A system as the text of a model file, in SI."""
-    import tomli_w
-
     return tomli_w.dumps(to_dict(system))
 
 

@@ -6,100 +6,15 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from modelling.common.errors import InputError
+from modelling.common import display
+from modelling.common.errors import unknown
+from modelling.common.units import UNITS
+from modelling.effects import EFFECTS
+from modelling.model.checks import check
+from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
-
-if TYPE_CHECKING:
-    from modelling.equations.lagrange import Equations
-
-# SI unit of every quantity that stands in a table of a model file
-UNITS = {
-    "J": "kg*m^2",
-    "drag": "N*m*s/rad",
-    "stiffness": "N*m/rad",
-    "damping": "N*m*s/rad",
-    "ratio": "1",
-}
-SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
-
-
-@dataclass(frozen=True)
-class Inertia:
-    """A rigid body on a shaft line: inertia ``J`` (kg·m²), viscous ``drag`` to ground (N·m·s/rad)."""
-
-    name: str
-    J: Quantity
-    drag: Quantity = Quantity(0.0)
-
-
-@dataclass(frozen=True)
-class Shaft:
-    """A spring and damper: twist = angle(first)/ratio − angle(second); stiffness and torque on the second's side."""
-
-    name: str
-    between: tuple[str, str]
-    stiffness: Quantity
-    damping: Quantity = Quantity(0.0)
-    ratio: Quantity | None = None
-
-
-@dataclass(frozen=True)
-class Gear:
-    """A rigid, ideal gear: speed(first) = ratio · speed(second)."""
-
-    name: str
-    between: tuple[str, str]
-    ratio: Quantity
-
-
-@dataclass(frozen=True)
-class Differential:
-    """An open, ideal differential: 2·speed(cage) = speed(left) + speed(right)."""
-
-    name: str
-    cage: str
-    left: str
-    right: str
-
-
-@dataclass(frozen=True)
-class Input:
-    """A torque (N·m) on the inertia ``on``."""
-
-    name: str
-    on: str
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A reading: ``measures`` angle, speed or acceleration of an inertia or torque of a shaft; standard uncertainty."""
-
-    name: str
-    measures: str
-    of: str
-    uncertainty: float | None = None
-
-    @property
-    def unit(self) -> str:
-        """SI unit of the reading."""
-        return SENSOR_UNITS[self.measures]
-
-
-@dataclass(frozen=True)
-class Effect:
-    """Something beyond the linear chain: a ``kind`` of the vocabulary at ``table.name`` with its parameters."""
-
-    kind: str
-    at: str
-    parameters: tuple[tuple[str, Quantity], ...] = ()
-
-    @property
-    def name(self) -> str:
-        """How its parameters begin in reports: ``shafts.link.backlash``."""
-        return f"{self.at}.{self.kind}"
 
 
 @dataclass(frozen=True)
@@ -133,8 +48,6 @@ class System:
     reference: str = ""
 
     def __post_init__(self) -> None:
-        from modelling.model.checks import check
-
         check(self)
 
     @functools.cached_property
@@ -155,8 +68,6 @@ class System:
     @functools.cached_property
     def units(self) -> dict[str, str]:
         """SI unit of every parameter, same keys as :attr:`parameters`."""
-        from modelling.effects import EFFECTS
-
         found = {name: UNITS[name.rsplit(".", 1)[1]] for name in self.parameters if self._is_plain(name)}
         for effect in self.effects:
             for key, _ in effect.parameters:
@@ -224,18 +135,7 @@ class System:
         return dataclasses.replace(self, effects=self.effects + effects)
 
     def _repr_html_(self) -> str:
-        from modelling.equations.latex import html
-
-        return html(self.equations(), self)
-
-    def equations(self) -> Equations:
-        """Its Lagrange equations, see :class:`modelling.equations.lagrange.Equations`."""
-        from modelling.equations.lagrange import derive
-
-        return derive(self)
-
-
-TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
+        return display.html(self)
 
 
 def _replaced(part: Any, place: str, values: Mapping[str, float]) -> Any:
@@ -245,17 +145,3 @@ def _replaced(part: Any, place: str, values: Mapping[str, float]) -> Any:
         if getattr(part, key, None) is not None and f"{place}.{key}" in values
     }
     return dataclasses.replace(part, **new) if new else part
-
-
-def unknown(name: str, known: list[str], where: str) -> InputError:
-    """The error for a name nobody has, with the nearest one that exists."""
-    near = get_close_matches(str(name), known, 1, 0.6)
-    return InputError(
-        where, f"{name!r} does not exist", f"did you mean {near[0]!r}?" if near else f"known are {listed(known)}"
-    )
-
-
-def listed(names: list[str], most: int = 12) -> str:
-    """Names in a sentence, not more than ``most``."""
-    shown = ", ".join(names[:most]) or "none"
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

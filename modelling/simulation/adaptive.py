@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
-from modelling.equations.assembly import CONTACT_TIME
+from modelling.equations.compiled import Model, compiled
+from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.model.system import System
 from modelling.simulation.result import Simulation, SimulationError
+from modelling.simulation.simulate import Inputs, checked
 from modelling.simulation.start import Start, start_state
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
-    from modelling.model.system import System
-    from modelling.simulation.simulate import Inputs
 
 SHARP_CONTACT = 1e-6  # s
 
@@ -47,12 +45,6 @@ def simulate_adaptive(
     SimulationError
         If the solver gives up.
     """
-    from scipy.integrate import solve_ivp
-
-    from modelling.equations.compiled import compiled
-    from modelling.model.system import System
-    from modelling.simulation.simulate import checked
-
     model = compiled(model) if isinstance(model, System) else model
     time, u = checked(model, time, inputs)
     p = model.vector({CONTACT_TIME: SHARP_CONTACT} if CONTACT_TIME in model.parameters else None)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
-from modelling.equations.assembly import CONTACT_TIME
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
+from modelling.equations.compiled import Model
+from modelling.equations.shaft_law import CONTACT_TIME
 
 SHARPER = 0.2  # of the step: how long a closing lash takes to a sensor, for which no jump is integrated
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from modelling.equations.assembly import STICK_SPEED
+from modelling.equations.compiled import Model
 from modelling.simulation.result import SimulationError
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
 
 STABLE = 2.0  # |λ|·h of a fast decay; the method's limit is 2.78
 ACCURATE = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase a radian

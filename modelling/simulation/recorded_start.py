@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from modelling.equations.compiled import Model
+from modelling.linear.elements import elements, rest
 from modelling.measurement.recording import Recording
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
+from modelling.simulation.simulate import SimulationError, sensitivities, simulate_batch
 
 WINDOWS = (0.06, 0.25)  # s; the short one first: over it even a lash hardly leads astray
 ROUNDS = 6
@@ -28,8 +27,6 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
     p : ndarray (p,)
         See :func:`modelling.simulation.simulate.prepare`.
     """
-    from modelling.equations.elements import rest
-
     names = model.states[: 2 * model.n]
     closed = np.atleast_2d(rest(model, p))[0][: len(names)]
     if not recording.sensors(model.system):
@@ -47,8 +44,6 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
 
 def _turning(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
     """Angles 0 and the speeds (2n,) that were measured first, what was not measured turning with them."""
-    from modelling.equations.elements import elements
-
     parts = elements(model, p[None])
     turns, twists = (rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.turns, parts.twists))
     rows, speeds = [], []
@@ -68,8 +63,6 @@ def _problem(
     model: Model, recording: Recording, p: np.ndarray, window: float, names: list[str]
 ) -> tuple[Callable[[np.ndarray], float], Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
     """Misfit of a start, and residuals (r,) with their derivatives (r, s)."""
-    from modelling.simulation.simulate import SimulationError, sensitivities, simulate_batch
-
     known = [part for part in model.system.sensors if part.name in recording.channels]
     columns = [model.sensors.index(part.name) for part in known]
     begin = recording.time[0]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.common.display import Shown, labelled
+from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
 
 
@@ -17,7 +17,7 @@ class SimulationError(InputError):
 
 
 @dataclass(frozen=True)
-class Simulation(Shown):
+class Simulation(Displayed):
     """Readings and states over time, all SI.
 
     Attributes
@@ -42,8 +42,6 @@ class Simulation(Shown):
     units: dict[str, str]
     steps_per_second: float
     stick_speed: float
-
-    _view = "matching.report.simulation.view"
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A reading or a state by name, (t,)."""

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, unknown
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model, compiled
-from modelling.model.system import System, unknown
+from modelling.model.system import System
 from modelling.simulation import native, virtual
 from modelling.simulation.plan import steps_per_second as needed_steps
 from modelling.simulation.plan import stick_speed

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from modelling.common.errors import InputError
-from modelling.model.system import listed, unknown
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
+from modelling.common.errors import InputError, listed, unknown
+from modelling.equations.compiled import Model
+from modelling.linear.elements import rest
 
 Start = None | str | np.ndarray | Mapping[str, float]
 
@@ -79,10 +77,6 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
     InputError
         If there is no such motion, or an inertia is unknown.
     """
-    from scipy.optimize import least_squares
-
-    from modelling.equations.elements import rest
-
     n, x0 = model.n, np.zeros(len(model.states))
     x0[:n] = 1e-9 * np.cos(np.arange(n) * 1.7)
     gaps = [model.parameters.index(f"{e.name}.gap") for e in model.system.effects if e.kind == "backlash"]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
-from modelling.common.errors import InputError
-from modelling.equations.assembly import CONTACT_TIME
-
-if TYPE_CHECKING:
-    from modelling.equations.compiled import Model
+from modelling.common.errors import InputError, unknown
+from modelling.equations.compiled import Model
+from modelling.equations.shaft_law import CONTACT_TIME
 
 
 @dataclass(frozen=True)
@@ -101,8 +98,6 @@ def _delay_slopes(model: Model) -> list[np.ndarray]:
 
 
 def _selection(model: Model, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    from modelling.model.system import unknown
-
     selected = np.full(len(names), -1, dtype=np.int64)
     start_slope = np.zeros((len(model.states), len(names)))
     parameter = {name: i for i, name in enumerate(model.parameters)}

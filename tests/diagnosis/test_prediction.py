@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.holdout import Ahead, elsewhere, residuals, rest_of
 from matching.diagnosis.data.segments import Data, Segment
 from matching.diagnosis.fitting.fit import Fit, base_problem, solve
 from matching.diagnosis.fitting.friction_regularisation import sharpened
+from matching.diagnosis.fitting.holdout import Ahead, elsewhere, residuals, rest_of
 from matching.diagnosis.fitting.prediction import prediction
 from matching.diagnosis.fitting.uncertainty import covariance
 from modelling.model.files import from_dict

@@ -10,9 +10,9 @@ from matching.diagnosis.fitting import batch_simulation as runs
 from matching.diagnosis.fitting.fit import base_problem, solve
 from modelling.effects import EFFECTS
 from modelling.equations.compiled import compiled
+from modelling.model.components import Effect
 from modelling.model.files import from_dict
 from modelling.model.quantity import Quantity
-from modelling.model.system import Effect
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from matching.frequency.verification.robustness import told_by
 from matching.frequency.verification.simulation import free_motion, matched_motion
 from modelling.bed.model_based import twin
 from modelling.bed.residual_vehicle import cut
+from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
-from modelling.model.system import Effect
 from modelling.simulation.simulate import simulate
 
 STEP = 1e-3

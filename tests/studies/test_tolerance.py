@@ -14,10 +14,10 @@ from matching.frequency.case.case import load_case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes
+from matching.frequency.studies.distribution import spread
 from matching.frequency.studies.draws import Prepared, draw
 from matching.frequency.studies.map import Axis
 from matching.frequency.studies.tolerance import tolerance, tuned, varied_of
-from matching.spread import spread
 from modelling.common.errors import InputError
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"

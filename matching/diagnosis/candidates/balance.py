@@ -15,7 +15,8 @@ from scipy.linalg import expm
 
 from matching.diagnosis.fitting.fit import Fit
 from modelling.equations.compiled import Model, compiled
-from modelling.model.system import Input, System
+from modelling.model.components import Input
+from modelling.model.system import System
 
 CORRELATION = 0.01  # s over which an unknown torque may change
 SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)

@@ -13,8 +13,9 @@ from matching.diagnosis.fitting.fit import Fit, Problem, solve
 from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
 from modelling.equations.compiled import compiled
+from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
-from modelling.model.system import Effect, System
+from modelling.model.system import System
 
 WRONG = "wrong_parameter"
 WINDOW, WINDOWS = 0.5, 24  # s of a short window at least, and how many at most

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 from matching.diagnosis.candidates.candidates import Cause
 from modelling.effects import EFFECTS
+from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
-from modelling.model.system import Effect, System
+from modelling.model.system import System
 
 
 def extended(system: System, causes: tuple[Cause, ...], values: Mapping[str, float]) -> System:

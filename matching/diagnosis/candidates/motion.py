@@ -9,7 +9,9 @@ import numpy as np
 from matching.diagnosis.candidates.balance import Leftover
 from matching.diagnosis.fitting.fit import Fit
 from modelling.effects.first_guess import Seen
-from modelling.model.system import Shaft, System
+from modelling.equations.lagrange import derive
+from modelling.model.components import Shaft
+from modelling.model.system import System
 
 
 def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
@@ -45,7 +47,7 @@ def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
 
 def inertia_shares(system: System, coordinates: list[str], value: dict[str, float]) -> np.ndarray:
     """(i, n) how every inertia moves with the coordinates."""
-    motions = system.equations().assembly.motions
+    motions = derive(system).assembly.motions
     out = np.zeros((len(system.inertias), len(coordinates)))
     for i, part in enumerate(system.inertias):
         for j, share in motions[part.name].share.items():

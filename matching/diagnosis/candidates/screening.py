@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 from scipy import fft
 from scipy.linalg import qr
+from scipy.stats import chi2
 
 from matching.diagnosis.candidates.balance import leftover
 from matching.diagnosis.candidates.motion import seen
@@ -22,7 +23,8 @@ from matching.diagnosis.fitting.fit import Fit
 from modelling.effects import EFFECTS
 from modelling.effects.first_guess import Guess
 from modelling.equations.compiled import compiled
-from modelling.model.system import Input, System
+from modelling.model.components import Input
+from modelling.model.system import System
 
 WORTHWHILE = 100.0  # decrease of χ² from which guesses near the best are looked at too
 TOGETHER = 16  # guesses that are freed at once
@@ -225,8 +227,6 @@ class Screen:
 def best_of(count: float, taken: np.ndarray, c: int) -> np.ndarray:
     """What the best of ``count`` guesses takes of noise, as likely as what one of them takes (d,): χ² with c degrees of
     freedom to the largest of as many."""
-    from scipy.stats import chi2
-
     if count <= 1:
         return taken
     rarer = -np.expm1(np.log1p(-np.clip(chi2.sf(taken, c), 0.0, 1 - 1e-12)) / count)

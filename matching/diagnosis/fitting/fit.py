@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
 
 from matching.diagnosis.data.segments import Data
 from matching.diagnosis.fitting import batch_simulation as runs
@@ -324,9 +326,6 @@ class Quadratic:
 
     def step(self, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
         """Step (v,) within bounds and radius, and the decrease of the cost that it promises."""
-        from scipy.linalg import solve_triangular
-        from scipy.optimize import lsq_linear
-
         used = np.isfinite(self.scale)
         scale = np.where(used, self.scale, 1.0)
         g = np.where(used, gradient / scale, 0.0)

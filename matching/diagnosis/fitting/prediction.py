@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.diagnosis.data.holdout import Ahead
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.friction_regularisation import widths
+from matching.diagnosis.fitting.holdout import Ahead
 from matching.diagnosis.fitting.uncertainty import covariance
 
 

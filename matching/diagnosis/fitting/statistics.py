@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 SCALES = (1, 4, 16, 64, 256, 1024)  # samples over which the residual is averaged
 
@@ -59,8 +60,6 @@ def effective_share(residual: np.ndarray) -> float:
 
     The autocorrelation is summed up to the first window that is five times the sum itself.
     """
-    from scipy import fft
-
     own = residual[np.isfinite(residual)]
     own = own - own.mean()
     length = fft.next_fast_len(2 * len(own), real=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.diagnosis.data.holdout_fidelity import Unseen
 from matching.diagnosis.fitting.uncertainty import Estimate
-from modelling.common.display import Shown
+from modelling.common.display import Displayed
 from modelling.effects.first_guess import Seen
 from modelling.model.system import System
 
@@ -109,7 +109,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Diagnosis(Shown):
+class Diagnosis(Displayed):
     """The answer.
 
     Attributes
@@ -125,7 +125,8 @@ class Diagnosis(Shown):
         By sensor, root mean squares in SI: noise, before, after, before_holdout, after_holdout.
     gain : dict of str to float
     fidelity : dict or None
-        R_RVM, R_MU and R_XiL on unseen data, before and after, see :func:`matching.diagnosis.data.holdout_fidelity.fidelity`.
+        R_RVM, R_MU and R_XiL on unseen data, before and after, see
+        :func:`matching.diagnosis.data.holdout_fidelity.fidelity`.
     candidates : list of Candidate
         What was refitted in the place of each cause, the most likely first.
     rest : list of dict
@@ -149,8 +150,6 @@ class Diagnosis(Shown):
     notes: list[str]
     extended: System = field(repr=False)
     pictures: Pictures = field(repr=False)
-
-    _view = "matching.report.diagnosis.view"
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""

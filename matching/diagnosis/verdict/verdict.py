@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.candidates.candidates import fitted
-from matching.diagnosis.data.holdout import Ahead, residuals
 from matching.diagnosis.fitting.friction_regularisation import sharpened
+from matching.diagnosis.fitting.holdout import Ahead, residuals
 from matching.diagnosis.fitting.prediction import Prediction, prediction
 from matching.diagnosis.fitting.statistics import effective_share
 from matching.diagnosis.fitting.stick_speed import FINAL, resolved

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import tomli_w
+
 from matching.frequency.case.case import Case, Move
 from modelling.bed.loop import HARDWARE, KNOBS
 from modelling.model.files import dumps
@@ -26,8 +28,6 @@ def case_files(case: Case) -> dict[str, str]:
 
 def case_text(case: Case) -> str:
     """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
-    import tomli_w
-
     loop = case.loop
     data: dict[str, Any] = {"title": case.title} if case.title else {}
     data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case
-from modelling.model.system import Sensor, Shaft
+from modelling.model.components import Sensor, Shaft
 from modelling.simulation.simulate import simulate
 
 

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from matching.frequency.case.case import Case
-from matching.frequency.programme.terms import Goal
 from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import Mode, modes
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A target for the optimiser: eigenvalue wanted, rad/s, and pattern of speeds over the dynamometers (u,)."""
+
+    eigenvalue: complex
+    pattern: np.ndarray
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """What :func:`eigenpair` takes of it: |s|, damping ratio, pattern of length 1, (2 + u,)."""
+        size = abs(self.eigenvalue)
+        return np.array([size, -self.eigenvalue.real / size, *self.pattern / np.linalg.norm(self.pattern)])
 
 
 def target_modes(case: Case) -> list[tuple[Mode, Mode]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.frequency.loop.parts import Parts
 from modelling.bed.loop import LEAD_SPREAD
-from modelling.model.system import unknown
+from modelling.common.errors import unknown
 
 
 @dataclass(frozen=True)

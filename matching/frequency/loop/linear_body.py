@@ -8,7 +8,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
-from modelling.equations.elements import elements
+from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
 from modelling.linear.state_space import StateSpace
 from modelling.modal.symmetry import images

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.pade import good_up_to
 from matching.frequency.loop.parts import Parts
 from matching.frequency.loop.poles import ORDERS, TRUSTED, closed_matrix
+from modelling.bed.model_based import Twin
+from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.modal.modes import Mode
 from modelling.modal.symmetry import labels
-
-if TYPE_CHECKING:
-    from modelling.bed.model_based import Twin
-    from modelling.bed.residual_vehicle import ResidualVehicle
-    from modelling.modal.modes import Mode
 
 EMULATED = "residual_vehicle."
 

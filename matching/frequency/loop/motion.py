@@ -11,9 +11,9 @@ from scipy.signal import cont2discrete
 from matching.frequency.loop.delay_line import arrivals
 from matching.frequency.loop.linear_body import Body
 from matching.frequency.loop.parts import Parts
-from modelling.equations.assembly import CONTACT_TIME
 from modelling.equations.compiled import compiled
-from modelling.equations.elements import elements
+from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.linear.elements import elements
 from modelling.model.system import System
 from modelling.simulation.plan import steps_per_second
 

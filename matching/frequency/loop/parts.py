@@ -7,19 +7,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from matching.frequency.case.case import Case
 from matching.frequency.loop.linear_body import Body, body
 from modelling.bed.loop import LEAD_SPREAD, Dynamometer
+from modelling.bed.residual_vehicle import Interface
 from modelling.linear.state_space import StateSpace
-from modelling.model.system import Sensor, System
-
-if TYPE_CHECKING:
-    from matching.frequency.case.case import Case
-    from modelling.bed.residual_vehicle import Interface
+from modelling.model.components import Sensor
+from modelling.model.system import System
 
 STATIC = 1e-6  # s: a lead this short does nothing below 100 kHz
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy.signal import cont2discrete
 
+from matching.frequency.case.case import Case
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import Body, body, transfer
 from matching.frequency.loop.parts import Parts, parts_of
 from modelling.bed.model_based import Twin, twin
 from modelling.bed.residual_vehicle import cut
-
-if TYPE_CHECKING:
-    from matching.frequency.case.case import Case
 
 POINTS = 80  # log-spaced frequencies of the response error
 
@@ -113,8 +112,6 @@ def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, t
 
 def sampled(own: Body, step: float, frequencies: np.ndarray) -> np.ndarray:
     """Response (f, y, u) of a body whose inputs are held over a step (s) and whose outputs are sampled."""
-    from scipy.signal import cont2discrete
-
     space = own.space
     A, B, C, D, _ = cont2discrete((space.A, space.B, space.C, space.D), step)
     return transfer(A, B, C, D, np.exp(2j * np.pi * frequencies * step))

@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from matching.frequency.case.targets import Goal
 from matching.frequency.programme.objective import Aim
-from matching.frequency.programme.terms import Goal
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,11 @@ import numpy as np
 from matching.frequency.case.case import Case, Compared
 from modelling.bed.loop import LEAD_SPREAD, Dynamometer
 from modelling.bed.residual_vehicle import Interface
+from modelling.common.errors import unknown
 from modelling.equations.compiled import Model, compiled
 from modelling.equations.complex_sx import Complex, Row, exp, joined, solve
-from modelling.model.system import Gear, Shaft, System, unknown
+from modelling.model.components import Gear, Shaft
+from modelling.model.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,12 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.demands import Demands
+from matching.frequency.case.targets import Goal
 from matching.frequency.programme.blocks import Common, Fidelity, Margins, Pairs, ResponseError
 from matching.frequency.programme.closed_loop import ClosedLoop, General, closed_loop
 from matching.frequency.programme.evaluators import Derivation, bend, pull, slope, together, value
 from matching.frequency.programme.objective import Aim
-from matching.frequency.programme.terms import Goal, Term, eigenpair, logarithm, margin, response
+from matching.frequency.programme.terms import Term, eigenpair, logarithm, margin, response
 from modelling.modal.modes import modes
 
 EIGEN = 0.3  # price of a relative frequency error or a damping-ratio error of 1, against a response error of 1

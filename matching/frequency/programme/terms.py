@@ -7,25 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from matching.frequency.programme.closed_loop import General
 
 MEET = 1e-3  # of least²: how near both singular values have to be before they count as one
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A target for the optimiser: eigenvalue wanted, rad/s, and pattern of speeds over the dynamometers (u,)."""
-
-    eigenvalue: complex
-    pattern: np.ndarray
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """What :func:`eigenpair` takes of it: |s|, damping ratio, pattern of length 1, (2 + u,)."""
-        size = abs(self.eigenvalue)
-        return np.array([size, -self.eigenvalue.real / size, *self.pattern / np.linalg.norm(self.pattern)])
 
 
 @dataclass(frozen=True)

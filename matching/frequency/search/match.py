@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 
@@ -179,8 +180,6 @@ def _bound(case: Case, refinement: int) -> float:
     """Response error of the best causal controller, see :func:`modelling.bed.model_based.dead_time_bound`."""
     reference = cut(case.vehicle, case.rig)
     ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
-    import dataclasses
-
     told = dataclasses.replace(
         case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case))
     )

@@ -11,6 +11,7 @@ import numpy as np
 from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
+from modelling.common.display import Displayed
 from modelling.modal.modes import Mode
 
 
@@ -76,7 +77,8 @@ class ResponseError:
 
     ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
     ones, ``after_like_before`` over those of ``before``; ``unannounced`` what the feedback alone does, to torques
-    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.bed.model_based.dead_time_bound`), at the loop's
+    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.bed.model_based.dead_time_bound`), at the
+    loop's
     sample time, and ``bound_unsampled`` without sampling. ``functions`` holds the same for every compared function.
     """
 
@@ -109,7 +111,7 @@ class Curves:
 
 
 @dataclass(frozen=True)
-class MatchResult:
+class MatchResult(Displayed):
     """A match: what was asked, what was tuned, how well it does, and how that was checked.
 
     Attributes
@@ -180,19 +182,3 @@ class MatchResult:
             "starts": list(self.starts),
             "seconds": self.seconds,
         }
-
-    def plot(self) -> Any:
-        """The overview figure of the report (Matplotlib figure)."""
-        from matching.report.match.figures import overview
-
-        return overview(self)
-
-    def __str__(self) -> str:
-        from matching.report.match.text import content, summary
-
-        return summary(content(self))
-
-    def _repr_html_(self) -> str:
-        from matching.report.match.page import summary_html
-
-        return summary_html(self)

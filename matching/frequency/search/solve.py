@@ -20,12 +20,12 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.demands import Demands
+from matching.frequency.case.targets import Goal
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.objective import Aim
 from matching.frequency.programme.problem import SLOTS, Problem, build, eigenpairs, scaled
-from matching.frequency.programme.terms import Goal
 from modelling.common import floating_point
 
 FEASIBLE = 1e-5  # largest violation of a scaled constraint

@@ -11,19 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from matching import __version__
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.search.solve import Near
 from matching.frequency.studies.map_axis import Axis, axis, quantities
 from matching.frequency.studies.map_passes import Task, improved
 from matching.frequency.studies.map_point import Point, improved_at, match_at
 from matching.studies import executor_of, run
-from modelling.common.display import Shown, labelled
+from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
+from modelling.common.version import VERSION
 
 
 @dataclass(frozen=True)
-class Map(Shown):
+class Map(Displayed):
     """Points (y, x) row by row over two axes."""
 
     title: str
@@ -31,8 +32,6 @@ class Map(Shown):
     x: Axis
     y: Axis
     points: tuple[tuple[Point, ...], ...]
-
-    _view = "matching.report.map.view"
 
     def errors(self, which: str = "error") -> np.ndarray:
         """Response errors (y, x), or ``unannounced`` or ``bound``; NaN where there is none."""
@@ -75,7 +74,8 @@ def map_case(
 ) -> Map:
     """Match a case at every pair of values of two quantities, first each point by itself, then from its neighbours.
 
-    See :mod:`matching.frequency.studies.map_passes`. The map depends neither on the executor nor on the order in which points
+    See :mod:`matching.frequency.studies.map_passes`. The map depends neither on the executor nor on the order in
+    which points
     end.
 
     Parameters
@@ -103,7 +103,7 @@ def map_case(
     if y.name in together:
         raise InputError(y.name, "is on both axes", "name two quantities")
     files = (f"{key}: {text}" for key, text in case_files(case).items())
-    content = "\n".join([__version__, *files, f"{x.name} {y.name} {seed} {starts}"])
+    content = "\n".join([VERSION, *files, f"{x.name} {y.name} {seed} {starts}"])
     before = 0  # matches of the passes before
 
     def advance(done: int, total: int) -> None:
@@ -136,8 +136,6 @@ def _prepare(given: Prepared) -> Prepared:
 
 def _point_at(given: Prepared, task: Task) -> dict[str, Any] | None:
     """A point as plain values: from starts of its own, or from its neighbours' solutions where there are such."""
-    from matching.frequency.search.solve import Near
-
     case, names, seed, starts = given
     x, y = zip(names, (task["x"], task["y"]), strict=True)
     if "near" not in task:

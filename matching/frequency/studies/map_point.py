@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.demands import demands
 from matching.frequency.case.tuned import apply
+from matching.frequency.search.match import match
+from matching.frequency.search.result import MatchResult
+from matching.frequency.search.solve import Near, NoBetter
 from matching.frequency.studies.map_axis import quantities
-from modelling.common.errors import InputError
-from modelling.model.system import unknown
-
-if TYPE_CHECKING:
-    from matching.frequency.search.result import MatchResult
-    from matching.frequency.search.solve import Near
+from modelling.common.errors import InputError, unknown
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,8 @@ class Point:
     values : dict of str to float
         Tuned values by name, SI.
     pairs : tuple of float
-        The goals' eigenpairs, see :class:`matching.frequency.search.solve.Solution`: what a neighbour starts from beside them.
+        The goals' eigenpairs, see :class:`matching.frequency.search.solve.Solution`: what a neighbour starts from
+        beside them.
     """
 
     x: float
@@ -97,8 +97,6 @@ def held_at(case: Case, name: str, value: float) -> Case:
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
-    from matching.frequency.search.match import match
-
     try:
         result = match(held_at(held_at(case, *x), *y), seed=seed, starts=starts)
     except InputError as fault:
@@ -108,9 +106,6 @@ def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, 
 
 def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Near) -> Point | None:
     """The same point from its neighbours' solutions; None where that leads to nothing better."""
-    from matching.frequency.search.match import match
-    from matching.frequency.search.solve import NoBetter
-
     try:
         return _point(x[1], y[1], match(held_at(held_at(case, *x), *y), near=near))
     except NoBetter:
@@ -139,8 +134,6 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
 
 def _limited_by(result: MatchResult) -> tuple[str, ...]:
     """Names of what stands in the way: as :func:`matching.frequency.search.limits.limits` finds it, without the words."""
-    from matching.frequency.case.demands import demands
-
     if not result.verification.stable:
         return ("stability",)
     rig = {f"rig.{name}": own.value for name, own in result.tuned.rig.parameters.items()}

@@ -17,18 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from matching import __version__
 from matching.frequency.case.case import Case, movable
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.studies.distribution import Spread, spread
 from matching.frequency.studies.draws import Prepared, Varied, draw, work
-from matching.spread import Spread, spread
 from matching.studies import run
-from modelling.common.display import Shown
-from modelling.common.errors import InputError
-from modelling.model.system import unknown
+from modelling.common.display import Displayed
+from modelling.common.errors import InputError, unknown
+from modelling.common.version import VERSION
 
 CHUNK = 1000  # draws
 RESPONSES = 400  # draws whose response errors are worked out
@@ -36,7 +35,7 @@ SAME = (0.01, 0.02)  # of a target: relative in frequency, absolute in damping r
 
 
 @dataclass(frozen=True)
-class Tolerance(Shown):
+class Tolerance(Displayed):
     """A tolerance study.
 
     Attributes
@@ -57,8 +56,6 @@ class Tolerance(Shown):
     spreads: tuple[Spread, ...]
     shares: dict[str, float]
     asked: float
-
-    _view = "matching.report.tolerance.view"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tolerance.json``."""
@@ -148,7 +145,7 @@ def tolerance(
         raise InputError(case.path, "the loop is unstable as it stands", "match first and give DIR/case.toml")
     few = -(-RESPONSES // max(1, -(-draws // CHUNK)))
     chunks = [[number, min(CHUNK, draws - CHUNK * number), few] for number in range(-(-draws // CHUNK))]
-    content = [__version__, str(seed), *(str(vars(one)) for one in varied)]
+    content = [VERSION, str(seed), *(str(vars(one)) for one in varied)]
     content += [f"{name}: {text}" for name, text in case_files(case).items()]
     rows = run(
         work, Prepared, (case, varied, seed), chunks, executor,

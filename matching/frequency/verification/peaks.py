@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import Parts
 from matching.frequency.verification.simulation import Traces
-
-if TYPE_CHECKING:
-    from matching.frequency.case.case import Case
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_m
 from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
 from modelling.bed.model_based import Twin
 from modelling.equations.compiled import compiled
-from modelling.equations.elements import elements
+from modelling.linear.elements import elements
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from matching.frequency.case.case import Case
 from matching.frequency.loop.encirclements import Encirclements, encirclements
 from matching.frequency.loop.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
 from matching.frequency.loop.motion import is_linear
@@ -29,11 +30,8 @@ from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.model_based import twin
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
+from modelling.model.system import System
 from modelling.simulation.result import SimulationError
-
-if TYPE_CHECKING:
-    from matching.frequency.case.case import Case
-    from modelling.model.system import System
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from matching.report.common.wording import handy, hertz, number, plain, unit
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 
 def environment() -> Environment:
     """Templates of this package with the filters for numbers and units."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     made = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
     made.filters |= {"number": number, "unit": unit, "handy": handy, "hertz": hertz, "plain": plain}
     return made

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import sympy as sm
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-if TYPE_CHECKING:
-    from modelling.equations.lagrange import Equations
-    from modelling.model.system import System
+from modelling.equations.lagrange import Equations, derive
+from modelling.model.system import System
 
 _LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i"}
 LEGEND = (
@@ -19,7 +18,7 @@ LEGEND = (
 
 def equations(system: System) -> dict[str, list[str]]:
     """MathML of ``T``, ``V``, ``D`` and ``motion``; drags and dampings of zero are left out."""
-    derived = system.equations()
+    derived = derive(system)
     a = derived.assembly
     zero = {
         a.parameters[name]: sm.Integer(0)

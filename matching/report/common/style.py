@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
 
 VEHICLE = "#0072B2"
 RIG = "#D55E00"
@@ -43,9 +45,6 @@ def curve(place: int) -> dict[str, Any]:
 
 def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     """An empty figure (width and height in inches) that is laid out by itself; draw on it inside ``styled()``."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     made = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(made)
     return made
@@ -53,8 +52,6 @@ def figure(width: float = 6.4, height: float = 4.0) -> Figure:
 
 def styled() -> Any:
     """A context in which axes take the house's look."""
-    from matplotlib import rc_context
-
     return rc_context(SETTINGS)
 
 
@@ -71,8 +68,6 @@ def image(drawn: Figure, kind: str = "svg") -> bytes:
 
 def _write_svg(drawn: Figure, buffer: io.BytesIO) -> None:
     """What ``savefig`` writes too, without drawing all of it once before for the sake of the layout alone."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
     canvas, dpi, engine = drawn.canvas, drawn.dpi, drawn.get_layout_engine()
     own = FigureCanvasSVG(drawn)
     try:

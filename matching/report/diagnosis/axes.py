@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 
+from matching.diagnosis.verdict.result import Pictures
 from matching.report.common.style import BAND, MATCHED, NOISE, RIG, VEHICLE
 from matching.report.common.wording import unit
-
-if TYPE_CHECKING:
-    from matching.diagnosis.verdict.result import Pictures
-    from modelling.model.system import Sensor, System
+from modelling.model.components import Sensor
+from modelling.model.system import System
 
 # In grey too: broad and pale against fine and full, and smooth curves dashed against solid.
 BEFORE: dict[str, Any] = {
@@ -80,8 +80,6 @@ def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
 
 def noise_band(row: Sequence[Any]) -> None:
     """Where 95 % of pure noise lies, on axes that share one in times the noise, linear near 0."""
-    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
-
     for axes in row:
         axes.axhspan(-2, 2, color=BAND, zorder=1, label="95 % of noise")
     first = row[0]
@@ -98,8 +96,6 @@ def noise_band(row: Sequence[Any]) -> None:
 
 def logarithmic(axes: Any) -> None:
     """Logarithmic axes with a tick at 1, 2 and 5 of a decade (each takes its time to draw), all told on a short one."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
     axes.set(xscale="log", yscale="log")
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from matching.diagnosis.verdict.result import Pictures
 from matching.report.common.style import RIG, figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.diagnosis.verdict.result import Pictures
 
 BINS = 48
 LEAST = 12

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from matplotlib.figure import Figure
 
+from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.diagnosis.axes import views
 from matching.report.diagnosis.balance_figure import balance_figure
 from matching.report.diagnosis.holdout_figure import errors_figure, unseen_figure
 from matching.report.diagnosis.residual_figure import spectrum_figure, time_figure, where_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.diagnosis.verdict.result import Diagnosis
-    from modelling.model.system import System
+from modelling.model.system import System
 
 CAPTIONS = {
     "errors": "Free simulation on data that no fit saw. At 1 nothing but the sensor's stated noise is left.",

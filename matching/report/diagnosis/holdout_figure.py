@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, StrMethodFormatter
 
+from matching.diagnosis.data.holdout_fidelity import Unseen
+from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.style import NOISE, figure, styled
 from matching.report.common.wording import number
 from matching.report.diagnosis.axes import (
@@ -22,19 +26,11 @@ from matching.report.diagnosis.axes import (
     told_apart,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.diagnosis.data.holdout_fidelity import Unseen
-    from matching.diagnosis.verdict.result import Diagnosis
-
 CLOSE = 120  # samples to either side of the worst moment
 
 
 def errors_figure(found: Diagnosis) -> Figure:
     """Errors on unseen data in times the noise, sensor by sensor."""
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
-
     names = list(found.errors)[::-1]
     keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, 0.17)}
     keys["after_holdout"] = (AFTER | {"hatch": None}, -0.17)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lombscargle, welch
 
+from matching.diagnosis.verdict.result import Pictures
 from matching.report.common.style import LIMIT, figure, styled
 from matching.report.diagnosis.axes import (
     SMOOTH,
@@ -19,11 +23,6 @@ from matching.report.diagnosis.axes import (
     running,
     told_apart,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.diagnosis.verdict.result import Pictures
 
 BINS = 48
 RUNNING = 25  # samples of the mean that stands out of the noise
@@ -112,8 +111,6 @@ def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
 
 
 def _running_mean(own: np.ndarray) -> np.ndarray:
-    from scipy.ndimage import uniform_filter1d
-
     return np.where(np.isfinite(own), uniform_filter1d(np.nan_to_num(own), RUNNING), np.nan)
 
 
@@ -148,8 +145,6 @@ def _binned(axes: Any, x: np.ndarray, own: np.ndarray, look: dict[str, Any]) -> 
 
 def _spectrum(own: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0."""
-    from scipy.signal import welch
-
     length = min(len(own), 4096)
     frequency, power = welch(np.nan_to_num(own), 1 / step, nperseg=length, detrend=False)
     return frequency, np.sqrt(power / (2 * step))
@@ -160,8 +155,6 @@ def _orders(own: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
     Lomb (1976) and Scargle (1982): the angle need not grow evenly, nor always one way.
     """
-    from scipy.signal import lombscargle
-
     orders = np.arange(0.1, ORDERS + 0.05, 0.05)
     there = np.isfinite(own)
     block = max(-(-there.sum() // SAMPLES), 1)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from matching.report.common import style
 from modelling.fidelity.measures import delay_fidelity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLOURS = {"dynamics": style.RIG, "model": style.VEHICLE, "measurement": style.NOISE}
 HATCHES = {"dynamics": "", "model": "///", "measurement": "..."}

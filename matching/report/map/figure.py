@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
+from matching.frequency.studies.map import Map
+from matching.frequency.studies.map_axis import Axis
 from matching.report.common.style import RIG, figure, styled
 from matching.report.common.wording import number, unit
 from matching.report.map import marks as map_marks
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.studies.map import Map
-    from matching.frequency.studies.map_axis import Axis
 
 READABLE = 6  # values an axis up to which fields with their errors are clearer than contours
 FAR = 8.0  # ratio of errors from which contours stand in steps of 1, 2, 5
@@ -64,9 +64,6 @@ def _panels(found: Map) -> list[tuple[str, np.ndarray]]:
 
 def _errors(drawn: Any, axes: Any, found: Map, errors: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:
     """Contours with their errors written on them, or fields; and the scale."""
-    from matplotlib import colormaps
-    from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
-
     known = errors[np.isfinite(errors)]
     if not known.size:
         axes.set(xlim=columns[[0, -1]], ylim=rows[[0, -1]])
@@ -108,8 +105,6 @@ def _in_the_way(axes: Any, found: Map, text: Any) -> bool:
 
 def _levels(low: float, high: float) -> list[float]:
     """Round errors between the least and the largest: 1, 2, 5 times powers of ten, or evenly where they are near."""
-    from matplotlib.ticker import MaxNLocator
-
     if high >= FAR * low:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         inner = [round(step * 10.0**power, 12) for power in powers for step in (1, 2, 5)]
@@ -160,8 +155,6 @@ def _edges(axis: Axis) -> np.ndarray:
 
 
 def _label(axes: Any, found: Map) -> None:
-    from matplotlib.ticker import FixedLocator, NullLocator
-
     for own, axis, scale in ((axes.xaxis, found.x, axes.set_xscale), (axes.yaxis, found.y, axes.set_yscale)):
         if axis.by_ratio:
             scale("log")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Patch, Rectangle
 
-if TYPE_CHECKING:
-    from matplotlib.patches import Patch
-
-    from matching.frequency.studies.map import Map
-    from matching.frequency.studies.map_point import Point
+from matching.frequency.studies.map import Map
+from matching.frequency.studies.map_point import Point
 
 INK = "#222222"
 HATCHES = {
@@ -36,9 +35,6 @@ def kinds(point: Point) -> tuple[str, ...]:
 
 def hatch(axes: Any, found: Map, columns: np.ndarray, rows: np.ndarray) -> list[str]:
     """Hatch the field of every point that is held up and draw the border to the others; the kinds that were met."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import Rectangle
-
     held = np.array([[bool(kinds(point)) for point in row] for row in found.points])
     met: set[str] = set()
     for i, row in enumerate(found.points):
@@ -58,8 +54,6 @@ def hatch(axes: Any, found: Map, columns: np.ndarray, rows: np.ndarray) -> list[
 
 def handles(met: list[str]) -> list[Patch]:
     """Entries of a legend for kinds."""
-    from matplotlib.patches import Patch
-
     return [Patch(facecolor="white", edgecolor=INK, hatch=HATCHES[kind][0], label=HATCHES[kind][1]) for kind in met]
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matching.frequency.search.result import MatchResult
 from matching.report.common.wording import handy, hertz, number, unit
 from matching.report.match.robustness_figure import Wrong
 from matching.report.match.trace_figure import Signal
-
-if TYPE_CHECKING:
-    from matching.frequency.search.result import MatchResult
 
 PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad"}
 

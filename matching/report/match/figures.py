@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from matplotlib.figure import Figure
 
+from matching.frequency.search.result import MatchResult
 from matching.report.match.checks import signals, wrong_values
 from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure
@@ -12,11 +13,6 @@ from matching.report.match.quantity_figure import quantity_figure
 from matching.report.match.response_figure import response_figure
 from matching.report.match.robustness_figure import robustness_figure
 from matching.report.match.trace_figure import trace_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.search.result import MatchResult
 
 CAPTIONS = {
     "overview": "Response, manoeuvre and target modes at a glance.",

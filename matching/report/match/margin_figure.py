@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from scipy.optimize import linear_sum_assignment
 
+from matching.frequency.case.case import Case
+from matching.frequency.loop.exact_loop import ExactLoop
+from matching.frequency.loop.parts import parts_of
 from matching.report.common.style import LIMIT, MATCHED, figure, styled
 from matching.report.common.wording import number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.case.case import Case
 
 LOWEST, HIGHEST, POINTS = 1e-2, 500.0, 4000  # Hz: below, the integrator alone acts; above, nothing is left
 
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
     """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz, dead time exact."""
-    from matching.frequency.loop.exact_loop import ExactLoop
-    from matching.frequency.loop.parts import parts_of
-
     return ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies)
 
 
@@ -69,8 +67,6 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
 
 
 def _loci(axes: Any, loci: np.ndarray, asked: float) -> None:
-    from matplotlib.patches import Circle
-
     loci = _followed(loci)
     for k, line in enumerate(("-", (0, (4, 2)), ":")[: loci.shape[1]]):
         axes.plot(
@@ -91,8 +87,6 @@ def _loci(axes: Any, loci: np.ndarray, asked: float) -> None:
 
 def _followed(loci: np.ndarray) -> np.ndarray:
     """Loci (f, u) with each column followed through from frequency to frequency."""
-    from scipy.optimize import linear_sum_assignment
-
     out = loci.copy()
     for k in range(1, len(out)):
         _, order = linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))

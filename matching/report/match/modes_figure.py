@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.figure import Figure
+
+from matching.frequency.search.result import MatchResult
 from matching.report.common.style import MATCHED, RIG, VEHICLE
 from matching.report.modes.figures import Column, energy_figure
 from modelling.modal.modes import Mode
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.search.result import MatchResult
 
 HIGHEST = 1000.0  # Hz: above are poles of lags and of the dead time, which no one would call modes
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from matching.frequency.search.result import MatchResult, TargetResult
 from matching.report.common.strokes import LINES, legend_above
 from matching.report.common.style import MATCHED, RIG, VEHICLE, figure, styled
 from matching.report.common.wording import hertz
 from matching.report.match.response_figure import curves_of, magnitude, magnitude_label
 from matching.report.match.trace_figure import Signal, trace
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.search.result import MatchResult, TargetResult
 
 
 def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matching.frequency.search.result import MatchResult
 from matching.report.common.environment import embedded, environment
+from matching.report.common.mathml import LEGEND, equations
 from matching.report.common.style import RIG, VEHICLE
 from matching.report.common.wording import change, number, sentence
 from matching.report.match.checks import checks, needs
@@ -14,10 +16,8 @@ from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
 from matching.report.match.text import answer, content
 from matching.report.modes.animation import ModeAnimation
-
-if TYPE_CHECKING:
-    from matching.frequency.search.result import MatchResult
-    from modelling.model.system import System
+from modelling.bed.loop import HARDWARE, KNOBS
+from modelling.model.system import System
 
 DEAD_TIME = (
     "Whatever a controller commands acts one dead time later, so it can only answer what it foresees for that long; a "
@@ -130,8 +130,6 @@ def _honest(result: MatchResult) -> list[str]:
 
 
 def _loop(result: MatchResult) -> dict[str, Any]:
-    from modelling.bed.loop import HARDWARE, KNOBS
-
     loop = result.tuned.loop
 
     def rows(table: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -174,8 +172,6 @@ def _found(result: MatchResult) -> str:
 
 
 def _equations(result: MatchResult) -> dict[str, Any]:
-    from matching.report.common.mathml import LEGEND, equations
-
     systems: list[tuple[str, System]] = [("Vehicle", result.case.vehicle), ("Rig", result.case.rig)]
     parts = result.case.residual_vehicle.parts
     systems += [("Residual vehicle" + (f", part {k}" if len(parts) > 1 else ""), own) for k, own in enumerate(parts, 1)]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.figure import Figure
+
+from matching.frequency.search.result import MatchResult, ParameterResult
 from matching.report.common.style import LIMIT, MATCHED, figure, styled
 from matching.report.common.wording import number, unit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.search.result import MatchResult, ParameterResult
 
 
 def quantity_figure(result: MatchResult) -> Figure:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
+from matching.frequency.case.case import Compared
+from matching.frequency.search.result import MatchResult
 from matching.report.common.strokes import LINES, legend_above
 from matching.report.common.style import BAND, figure, styled
 from matching.report.common.wording import number, unit
-from modelling.model.system import SENSOR_UNITS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from matching.frequency.case.case import Compared
-    from matching.frequency.search.result import MatchResult
+from modelling.common.units import SENSOR_UNITS
 
 _ACROSS = 3
 
@@ -55,8 +53,6 @@ def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
 
 def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) -> None:
     """Magnitude of one compared function, with the band shaded and the error in the corner."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
     f = result.curves.frequencies
     found = curves_of(result, index)
     shade(axes, result.response_error.band)
@@ -78,8 +74,6 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
 
 def phase(axes: Any, result: MatchResult, index: int) -> None:
     """Phase of one compared function, by whole turns as near to the vehicle's as may be."""
-    from matplotlib.ticker import MultipleLocator
-
     f = result.curves.frequencies
     band = result.response_error.band
     inside = (f >= band[0]) & (f <= band[1])

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matching.frequency.search.result import MatchResult
 from matching.report.common.wording import change, handy, hertz, number, plain, sentence, unit
+from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
-
-if TYPE_CHECKING:
-    from matching.frequency.search.result import MatchResult
 
 MOST = 20
 
 
 def content(result: MatchResult) -> dict[str, Any]:
     """The content of ``result.json``: the result, what was ``asked`` for, what the manoeuvre ``needs``."""
-    from matching.report.match.checks import needs
-
     own = result.to_dict()
     if not math.isfinite(result.objective):  # no start ended within the limits
         own["objective"] = None

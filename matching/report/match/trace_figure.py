@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from matching.report.common.strokes import LINES, legend_above
 from matching.report.common.style import LIMIT, figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 CLOSE = 1.2  # s after the beginning: some periods of a shuffle
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from matching.report.common.environment import environment
-from matching.report.common.style import VEHICLE
-from modelling.common.display import Shown
+from matching.report.common.style import LIMIT, VEHICLE, figure, styled
+from modelling.common import display
+from modelling.common.display import Displayed
 from modelling.modal.modes import Mode
 
 SWING = 70.0  # degrees of the largest amplitude
@@ -25,14 +26,12 @@ IN_STEP = math.radians(0.5)  # a phase this near to 0 or 180° is that
 
 
 @dataclass(frozen=True)
-class ModeAnimation(Shown):
+class ModeAnimation(Displayed):
     """A mode of a chain, to be shown in a notebook or saved."""
 
     mode: Mode
     colour: str = VEHICLE
     of: str = ""
-
-    _view = "matching.report.modes.animation"
 
     @property
     def svg(self) -> str:
@@ -72,14 +71,22 @@ class ModeAnimation(Shown):
         Path(path).write_text(alone, encoding="utf-8")
 
 
+@display.text.register
 def said(animation: ModeAnimation) -> str:
     """What it is."""
     return f"mode {animation.mode.number} at {animation.mode.frequency:.4g} Hz as a moving drawing: .save(PATH)"
 
 
+@display.html.register
 def html(animation: ModeAnimation) -> str:
     """The drawing itself."""
     return animation.svg
+
+
+@display.animation.register
+def animated(mode: Mode) -> ModeAnimation:
+    """A mode as a moving drawing."""
+    return ModeAnimation(mode)
 
 
 def relative(own: complex, largest: complex) -> tuple[float, float]:
@@ -91,10 +98,9 @@ def relative(own: complex, largest: complex) -> tuple[float, float]:
     return abs(turn), phase
 
 
+@display.plot.register
 def plot(animation: ModeAnimation) -> Any:
     """The amplitudes as bars, for where nothing moves, and the phases of a damped mode (Matplotlib figure)."""
-    from matching.report.common.style import LIMIT, figure, styled
-
     mode = animation.mode
     largest = max(mode.shape.values(), key=abs, default=1.0) or 1.0
     bars = [relative(own, largest) for own in mode.shape.values()]

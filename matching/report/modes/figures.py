@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from matching.report.common.style import figure, styled
 from modelling.modal.modes import Mode, Modes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _TINTS = (1.0, 0.45, 0.2)  # of the colour, for the first, second and third mode shown
 
@@ -51,8 +51,6 @@ def energy_figure(columns: Sequence[Column]) -> Figure:
 
 
 def _frequencies(axes: Any, column: Column, top: float) -> None:
-    from matplotlib.ticker import NullLocator
-
     chosen = {mode.number: tint for mode, tint in zip(column.chosen, _TINTS)}
     floor = 0.3
     for mode in column.modes:
@@ -195,6 +193,4 @@ def _short(name: str) -> str:
 
 
 def _tint(colour: str, strength: float) -> tuple[float, ...]:
-    from matplotlib.colors import to_rgb
-
     return tuple(1 - strength * (1 - part) for part in to_rgb(colour))

@@ -6,19 +6,23 @@ from matplotlib.figure import Figure
 
 from matching.report.common.table import aligned, table
 from matching.report.modes.figures import mode_table, shares_figure
+from modelling.common import display
 from modelling.modal.modes import Modes
 
 
+@display.plot.register
 def plot(modes: Modes) -> Figure:
     """Energy shares of all modes, %."""
     return shares_figure(modes)
 
 
+@display.text.register
 def said(modes: Modes) -> str:
     """The mode table."""
     return aligned(mode_table(modes.to_dict()["modes"]))
 
 
+@display.html.register
 def html(modes: Modes) -> str:
     """The mode table for a notebook."""
     return table(mode_table(modes.to_dict()["modes"]))

@@ -7,9 +7,11 @@ from matplotlib.figure import Figure
 
 from matching.report.common.style import curve, figure, styled
 from matching.report.common.table import aligned, table
+from modelling.common import display
 from modelling.linear.response import Response
 
 
+@display.plot.register
 def plot(response: Response) -> Figure:
     """Amplitude and phase of every sensor, a column an input."""
     many = len(response.inputs)
@@ -29,11 +31,13 @@ def plot(response: Response) -> Figure:
     return drawn
 
 
+@display.text.register
 def said(response: Response) -> str:
     """Where every response is largest."""
     return aligned(_rows(response))
 
 
+@display.html.register
 def html(response: Response) -> str:
     """The same for a notebook."""
     return table(_rows(response))

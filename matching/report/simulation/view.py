@@ -6,9 +6,11 @@ from matplotlib.figure import Figure
 
 from matching.report.common.style import VEHICLE, figure, styled
 from matching.report.common.table import aligned, table
+from modelling.common import display
 from modelling.simulation.result import Simulation
 
 
+@display.plot.register
 def plot(done: Simulation) -> Figure:
     """Every reading over time."""
     with styled():
@@ -23,11 +25,13 @@ def plot(done: Simulation) -> Figure:
     return drawn
 
 
+@display.text.register
 def said(done: Simulation) -> str:
     """Range of every reading."""
     return aligned(_rows(done), _title(done))
 
 
+@display.html.register
 def html(done: Simulation) -> str:
     """The same for a notebook."""
     return table(_rows(done), _title(done))

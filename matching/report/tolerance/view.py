@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 from matching.frequency.studies.tolerance import Tolerance
 from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
 from matching.report.common.table import lines
+from modelling.common import display
 
 DRIVERS = 5
 
 
+@display.plot.register
 def plot(found: Tolerance) -> Figure:
     """One row a result: how it spreads, and which quantities that comes from."""
     with styled():
@@ -37,11 +39,13 @@ def plot(found: Tolerance) -> Figure:
     return drawn
 
 
+@display.text.register
 def said(found: Tolerance) -> str:
     """Spread, yield and drivers."""
     return text(found.to_dict())
 
 
+@display.html.register
 def html(found: Tolerance) -> str:
     """The same for a notebook."""
     return lines(said(found))

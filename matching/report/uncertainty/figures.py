@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from matching.report.common import style
 from matching.validity.units import printed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def contributions(measurand: dict[str, Any]) -> Figure:

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from matching.validity.fidelity.recordings import Recordings, read_recordings
+from matching.validity.uncertainty.evaluate import evaluate
+from matching.validity.uncertainty.files import read_budget
 from matching.validity.units import Unit, signal_quantity
 from modelling.common.errors import InputError
 from modelling.common.tables import check_keys, number, one_of, read_toml, text
@@ -193,9 +195,6 @@ def _uncertainty(table: Any, where: str, path: Path) -> tuple[tuple[float, Any],
                 f"{where}.expanded_uncertainty", f"{value[0]:g} is negative", "give a number of at least 0"
             )
         return value, factor, freedom
-    from matching.validity.uncertainty.evaluate import evaluate
-    from matching.validity.uncertainty.files import read_budget
-
     results, _ = evaluate(read_budget(path.parent / text(table, "budget", where)), with_monte_carlo=False)
     wanted = text(table, "measurand", where, results[0].measurand.name)
     for result in results:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from modelling.fidelity.assess import SignalPair
 from modelling.fidelity.measures import delay_fidelity, nrmse_fidelity_of, signal_range
@@ -81,8 +82,6 @@ def bands(pair: SignalPair, step: float, f_max: float, edges: tuple[float, ...] 
 
 def _common_delay(x: np.ndarray, y: np.ndarray, frequency: np.ndarray) -> tuple[float | None, float]:
     """The delay that turns the cross-spectrum of the band most nearly real, and how nearly (coherence, 0…1)."""
-    from scipy.optimize import minimize_scalar
-
     usable = frequency > 0
     cross, frequency = np.conj(x[usable]) * y[usable], frequency[usable]
     power = math.sqrt(float(np.sum(np.abs(x[usable]) ** 2) * np.sum(np.abs(y[usable]) ** 2)))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import sympy
+
+from matching.validity.units import registry
 from modelling.common.errors import InputError
 
 
@@ -15,10 +18,6 @@ def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any
     InputError
         Unlike dimensions are added, or a function is taken of something that is no plain number.
     """
-    import sympy
-
-    from matching.validity.units import registry
-
     plain = registry().dimensionless.dimensionality
 
     def need_plain(node: Any) -> Any:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 NAMES = ("normal", "rectangular", "triangular", "arcsine", "trapezoidal", "t")
 
@@ -30,8 +31,6 @@ class Distribution:
 
     def law(self) -> Any:
         """The same as frozen SciPy distribution (of unit *scale* for Student's t, whose variance is larger)."""
-        from scipy import stats
-
         if self.name == "normal":
             return stats.norm()
         if self.name == "t":

@@ -6,6 +6,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.sparse.csgraph import connected_components
+from scipy.special import ndtr
 
 from matching.validity.uncertainty.budget import Budget
 from matching.validity.uncertainty.distributions import Distribution
@@ -37,8 +40,6 @@ def sampler(budget: Budget) -> Callable[[np.random.Generator, int], list]:
 
 def _blocks(budget: Budget) -> list[list[int]]:
     """The uncertain inputs in connected sets of correlated ones."""
-    from scipy.sparse.csgraph import connected_components
-
     uncertain = np.flatnonzero(budget.standard_uncertainties > 0)
     if not uncertain.size:
         return []
@@ -85,8 +86,6 @@ def _multivariate_t(members: list[int], u: np.ndarray, correlation: np.ndarray, 
 
 
 def _copula(members: list[int], u: np.ndarray, shapes: list[Distribution], correlation: np.ndarray) -> Draw:
-    from scipy.special import ndtr
-
     root, laws = _root(correlation), [shape.law() for shape in shapes]
 
     def draw(generator: np.random.Generator, count: int) -> dict[int, np.ndarray]:
@@ -113,8 +112,6 @@ def _copula_correlation(correlation: np.ndarray, shapes: list[Distribution], whe
 
 def _behind(wanted: float, first: Distribution, second: Distribution, where: str) -> float:
     """The correlation of two normals that gives two shapes theirs, by Gauss–Hermite quadrature and a root search."""
-    from scipy.optimize import brentq
-
     nodes, weights = np.polynomial.hermite_e.hermegauss(80)
     weights = weights / weights.sum()
     along = _score(first, nodes)
@@ -134,7 +131,5 @@ def _behind(wanted: float, first: Distribution, second: Distribution, where: str
 
 def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:
     """Quantiles of a shape, over its standard deviation, where the normals stand."""
-    from scipy.special import ndtr
-
     law = shape.law()  # far out, where the weights vanish, the clip keeps quantiles finite
     return law.ppf(np.clip(ndtr(normal), 1e-15, 1 - 1e-15)) / law.std()

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
+import sympy
+
 from modelling.common.errors import InputError
 
 LONGEST = 10_000
@@ -20,8 +22,6 @@ LARGEST_POWER = 100
 @cache
 def functions() -> dict[str, Any]:
     """The functions a formula may call, by name."""
-    import sympy
-
     names = [
         "sin",
         "cos",
@@ -52,8 +52,6 @@ def parse_formula(text: str, names: Iterable[str], where: str) -> Any:
     InputError
         No formula, an unknown name, or anything that is not plain mathematics.
     """
-    import sympy
-
     symbols = {name: sympy.Symbol(name, real=True) for name in names}
     if len(text) > LONGEST:
         raise InputError(where, f"the formula has {len(text)} characters", f"at most {LONGEST} are read")
@@ -81,8 +79,6 @@ class _Walker(ast.NodeVisitor):
         raise self.refuse(f"'{ast.unparse(node)[:60]}' is not mathematics")
 
     def visit_Constant(self, node: Any) -> Any:
-        import sympy
-
         if type(node.value) not in (int, float):
             raise self.refuse(f"{node.value!r} is no number")
         if not abs(node.value) < 1e300:
@@ -91,8 +87,6 @@ class _Walker(ast.NodeVisitor):
         return sympy.Integer(node.value) if exact else sympy.Float(float(node.value))
 
     def visit_Name(self, node: Any) -> Any:
-        import sympy
-
         if node.id in self.symbols:
             return self.symbols[node.id]
         if node.id == "pi":
@@ -136,8 +130,6 @@ class _Walker(ast.NodeVisitor):
         return result
 
     def visit_Call(self, node: Any) -> Any:
-        import sympy
-
         name = node.func.id if isinstance(node.func, ast.Name) else None
         if name not in functions():
             called = ast.unparse(node.func)[:40]

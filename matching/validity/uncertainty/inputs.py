@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from matching.validity.uncertainty.budget import Input
 from matching.validity.uncertainty.distributions import NAMES, Distribution
@@ -134,8 +135,6 @@ def read_line(name: str, table: Any, where: str) -> tuple[Input, Input, float]:
 
     The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``.
     """
-    from scipy import stats
-
     check_keys(table, LINE, where)
     units = [unit_of(table.get(f"{axis}_unit", "1"), f"{where}.{axis}_unit") for axis in ("abscissa", "ordinate")]
     x, y = (np.array(numbers(table.get(axis), f"{where}.{axis}", least=3)) for axis in ("abscissa", "ordinate"))

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from scipy.optimize import brentq
+
 from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from matching.validity.units import unit_of
@@ -37,8 +39,6 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> Inverse:
 
     Every answer is re-evaluated with the whole budget: k moves with the effective degrees of freedom.
     """
-    from scipy.optimize import brentq
-
     if not wanted > 0 or not math.isfinite(wanted):
         raise InputError(f"{budget.where}: wanted uncertainty", f"{wanted:g} is not possible", "give a number above 0")
 

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
+import sympy
 
 from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.draws import sampler
@@ -68,8 +69,6 @@ def monte_carlo(
     InputError
         The formula has no finite real value for some draws.
     """
-    import sympy
-
     chunk = max(math.ceil(100 / (1 - budget.coverage)), 10_000)
     limit = max(2, math.ceil((most if draws is None else draws) / chunk))
     function = sympy.lambdify(

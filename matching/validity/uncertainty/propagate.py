@@ -9,6 +9,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import sympy
+from scipy import stats
 
 from matching.validity.uncertainty.budget import Budget, Measurand
 from modelling.common.errors import InputError
@@ -34,7 +36,6 @@ class Propagation:
 @lru_cache(maxsize=256)
 def _derivatives(expression: Any, names: tuple[str, ...], pairs: tuple[tuple[int, int], ...]) -> Callable:
     """Value, gradient ``(p,)``, Hessian ``(p, p)`` and, for each pair (k, l), the third derivatives f_jkl ``(p,)``."""
-    import sympy
 
     def slope(
         entry: Any, symbol: Any
@@ -97,8 +98,6 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
 
 
 def _on_a_kink(budget: Budget, measurand: Measurand) -> bool:
-    import sympy
-
     point = {sympy.Symbol(one.name, real=True): one.value for one in budget.inputs}
     return any(abs(float(part.args[0].subs(point))) == 0 for part in measurand.expression.atoms(sympy.Abs))
 
@@ -134,8 +133,6 @@ def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> t
 
 def coverage_factor(budget: Budget, degrees_of_freedom: float | None) -> float:
     """k: as the budget says, or Student's t for its coverage with ν_eff cut to a whole number (GUM G.6.4)."""
-    from scipy import stats
-
     if budget.coverage_factor is not None:
         return budget.coverage_factor
     level = (1 + budget.coverage) / 2

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.io import loadmat
 
 from modelling.common.errors import InputError
 from modelling.measurement.readers import Table, name_time
@@ -22,8 +23,6 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     InputError
         If it is no such file, has no ``time``, or is of version 7.3 and h5py is not installed.
     """
-    from scipy.io import loadmat
-
     try:
         found = {name: value for name, value in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
     except NotImplementedError:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, listed
 from modelling.measurement.readers import Table
-from modelling.model.system import listed
 
 SAME = 1e-3  # of a step: nearer time stamps are one
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, listed
 from modelling.measurement.readers import Table, name_time
-from modelling.model.system import listed
 
 TICKS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # a second
 

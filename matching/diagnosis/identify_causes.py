@@ -9,12 +9,12 @@ import numpy as np
 
 from matching.diagnosis.candidates.candidates import fitted, without_cause
 from matching.diagnosis.candidates.screening import Screen
-from matching.diagnosis.data.holdout import Ahead, elsewhere
-from matching.diagnosis.data.search_window import head, stretch
 from matching.diagnosis.data.segments import Data
 from matching.diagnosis.fitting.fit import Fit, base_problem, solve
+from matching.diagnosis.fitting.holdout import Ahead, elsewhere
 from matching.diagnosis.search.compare import Named, at_noise, sharpest
 from matching.diagnosis.search.greedy_search import Search, search
+from matching.diagnosis.search.search_window import head, stretch
 from matching.diagnosis.verdict.verdict import Rated, held_out, polished, rated, spread
 from modelling.model.system import System
 

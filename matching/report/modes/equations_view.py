@@ -1,0 +1,20 @@
+"""A model in a notebook: its equations."""
+
+from __future__ import annotations
+
+from modelling.common import display
+from modelling.equations import latex
+from modelling.equations.lagrange import Equations, derive
+from modelling.model.system import System
+
+
+@display.html.register
+def system_html(system: System) -> str:
+    """Title, energies and equations of motion of a model."""
+    return latex.html(derive(system), system)
+
+
+@display.html.register
+def equations_html(equations: Equations) -> str:
+    """Energies and equations of motion."""
+    return latex.html(equations)

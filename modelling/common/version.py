@@ -1,0 +1,3 @@
+"""The version of rigmatch, in this one place."""
+
+VERSION = "0.2.0.dev0"

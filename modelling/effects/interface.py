@@ -1,0 +1,170 @@
+"""What an effect may see of a drivetrain and change in its equations; laws are written against this alone.
+
+The equations under construction (:class:`modelling.equations.assembly.Assembly`) and the model
+(:class:`modelling.model.system.System`) fit the two protocols here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import sympy as sm
+
+Symbols = Mapping[str, sm.Symbol]
+
+
+class Drivetrain(Protocol):
+    """The model that an effect sits in."""
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Every quantity by its full name."""
+
+    @property
+    def shafts(self) -> Iterable[Any]:
+        """Shafts, see :class:`modelling.model.components.Shaft`."""
+
+    @property
+    def sensors(self) -> Iterable[Any]:
+        """Sensors, see :class:`modelling.model.components.Sensor`."""
+
+    def places(self) -> Iterable[str]:
+        """Every ``table.name``."""
+
+
+class EquationBuilder(Protocol):
+    """The equations while components and effects write into them."""
+
+    q: list[sm.Symbol]
+    qd: list[sm.Symbol]
+    qdd: list[sm.Symbol]
+    time: sm.Symbol
+    parameters: dict[str, sm.Symbol]
+    potential: dict[str, sm.Expr]
+    springs: dict[str, Spring]
+
+    def coordinate(self, name: str) -> Motion:
+        """A new degree of freedom."""
+
+    def rotate(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
+        """Give a component its kinetic energy."""
+
+    def state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
+        """A new first-order state with its time derivative."""
+
+    def act(self, component: str, torque: sm.Expr, motion: Motion) -> None:
+        """Let a torque do virtual work on a motion."""
+
+    def symbol(self, name: str) -> sm.Symbol:
+        """The symbol of a parameter of the model; of what stands for it where an effect replaces it."""
+
+    def sign(self, speed: sm.Expr) -> sm.Expr:
+        """Sign of a speed, turning over a stick speed that the simulation keeps small."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A rotation as a linear combination of coordinates: ``share[i]`` is the coefficient of coordinate i."""
+
+    share: dict[int, sm.Expr]
+    assembly: EquationBuilder = field(repr=False)
+
+    def _sum(self, symbols: list[sm.Symbol]) -> sm.Expr:
+        return sm.Add(*(coefficient * symbols[i] for i, coefficient in self.share.items()))
+
+    @property
+    def angle(self) -> sm.Expr:
+        """Angle, rad."""
+        return self._sum(self.assembly.q)
+
+    @property
+    def speed(self) -> sm.Expr:
+        """Speed, rad/s."""
+        return self._sum(self.assembly.qd)
+
+    @property
+    def acceleration(self) -> sm.Expr:
+        """Acceleration, rad/s²."""
+        return self._sum(self.assembly.qdd)
+
+    def __sub__(self, other: Motion) -> Motion:
+        share = dict(self.share)
+        for i, coefficient in other.share.items():
+            share[i] = share.get(i, sm.Integer(0)) - coefficient
+        return Motion({i: c for i, c in share.items() if c != 0}, self.assembly)
+
+    def over(self, ratio: sm.Expr) -> Motion:
+        """The motion divided by a ratio."""
+        return Motion({i: c / ratio for i, c in self.share.items()}, self.assembly)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """What a spring is to small oscillations: its tangent ``stiffness``, the twist it resists, its own deflection.
+
+    Deflection and twist differ where a damper sits in series.
+    """
+
+    stiffness: sm.Expr
+    twist: Motion
+    deflection: sm.Expr
+
+
+@dataclass
+class ShaftLaw:
+    """The torque law of a shaft while effects shape it; closed by :func:`modelling.equations.shaft_law.close`.
+
+    Attributes
+    ----------
+    place : str
+        ``shafts.NAME``.
+    first, second : Motion
+        Of both ends, the first divided by the ratio.
+    stiffness, damping : Expr
+        N·m/rad, N·m·s/rad.
+    rate : Symbol
+        Stands for the twist rate until the law is closed.
+    potentials : list of callable
+        Twist → elastic energy.
+    gap : Expr or None
+        Free play, rad.
+    series : Expr or None
+        Coefficient of a damper in series, N·m·s/rad.
+    parallel, parallel_stiffness : list of Expr
+        Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
+    torque : Expr
+        All that the shaft transmits, once the law is closed.
+    """
+
+    place: str
+    first: Motion
+    second: Motion
+    stiffness: sm.Expr
+    damping: sm.Expr
+    rate: sm.Symbol
+    potentials: list[Callable[[sm.Expr], sm.Expr]]
+    gap: sm.Expr | None = None
+    series: sm.Expr | None = None
+    parallel: list[sm.Expr] = field(default_factory=list)
+    parallel_stiffness: list[sm.Expr] = field(default_factory=list)
+    torque: sm.Expr = sm.S.Zero
+
+
+@dataclass
+class InputPath:
+    """What a recorded input becomes before it acts."""
+
+    place: str
+    value: sm.Expr
+    delay: sm.Expr
+
+
+@dataclass
+class SensorPath:
+    """What the truth becomes before it is read."""
+
+    place: str
+    value: sm.Expr
+    delay: sm.Expr

@@ -1,0 +1,112 @@
+"""The torque law of a shaft: begun from its spring and damper, shaped by effects, closed into energies and work."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import sympy as sm
+
+from modelling.effects.interface import EquationBuilder, Motion, ShaftLaw, Spring
+from modelling.equations.derivative import differentiate
+from modelling.model.components import Shaft
+
+CONTACT_TIME = "simulation.contact_time"  # s over which the damping of a closing lash sets in
+_TWIST = sm.Dummy("twist", real=True)
+_NOTHING = sm.Float(1e-13)  # rad, keeps a quotient finite
+
+
+class LawAssembly(EquationBuilder, Protocol):
+    """What closing a law needs of the equations beyond what effects do."""
+
+    dissipation: dict[str, sm.Expr]
+    motions: dict[str, Motion]
+
+    def simulation(self, name: str) -> sm.Symbol:
+        """A parameter that the simulation sets."""
+
+    def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
+        """Replace a stand-in in the derivatives of the states."""
+
+
+def begin(shaft: Shaft, assembly: LawAssembly) -> ShaftLaw:
+    """The law of a shaft without effects."""
+    place = f"shafts.{shaft.name}"
+    first, second = (assembly.motions[end] for end in shaft.between)
+    stiffness = assembly.symbol(f"{place}.stiffness")
+    return ShaftLaw(
+        place,
+        first=first.over(assembly.symbol(f"{place}.ratio")) if shaft.ratio is not None else first,
+        second=second,
+        stiffness=stiffness,
+        damping=assembly.symbol(f"{place}.damping"),
+        rate=sm.Symbol(f"{place}.rate", real=True),
+        potentials=[lambda twist: stiffness * twist**2 / 2],
+    )
+
+
+def close(law: ShaftLaw, assembly: LawAssembly) -> None:
+    """Write the law into energies where it is elastic and viscous, into virtual work where it is not."""
+    twist = law.first - law.second
+    stand_in, rate = law.rate, twist.speed
+    x = _TWIST
+    potential = sm.Add(*(part(x) for part in law.potentials))
+    elastic = differentiate(potential, x)
+    spring = twist.angle
+    parallel = sm.Add(*law.parallel)
+    if law.gap is None and law.series is None:
+        assembly.potential[law.place] = potential.xreplace({x: twist.angle})
+        assembly.dissipation[law.place] = law.damping * rate**2 / 2
+        torque = elastic.xreplace({x: twist.angle}) + law.damping * rate
+        if parallel != 0:
+            assembly.act(law.place, -parallel.xreplace({stand_in: rate}), twist)
+    else:
+        if law.series is not None:
+            spring = assembly.state(f"{law.place}.slip", lambda _: stand_in)
+            # the damper in series gives way to the parallel elements first, then to spring and damper:
+            # series·(twist rate − spring rate) = elastic + damping·spring rate + parallel
+            rate = rate - parallel / law.series
+        torque = _gapped(law, elastic, x, spring, rate, assembly)
+        if law.series is not None:
+            rate = rate - torque / law.series
+        torque = torque + parallel
+        assembly.act(law.place, -torque.xreplace({stand_in: rate}), twist)
+        torque = torque.xreplace({stand_in: rate})
+        parallel = sm.Integer(0)
+    law.torque = torque + parallel.xreplace({stand_in: rate})
+    tangent = _tangent(law, differentiate(elastic, x), x, spring) + sm.Add(*law.parallel_stiffness)
+    assembly.springs[law.place] = Spring(tangent, twist, spring)
+    assembly.substitute(stand_in, rate)
+
+
+def _tangent(law: ShaftLaw, stiffness: sm.Expr, x: sm.Symbol, spring: sm.Expr) -> sm.Expr:
+    if law.gap is None:
+        return stiffness.xreplace({x: spring})
+    half = law.gap / 2
+    pushed, pulled = (stiffness.xreplace({x: spring - side}) for side in (half, -half))
+    return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
+
+
+def _gapped(
+    law: ShaftLaw, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, assembly: LawAssembly
+) -> sm.Expr:
+    """Elastic and viscous torque; no pull across the lash. ``rate`` is that of spring and series damper together.
+
+    The damping sets in at contact. It does so over the step of the integration, about the instant of contact: then
+    a fixed step integrates the jump exactly, and the motion depends smoothly on the gap.
+    """
+    if law.gap is None:
+        return _shared(law, elastic.xreplace({x: spring}), law.damping, rate)
+    depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _NOTHING
+    zero, one, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
+    torque: list[sm.Expr] = []
+    for side, within in ((one, sm.Max), (-one, sm.Min)):
+        over = spring - side * law.gap / 2
+        damping = law.damping * sm.Max(zero, sm.Min(one, half + side * over / depth))
+        torque.append(within(zero, _shared(law, elastic.xreplace({x: within(zero, over)}), damping, rate)))
+    return sm.Add(*torque)
+
+
+def _shared(law: ShaftLaw, elastic: sm.Expr, damping: sm.Expr, rate: sm.Expr) -> sm.Expr:
+    """elastic + damping·spring rate, where a damper in series takes its part of the rate."""
+    total = elastic + damping * rate
+    return total if law.series is None else total / (1 + damping / law.series)
