@@ -27,7 +27,7 @@ def simulate_adaptive(
     method: str = "LSODA",
     tolerance: float = 1e-8,
 ) -> Simulation:
-    """Simulate by ``scipy.integrate.solve_ivp``; slow, for checks. Parameters as :func:`modelling.simulation.simulate.simulate`.
+    """Simulate by ``scipy.integrate.solve_ivp``; slow, for checks. Parameters as ``simulate`` has them.
 
     No step is longer than a sample, so that no change of the inputs is passed over.
 

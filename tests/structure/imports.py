@@ -2,6 +2,7 @@
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -22,6 +23,7 @@ class Arrow:
         return f"{self.source}:{self.line} -> {self.target}"
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Every module of the program by its dotted name."""
     files = [ROOT / "rigmatch.py"] if (ROOT / "rigmatch.py").exists() else []
@@ -65,11 +67,3 @@ def _names(node: ast.Import | ast.ImportFrom) -> list[str]:
     if node.level or not node.module:
         return []
     return [f"{node.module}.{alias.name}" for alias in node.names]
-
-
-def circles(edges: dict[str, set[str]]) -> list[list[str]]:
-    """Strongly connected parts with more than one node."""
-    import networkx
-
-    graph = networkx.DiGraph((a, b) for a, others in edges.items() for b in others)
-    return [sorted(part) for part in networkx.strongly_connected_components(graph) if len(part) > 1]

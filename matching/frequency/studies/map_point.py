@@ -133,7 +133,7 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
 
 
 def _limited_by(result: MatchResult) -> tuple[str, ...]:
-    """Names of what stands in the way: as :func:`matching.frequency.search.limits.limits` finds it, without the words."""
+    """Names of what stands in the way: as in ``search.limits``, without the words."""
     if not result.verification.stable:
         return ("stability",)
     rig = {f"rig.{name}": own.value for name, own in result.tuned.rig.parameters.items()}

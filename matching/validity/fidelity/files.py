@@ -11,8 +11,8 @@ from typing import Any
 from matching.validity.fidelity.recordings import Recordings, read_recordings
 from matching.validity.uncertainty.evaluate import evaluate
 from matching.validity.uncertainty.files import read_budget
-from matching.validity.units import Unit, signal_quantity
 from modelling.common.errors import InputError
+from modelling.common.signal_units import Unit, signal_quantity
 from modelling.common.tables import check_keys, number, one_of, read_toml, text
 from modelling.common.units import to_si
 from modelling.fidelity.assess import (

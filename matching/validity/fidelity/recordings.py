@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.units import Unit, signal_unit
 from modelling.common.errors import InputError
+from modelling.common.signal_units import Unit, signal_unit
 from modelling.common.tables import check_keys, text
 from modelling.fidelity.assess import check_time
 from modelling.measurement.channels import Channel, called, read_channels, renamed

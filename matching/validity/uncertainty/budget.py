@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from matching.validity.uncertainty.distributions import Distribution
-from matching.validity.units import Unit
 from modelling.common.errors import InputError
+from modelling.common.signal_units import Unit
 
 
 @dataclass(frozen=True)

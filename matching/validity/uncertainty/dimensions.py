@@ -6,8 +6,8 @@ from typing import Any
 
 import sympy
 
-from matching.validity.units import registry
 from modelling.common.errors import InputError
+from modelling.common.signal_units import registry
 
 
 def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:

@@ -10,8 +10,8 @@ from scipy import stats
 
 from matching.validity.uncertainty.budget import Input
 from matching.validity.uncertainty.distributions import NAMES, Distribution
-from matching.validity.units import Unit, unit_of
 from modelling.common.errors import InputError
+from modelling.common.signal_units import Unit, unit_of
 from modelling.common.tables import check_keys, number, numbers, one_of, text
 
 KNOWN = (

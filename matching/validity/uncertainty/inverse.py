@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 
 from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
-from matching.validity.units import unit_of
 from modelling.common.errors import InputError
+from modelling.common.signal_units import unit_of
 
 
 @dataclass(frozen=True)
