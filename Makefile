@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench campaign lock clean
+.PHONY: help run test test-long check bench campaign lock clean
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -26,7 +26,7 @@ export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
 
 run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; the report is out/road_to_rig/report.html
 	$(BIN)/rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig
@@ -36,6 +36,9 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q -n $(WORKERS)
+
+test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
+	$(BIN)/python -m pytest -q -n $(WORKERS) -m long
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks
