@@ -12,7 +12,7 @@ and map.png. Points are kept in map.partial.jsonl as they come; started again, a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, both quantities, place to write to, and how hard to work."""
-    from matching.commands.arguments import completed, count, scale_out
+    from matching.arguments import completed, count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     for name in ("x", "y"):
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Draw the map; the result object is the content of ``map.json``."""
     from pathlib import Path
 
-    from matching.commands.arguments import cores, progress
+    from matching.arguments import cores, progress
     from matching.frequency.case.case import load_case
     from matching.frequency.studies.map import map_case
     from matching.frequency.studies.map_axis import axis

@@ -11,7 +11,7 @@ and the limits say what binds."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, place to write to, and how hard to search."""
-    from matching.commands.arguments import count
+    from matching.arguments import count
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
-    from matching.commands.arguments import cores, steps
+    from matching.arguments import cores, steps
     from matching.frequency.case.case import load_case
     from matching.frequency.case.case_file import case_files
     from matching.frequency.search.match import match

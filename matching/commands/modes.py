@@ -13,7 +13,7 @@ energy_shares.svg (all shares)."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Model file, kind of modes, place to write to."""
-    from matching.commands.arguments import completed
+    from matching.arguments import completed
 
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument("--damped", action="store_true", help="damped modes with damping ratios")

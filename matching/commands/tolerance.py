@@ -11,7 +11,7 @@ finished chunks are kept in tolerance.partial.jsonl until the end: a study that 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, place to write to, what varies, and how many draws."""
-    from matching.commands.arguments import count, scale_out
+    from matching.arguments import count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), as a match wrote it")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Study and write; the result object is the content of ``tolerance.json``."""
     from pathlib import Path
 
-    from matching.commands.arguments import cores, progress
+    from matching.arguments import cores, progress
     from matching.frequency.case.case import load_case
     from matching.frequency.studies.tolerance import tolerance
     from matching.report.common.style import image

@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from matching.commands.arguments import count, progress, scale_out
+from matching.arguments import count, progress, scale_out
 from matching.studies import executor_of
 from modelling.common.errors import InputError
 from tests.campaign.run import Campaign, run

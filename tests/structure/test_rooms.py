@@ -40,6 +40,7 @@ FLOORS = [
     ["matching.report.match", "matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
     ["matching.report.map", "matching.report.diagnosis"],
     ["matching.api"],
+    ["matching.arguments"],
     ["matching.commands"],
     ["matching.cli"],
     ["matching.__main__", "rigmatch"],
