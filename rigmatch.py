@@ -5,14 +5,15 @@ The functions behind the commands, under the same names; each is imported when i
 
     import rigmatch as rm
     rm.modes("rig.toml")                     # energy shares, symmetry; .plot(), .to_dict(), .to_xarray()
-    found = rm.match("case.toml")            # found.status, found.limits, found.plot()
+    result = rm.match("case.toml")           # result.status, result.limits, result.plot()
 """
 
 import sys
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import matching
-from modelling.common.version import VERSION
 
 __all__ = [
     "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
@@ -36,21 +37,37 @@ if TYPE_CHECKING:
         uncertainty,
     )
 
+PACKAGES = ("modelling", "matching")
 REPLACED = (
-    "the package 'matching' of another distribution stands in the place of rigmatch's: "
-    "uninstall that distribution, then install rigmatch again"
+    "the package {package!r} in {place} is not rigmatch's but another distribution's of the same name; "
+    "remove that one, then install rigmatch again"
 )
 
 
-def _replaced() -> bool:
-    """Whether ``import matching`` finds a package that is not ours."""
-    return getattr(matching, "__version__", None) != VERSION or not hasattr(matching, "_load_view")
+@cache
+def replaced_package() -> str:
+    """One line on a package of rigmatch that another distribution hides or has overwritten; empty if all is well."""
+    here = Path(__file__).resolve().parent
+    for package in PACKAGES:
+        found = find_spec(package)
+        place = Path(found.origin).resolve().parent if found and found.origin else None
+        if place is None or place.parent != here or not _is_ours(package):
+            return REPLACED.format(package=package, place=place or here)
+    return ""
+
+
+def _is_ours(package: str) -> bool:
+    """Whether the package names rigmatch as its distribution; one that fails at its import does not."""
+    try:
+        return getattr(import_module(package), "DISTRIBUTION", None) == "rigmatch"
+    except Exception:  # a foreign package may fail in any way
+        return False
 
 
 def main() -> int:
     """The command ``rigmatch``; exit code as :func:`matching.cli.main` has it."""
-    if _replaced():
-        print(f"rigmatch: {REPLACED}", file=sys.stderr)
+    if line := replaced_package():
+        print(f"rigmatch: {line}", file=sys.stderr)
         return 2
     from matching.cli import main as run
 
@@ -58,13 +75,15 @@ def main() -> int:
 
 
 def __getattr__(name: str) -> Any:
-    if _replaced():
-        raise ImportError(f"rigmatch: {REPLACED}")
+    if name not in __all__ and name != "__version__":
+        raise AttributeError(f"module 'rigmatch' has no attribute {name!r}; it has {', '.join(__all__)}")
+    if line := replaced_package():
+        raise ImportError(f"rigmatch: {line}")
     if name == "__version__":
+        from modelling.common.version import VERSION
+
         return VERSION
-    if name in __all__:
-        return getattr(matching, name)
-    raise AttributeError(f"module 'rigmatch' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(import_module("matching.api"), name)
 
 
 def __dir__() -> list[str]:

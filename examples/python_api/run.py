@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-import matching as rm
+import rigmatch as rm
 
 HERE = Path(__file__).parent.parent
 REFERENCE = HERE / "road_to_rig"

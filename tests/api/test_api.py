@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-import matching as rm
+import rigmatch as rm
 from matching.commands import available
 from modelling.common.errors import InputError
 from modelling.common.output import strict_json
@@ -83,7 +83,7 @@ def test_without_xarray_one_line_says_what_to_install(monkeypatch):
 
 def test_nothing_heavy_is_imported_before_it_is_asked_for():
     heavy = "{'sympy', 'casadi', 'scipy', 'matplotlib', 'pint', 'numpy', 'jinja2'}"
-    for statement in ("import modelling, matching", "from matching.cli import main; main(['--help'])"):
+    for statement in ("import rigmatch, modelling, matching", "from matching.cli import main; main(['--help'])"):
         words = f"import sys; {statement}; print(sorted({heavy} & set(sys.modules)), file=sys.stderr)"
         done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
         assert done.stderr.strip() == "[]"

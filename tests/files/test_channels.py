@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import matching as rm
+import rigmatch as rm
 from matching.cli import main
 from modelling.common.errors import InputError
 from modelling.measurement.channels import Channel, read_channels

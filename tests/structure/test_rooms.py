@@ -43,7 +43,8 @@ FLOORS = [
     ["matching.arguments"],
     ["matching.commands"],
     ["matching.cli"],
-    ["matching.__main__", "rigmatch"],
+    ["rigmatch"],
+    ["matching.__main__"],
 ]
 PACKAGES = {"modelling", "matching", "matching.frequency"}  # their ``__init__`` imports nothing of a room
 INSIDE_ALLOWED = ("matching.commands", "matching.api", "matching.cli", "matching.__main__", "rigmatch")

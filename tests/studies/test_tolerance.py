@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import matching as rm
+import rigmatch as rm
 from matching.cli import main
 from matching.frequency.case.case import load_case
 from matching.frequency.case.tuned import apply

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import butter, lfilter
 
-import matching as rm
+import rigmatch as rm
 from matching.cli import main
 from matching.validity.fidelity.files import read_case
 from modelling.common.errors import InputError
