@@ -11,7 +11,7 @@ from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
 from modelling.simulation.recorded_start import recorded_start
 from modelling.simulation.simulate import simulate, simulate_batch, steady
-from tests.simulate.drives import EFFECTS, excitation, system_with
+from tests.simulation.drives import EFFECTS, excitation, system_with
 
 TIME = np.linspace(0, 1, 201)
 

@@ -5,7 +5,7 @@ import pytest
 
 from modelling.simulation.adaptive import simulate_adaptive
 from modelling.simulation.simulate import simulate
-from tests.simulate.drives import EFFECTS, excitation, system_with
+from tests.simulation.drives import EFFECTS, excitation, system_with
 
 TOLERANCE = 2e-4  # of each reading's range
 SHARP = {"simulation.stick_speed": 1e-2}  # the same in both: here the integrators are compared, not the laws

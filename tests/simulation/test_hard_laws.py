@@ -5,8 +5,8 @@ import pytest
 
 from modelling.equations.compiled import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
-from tests.simulate.drives import excitation, system_with
-from tests.simulate.reference import Friction, two_mass
+from tests.simulation.drives import excitation, system_with
+from tests.simulation.reference import Friction, two_mass
 
 NONE = Friction()
 CASES = {

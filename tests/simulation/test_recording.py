@@ -5,7 +5,7 @@ import pytest
 
 from modelling.common.errors import InputError
 from modelling.measurement.recording import Recording, csv_text, read_recording
-from tests.simulate.drives import system_with
+from tests.simulation.drives import system_with
 
 HEADER = "time [s],motor_torque [N*m],brake_torque [N*m],motor_speed [1/min],link_torque"
 SYSTEM = system_with()

@@ -5,7 +5,7 @@ from needs import compiles
 
 from modelling.equations.compiled import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
-from tests.simulate.drives import excitation, system_with
+from tests.simulation.drives import excitation, system_with
 
 
 def test_a_batch_is_its_rows(path):
@@ -67,7 +67,7 @@ def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
 RACE = """
 import numpy as np
 from modelling.simulation.simulate import simulate
-from tests.simulate.drives import excitation, system_with
+from tests.simulation.drives import excitation, system_with
 print(repr(simulate(system_with("hardening", "lag"), *excitation(0.05))["link_torque"][-1]))
 """
 

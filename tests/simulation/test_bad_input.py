@@ -6,7 +6,7 @@ import pytest
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.simulation.simulate import SimulationError, sensitivities, simulate, simulate_batch
-from tests.simulate.drives import excitation, system_with
+from tests.simulation.drives import excitation, system_with
 
 TIME, INPUTS = excitation(0.1)
 GAP = {"motor_torque": np.where(TIME[5] == TIME, np.nan, 1.0), "brake_torque": TIME}

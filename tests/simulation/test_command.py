@@ -9,7 +9,7 @@ from matching.cli import main
 from modelling.measurement.recording import csv_text, read_recording
 from modelling.model.files import dumps
 from modelling.simulation.simulate import simulate
-from tests.simulate.drives import excitation, system_with
+from tests.simulation.drives import excitation, system_with
 
 SYSTEM = system_with("backlash", "coulomb_friction")
 START = {"speed(motor)": 12.0, "speed(load)": 12.0, "angle(motor)": 0.012}

@@ -6,7 +6,7 @@ import pytest
 from modelling.effects import EFFECTS as registry
 from modelling.equations.compiled import compiled
 from modelling.simulation.simulate import prepare, sensitivities, simulate, simulate_batch
-from tests.simulate.drives import EFFECTS, excitation, system_with
+from tests.simulation.drives import EFFECTS, excitation, system_with
 
 MIXED = [
     (),

@@ -5,7 +5,7 @@ import pytest
 
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
-from tests.simulate.drives import excitation, system_with
+from tests.simulation.drives import excitation, system_with
 
 ONE = {
     "inertias": {"disc": {"J": 2.0, "drag": 0.5}},
