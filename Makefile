@@ -35,10 +35,10 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q -n $(WORKERS)
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 
 test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
-	$(BIN)/python -m pytest -q -n $(WORKERS) -m long
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --hypothesis-profile search --timeout 1800 -o faulthandler_timeout=1860
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks
@@ -50,6 +50,7 @@ lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
 	$(PIP) install --quiet uv
 	$(BIN)/$(COMPILE) --upgrade --output-file locks/run.txt
 	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group test --output-file locks/test.txt
+	$(BIN)/$(COMPILE) --upgrade --constraint locks/test.txt --group test --group mutants --output-file locks/mutants.txt
 	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group bench --output-file locks/bench.txt
 
 clean:  ## remove the environment and everything made
@@ -64,7 +65,7 @@ clean:  ## remove the environment and everything made
 	$(BIN)/python $</pip --disable-pip-version-check install --quiet --no-index $<
 	touch $@
 
-.venv/run.stamp .venv/test.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
+.venv/run.stamp .venv/test.stamp .venv/mutants.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
 	@echo "installing $<"
 	$(INSTALL) $<
 	$(PROJECT)

@@ -1,11 +1,24 @@
 """What every test begins with."""
 
+import matplotlib as mpl
 import pytest
+from hypothesis import settings
 
 from modelling.common import floating_point
+
+mpl.use("agg")  # no display, whatever the machine has
+settings.register_profile("repeatable", derandomize=True, deadline=None)  # `make test`: the same examples every time
+settings.register_profile("search", deadline=None, max_examples=1000)  # `make test-long`: new ones each time
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(autouse=True)
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
     floating_point.restore()
+
+
+def pytest_terminal_summary(terminalreporter, config) -> None:
+    """How to repeat the order of this run, also where ``-q`` hides the header."""
+    if (seed := config.getoption("randomly_seed", None)) is not None:
+        terminalreporter.write_line(f"order of the tests: -p randomly --randomly-seed={seed}")

@@ -17,7 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from matching.diagnosis.candidates.candidates import screening
+from matching.diagnosis.candidates import screening
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
 from modelling.effects import EFFECTS

@@ -10,9 +10,9 @@ from plant.marks import needs_compiler
 from matching.diagnosis import identify_causes as walk
 from matching.diagnosis.data.preparation import prepare_data, split
 from matching.diagnosis.data.segments import Data, Segment
-from matching.diagnosis.data.segments import search_window as looked_at
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.fitting.fit import base_problem, solve
+from matching.diagnosis.search import search_window as looked_at
 from matching.diagnosis.search.search_window import head, stretch
 from modelling.measurement.recording import read_recording
 from modelling.model.files import load
