@@ -11,8 +11,7 @@ import numpy as np
 from matching.diagnosis.candidates.backlash_one_flank import bounded_below
 from matching.diagnosis.candidates.extend import extended
 from matching.diagnosis.candidates.motion import seen
-from matching.diagnosis.data.holdout_fidelity import Unseen, fidelity
-from matching.diagnosis.data.holdout_fidelity import unseen as laid_out
+from matching.diagnosis.data.holdout_fidelity import HoldoutData, fidelity, holdout_data
 from matching.diagnosis.data.preparation import prepare_data, split
 from matching.diagnosis.fitting import batch_simulation as runs
 from matching.diagnosis.fitting.fit import Fit, base_problem, solve
@@ -31,7 +30,7 @@ from matching.diagnosis.search.compare import Named, at_noise, where_not_noise
 from matching.diagnosis.search.greedy_search import Search
 from matching.diagnosis.search.profile_likelihood import as_good, widened
 from matching.diagnosis.verdict.next_recording import propose
-from matching.diagnosis.verdict.result import Candidate, CauseFound, Diagnosis, Pictures, finite
+from matching.diagnosis.verdict.result import Candidate, Diagnosis, NamedCause, PlotData, finite
 from matching.diagnosis.verdict.verdict import Rated, confidence
 from modelling.effects import EFFECTS
 from modelling.measurement.recording import Recording
@@ -99,12 +98,12 @@ def diagnose(
         list(other.segments) if holdout is not None else rest_segments(named.fit, whole, counts)
         for named in (state.base, final)
     ]
-    judged = laid_out(train.noise, (segments[0], residual_before), (segments[1], residual_after))
+    judged = holdout_data(train.noise, (segments[0], residual_before), (segments[1], residual_after))
     return Diagnosis(
         verdict, causes, {name: own for name, own in numbers.items() if name in system.uncertain}, system.units,
         _errors(system, state.base, final, base_unseen, after),
         _gain(system, whole, base_unseen, after), fidelity(system, judged), _candidates(final, rivals), _rest(final),
-        proposal, notes, extended(system, final.causes, final.fit.values), _pictures(state, final, judged),
+        proposal, notes, extended(system, final.causes, final.fit.values), _plot_data(state, final, judged),
     )  # fmt: skip
 
 
@@ -115,9 +114,9 @@ def _causes(
     rivals: Sequence[Sequence[Rated]],
     without: Sequence[Named],
     explained: bool,
-) -> tuple[list[CauseFound], str | None]:
+) -> tuple[list[NamedCause], str | None]:
     """Each cause with values, confidence, evidence and rivals, strongest first; and what to record next."""
-    found: list[CauseFound] = []
+    found: list[NamedCause] = []
     proposals: list[tuple[float, str]] = []
     count = float(final.fit.problem.data.samples.sum())
     for cause, own, rest in zip(final.causes, rivals, without, strict=True):
@@ -134,7 +133,7 @@ def _causes(
         alternatives = [(one.kind, one.at, share) for one, share in others if share > 1e-4]
         evidence = _evidence(system, rest, final, others[0][0].named if others else None)
         gain = rest.fit.cost / final.fit.cost
-        found.append(CauseFound(cause.kind, cause.at, parameters, mine, evidence, alternatives, gain))
+        found.append(NamedCause(cause.kind, cause.at, parameters, mine, evidence, alternatives, gain))
         if others and others[0][1] > RIVAL:
             rival, share = others[0]
             manoeuvre = propose(final, rival.named)
@@ -235,7 +234,7 @@ def _spans(signals: Mapping[str, np.ndarray], stretch: slice) -> dict[str, list[
     return {name: [float(own[stretch].min()), float(own[stretch].max())] for name, own in signals.items()}
 
 
-def _pictures(state: Search, final: Named, judged: Unseen) -> Pictures:
+def _plot_data(state: Search, final: Named, judged: HoldoutData) -> PlotData:
     data, screen = state.base.fit.problem.data, state.screen
     measured = np.concatenate([segment.readings for segment in data.segments])
     before, after = (np.concatenate(_once(named.fit)) * data.noise for named in (state.base, final))
@@ -244,7 +243,7 @@ def _pictures(state: Search, final: Named, judged: Unseen) -> Pictures:
     inertias = {part.name: screen.leftover.inertias[:, i] for i, part in enumerate(system.inertias)}
     shafts = {part.name: screen.leftover.shafts[:, i] for i, part in enumerate(system.shafts)}
     names = [sensor.name for sensor in system.sensors]
-    return Pictures(
+    return PlotData(
         seen(state.base.fit), seen(final.fit), measured, before, after, inertias, shafts, names, data.noise, judged
     )
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.holdout_fidelity import F_MAX, fidelity, unseen
+from matching.diagnosis.data.holdout_fidelity import F_MAX, fidelity, holdout_data
 from matching.diagnosis.data.segments import Segment
 from modelling.model.files import from_dict
 
@@ -34,7 +34,7 @@ def laid_out(scatter: np.ndarray, keep: np.ndarray | None = None):
     segment = Segment(TIME, np.zeros((len(TIME), 0)), readings, "r.csv")
     late = np.column_stack([true + scatter - motion(TIME - DELAY), np.zeros(len(TIME))]) / NOISE
     right = np.column_stack([scatter, np.zeros(len(TIME))]) / NOISE
-    return unseen(NOISE, ([segment], [late]), ([segment], [right]))
+    return holdout_data(NOISE, ([segment], [late]), ([segment], [right]))
 
 
 def by_hand(measured: np.ndarray, simulated: np.ndarray, delay: float) -> float:
@@ -89,7 +89,7 @@ def test_models_fitted_over_other_windows_are_laid_out_alike() -> None:
     ]
     left = [own.readings * 2 for own in whole]
     other = [2, 0, 1]
-    found = unseen(NOISE, (whole, left), ([whole[i] for i in other], [left[i] for i in other]))
+    found = holdout_data(NOISE, (whole, left), ([whole[i] for i in other], [left[i] for i in other]))
     np.testing.assert_array_equal(found.before, found.after)
     np.testing.assert_allclose(found.before, found.measured * 2 * NOISE)
     assert [part.stop - part.start for part in found.parts] == [900, 900]
@@ -98,4 +98,4 @@ def test_models_fitted_over_other_windows_are_laid_out_alike() -> None:
 def test_nothing_measured_gives_none() -> None:
     segment = Segment(TIME, np.zeros((len(TIME), 0)), np.full((len(TIME), 2), np.nan), "r.csv")
     residual = [np.full((len(TIME), 2), np.nan)]
-    assert fidelity(SYSTEM, unseen(NOISE, ([segment], residual), ([segment], residual))) is None
+    assert fidelity(SYSTEM, holdout_data(NOISE, ([segment], residual), ([segment], residual))) is None

@@ -30,7 +30,7 @@ DOMAINS = {"residual_vehicle_model": "R_RVM", "measurement_uncertainty": "R_MU"}
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HoldoutData:
     """Data that no fit saw.
 
     Attributes
@@ -51,7 +51,7 @@ class Unseen:
     noise: np.ndarray
 
 
-def unseen(noise: np.ndarray, *models: tuple[Sequence[Segment], Sequence[np.ndarray]]) -> Unseen:
+def holdout_data(noise: np.ndarray, *models: tuple[Sequence[Segment], Sequence[np.ndarray]]) -> HoldoutData:
     """Lay out what base and extended model leave of unseen data.
 
     Parameters
@@ -73,10 +73,10 @@ def unseen(noise: np.ndarray, *models: tuple[Sequence[Segment], Sequence[np.ndar
     cuts = np.flatnonzero((names[1:] != names[:-1]) | (np.diff(time) > LONG_GAP)) + 1
     ends = [0, *(int(cut) for cut in cuts), len(time)]
     parts = tuple(slice(a, b) for a, b in pairwise(ends))
-    return Unseen(time, parts, measured, residuals[0], residuals[1], noise)
+    return HoldoutData(time, parts, measured, residuals[0], residuals[1], noise)
 
 
-def fidelity(system: System, data: Unseen) -> dict[str, Any] | None:
+def fidelity(system: System, data: HoldoutData) -> dict[str, Any] | None:
     """R_RVM and R_MU before and after the extension, by sensor, by domain and in total; None if no sensor tells.
 
     A sensor's figures are those of its longest stretch without a gap. ``noise_floor`` is what a perfect model would
@@ -121,7 +121,7 @@ def fidelity(system: System, data: Unseen) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _stretch(data: Unseen, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
+def _stretch(data: HoldoutData, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
     """Measured and both residuals of a sensor over its longest stretch without a long gap, evenly spaced; its s."""
     best: tuple[int, np.ndarray, np.ndarray] | None = None
     for part in data.parts:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.diagnosis.data.holdout_fidelity import Unseen
+from matching.diagnosis.data.holdout_fidelity import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import Seen
@@ -16,7 +16,7 @@ from modelling.model.system import System
 
 
 @dataclass(frozen=True)
-class CauseFound:
+class NamedCause:
     """A named cause.
 
     Attributes
@@ -57,7 +57,7 @@ class CauseFound:
 
 
 @dataclass(frozen=True)
-class Pictures:
+class PlotData:
     """Arrays for the report, all over the fitted samples of all segments one after another.
 
     Attributes
@@ -81,7 +81,7 @@ class Pictures:
     shafts: dict[str, np.ndarray]
     sensors: list[str]
     noise: np.ndarray
-    unseen: Unseen
+    holdout: HoldoutData
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Diagnosis(Displayed):
     ----------
     verdict : str
         ``adequate``, ``explained`` or ``unexplained``.
-    causes : list of CauseFound
+    causes : list of NamedCause
         Strongest first.
     parameters : dict of str to Estimate
         The base model's uncertain quantities, with the causes in the model.
@@ -134,11 +134,11 @@ class Diagnosis(Displayed):
     next_recording : str or None
     notes : list of str
     extended : System
-    pictures : Pictures
+    plot_data : PlotData
     """
 
     verdict: str
-    causes: list[CauseFound]
+    causes: list[NamedCause]
     parameters: dict[str, Estimate]
     units: dict[str, str]
     errors: dict[str, dict[str, float | None]]
@@ -149,7 +149,7 @@ class Diagnosis(Displayed):
     next_recording: str | None
     notes: list[str]
     extended: System = field(repr=False)
-    pictures: Pictures = field(repr=False)
+    plot_data: PlotData = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""

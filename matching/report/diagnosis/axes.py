@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 
-from matching.diagnosis.verdict.result import Pictures
+from matching.diagnosis.verdict.result import PlotData
 from matching.report.common.style import BAND, MATCHED, NOISE, RIG, VEHICLE
 from matching.report.common.wording import unit
 from modelling.model.components import Sensor
@@ -40,16 +40,16 @@ class View:
     shaft: str | None
 
 
-def views(system: System, pictures: Pictures) -> list[View]:
+def views(system: System, plot_data: PlotData) -> list[View]:
     """The sensors that are off most before, worst first."""
     with np.errstate(invalid="ignore"):
-        off = _rms(pictures.residual_before) / pictures.noise
+        off = _rms(plot_data.residual_before) / plot_data.noise
     order = [int(j) for j in np.argsort(-np.nan_to_num(off, nan=-1.0)) if np.isfinite(off[j])]
-    return [_view(system, pictures, j) for j in order[:MOST]]
+    return [_view(system, plot_data, j) for j in order[:MOST]]
 
 
-def _view(system: System, pictures: Pictures, j: int) -> View:
-    sensor, seen = system.sensors[j], pictures.before
+def _view(system: System, plot_data: PlotData, j: int) -> View:
+    sensor, seen = system.sensors[j], plot_data.before
     if sensor.measures == "torque":
         return View(j, sensor, seen.ends[sensor.of][0], sensor.of)
     near = [name for name, ends in seen.ends.items() if sensor.of in ends]
@@ -114,9 +114,9 @@ def broken(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tu
     return np.concatenate([one for one, _ in pieces]), np.concatenate([one for _, one in pieces])
 
 
-def running(pictures: Pictures) -> np.ndarray:
+def running(plot_data: PlotData) -> np.ndarray:
     """Time (t,) that goes on from recording to recording."""
-    seen, out, at = pictures.before, [], 0.0
+    seen, out, at = plot_data.before, [], 0.0
     for i, part in enumerate(seen.parts):
         own = seen.time[part]
         at = own[0] if i == 0 else max(at + seen.step, own[0])

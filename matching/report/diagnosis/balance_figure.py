@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.diagnosis.verdict.result import Pictures
+from matching.diagnosis.verdict.result import PlotData
 from matching.report.common.style import RIG, figure, styled
 
 BINS = 48
@@ -16,11 +16,11 @@ DOTS = 1500
 EDGE = 0.3  # s at either end of a stretch
 
 
-def balance_figure(pictures: Pictures) -> Figure:
+def balance_figure(plot_data: PlotData) -> Figure:
     """Bars of the torque left over by component, and the largest of either kind over its motion."""
-    seen, settled = pictures.before, _settled(pictures)
+    seen, settled = plot_data.before, _settled(plot_data)
     inertias, shafts = (
-        {name: own[settled] for name, own in group.items()} for group in (pictures.inertias, pictures.shafts)
+        {name: own[settled] for name, own in group.items()} for group in (plot_data.inertias, plot_data.shafts)
     )
     size = {f"inertia {name}": _rms(own) for name, own in inertias.items()}
     size |= {f"shaft {name}": _rms(own) for name, own in shafts.items()}
@@ -43,11 +43,11 @@ def balance_figure(pictures: Pictures) -> Figure:
     return drawn
 
 
-def _settled(pictures: Pictures) -> np.ndarray:
+def _settled(plot_data: PlotData) -> np.ndarray:
     """Samples (t,) at which the smoother knows what came before and what comes after."""
-    out = np.zeros(len(pictures.before.time), dtype=bool)
-    for part in pictures.before.parts:
-        time = pictures.before.time[part]
+    out = np.zeros(len(plot_data.before.time), dtype=bool)
+    for part in plot_data.before.parts:
+        time = plot_data.before.time[part]
         edge = min(EDGE, 0.2 * float(np.ptp(time)))
         out[part] = (time >= time[0] + edge) & (time <= time[-1] - edge)
     return out

@@ -29,13 +29,13 @@ CAPTIONS = {
 
 def figures(found: Diagnosis, system: System) -> dict[str, Figure]:
     """All figures: errors and traces on unseen data, residuals over time, motion and frequency, torque balance."""
-    pictures = found.pictures
-    shown = views(system, pictures)
+    plot_data = found.plot_data
+    shown = views(system, plot_data)
     return {
         "errors": errors_figure(found),
         "unseen": unseen_figure(found, shown),
-        "balance": balance_figure(pictures),
-        "time": time_figure(pictures, shown),
-        "where": where_figure(pictures, shown[:3]),
-        "spectrum": spectrum_figure(pictures, shown[:3]),
+        "balance": balance_figure(plot_data),
+        "time": time_figure(plot_data, shown),
+        "where": where_figure(plot_data, shown[:3]),
+        "spectrum": spectrum_figure(plot_data, shown[:3]),
     }

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from matching.diagnosis.data.holdout_fidelity import Unseen
+from matching.diagnosis.data.holdout_fidelity import HoldoutData
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.style import NOISE, figure, styled
 from matching.report.common.wording import number
@@ -67,7 +67,7 @@ def errors_figure(found: Diagnosis) -> Figure:
 
 def unseen_figure(found: Diagnosis, shown: list[View]) -> Figure:
     """Traces about the worst moment, and what is left over the whole."""
-    data = found.pictures.unseen
+    data = found.plot_data.holdout
     with styled():
         drawn = figure(11, 0.9 + 1.75 * len(shown))
         rows = drawn.subplots(len(shown), 2, squeeze=False, width_ratios=[1, 1.3])
@@ -84,7 +84,7 @@ def unseen_figure(found: Diagnosis, shown: list[View]) -> Figure:
     return drawn
 
 
-def _traces(axes: Any, data: Unseen, view: View) -> None:
+def _traces(axes: Any, data: HoldoutData, view: View) -> None:
     j = view.index
     off = np.abs(np.nan_to_num(data.before[:, j]))
     smooth = np.convolve(off, np.ones(25) / 25, "same")

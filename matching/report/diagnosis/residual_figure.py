@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lombscargle, welch
 
-from matching.diagnosis.verdict.result import Pictures
+from matching.diagnosis.verdict.result import PlotData
 from matching.report.common.style import LIMIT, figure, styled
 from matching.report.diagnosis.axes import (
     SMOOTH,
@@ -33,19 +33,19 @@ ORDERS = 12
 SAMPLES = 4_000  # that an order spectrum takes; more are averaged
 
 
-def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
+def time_figure(plot_data: PlotData, shown: list[View]) -> Figure:
     """Residuals over the fitted data, in times the noise."""
-    time = running(pictures)
+    time = running(plot_data)
     with styled():
         drawn = figure(11, 0.9 + 1.25 * len(shown))
         rows = drawn.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
         for axes, view in zip(rows, shown, strict=True):
-            for residual, look in _both(pictures):
-                own = residual[:, view.index] / pictures.noise[view.index]
+            for residual, look in _both(plot_data):
+                own = residual[:, view.index] / plot_data.noise[view.index]
                 if len(own) != len(time):
                     continue
-                line(axes, *broken(time, pictures.before.parts, own), look | {"alpha": 0.25, "label": None})
-                line(axes, *broken(time, pictures.before.parts, _running_mean(own)), look)
+                line(axes, *broken(time, plot_data.before.parts, own), look | {"alpha": 0.25, "label": None})
+                line(axes, *broken(time, plot_data.before.parts, _running_mean(own)), look)
             noise_band([axes])
             axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
@@ -53,16 +53,16 @@ def time_figure(pictures: Pictures, shown: list[View]) -> Figure:
     return drawn
 
 
-def where_figure(pictures: Pictures, shown: list[View]) -> Figure:
+def where_figure(plot_data: PlotData, shown: list[View]) -> Figure:
     """Residuals over the motion at the sensor's place: dots, and the mean of each bin."""
     with styled():
         drawn = figure(11, 0.9 + 2.1 * len(shown))
         grid = drawn.subplots(len(shown), 3, squeeze=False, sharey="row")
         for row, view in zip(grid, shown, strict=True):
-            motion = _motion(pictures, view)
+            motion = _motion(plot_data, view)
             for axes, (name, x) in zip(row, motion.items(), strict=False):
-                for residual, look in _both(pictures):
-                    own = residual[:, view.index] / pictures.noise[view.index]
+                for residual, look in _both(plot_data):
+                    own = residual[:, view.index] / plot_data.noise[view.index]
                     if len(own) == len(x):
                         _binned(axes, x, own, look)
                 axes.set_xlabel(name)
@@ -78,20 +78,20 @@ def where_figure(pictures: Pictures, shown: list[View]) -> Figure:
     return drawn
 
 
-def spectrum_figure(pictures: Pictures, shown: list[View]) -> Figure:
+def spectrum_figure(plot_data: PlotData, shown: list[View]) -> Figure:
     """Amplitude spectra over frequency and over orders of the turn; white noise of the stated size is 1 everywhere."""
     with styled():
         drawn = figure(11, 0.9 + 2.1 * len(shown))
         grid = drawn.subplots(len(shown), 2, squeeze=False, sharey="row")
         for (left, right), view in zip(grid, shown, strict=True):
-            angle = pictures.before.angle[view.inertia]
+            angle = plot_data.before.angle[view.inertia]
             turns = float(np.ptp(angle)) / (2 * np.pi) > TURNS
-            for residual, look in _both(pictures):
-                own = residual[:, view.index] / pictures.noise[view.index]
-                if len(own) != len(pictures.before.time):
+            for residual, look in _both(plot_data):
+                own = residual[:, view.index] / plot_data.noise[view.index]
+                if len(own) != len(plot_data.before.time):
                     continue
-                part = max(pictures.before.parts, key=lambda part: part.stop - part.start)
-                x, y = _spectrum(own[part], pictures.before.step)
+                part = max(plot_data.before.parts, key=lambda part: part.stop - part.start)
+                x, y = _spectrum(own[part], plot_data.before.step)
                 line(left, x[1:], y[1:], look)
                 if turns:
                     line(right, *_orders(own, angle), look | SMOOTH[look["label"]])
@@ -114,12 +114,12 @@ def _running_mean(own: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(own), uniform_filter1d(np.nan_to_num(own), RUNNING), np.nan)
 
 
-def _both(pictures: Pictures) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
-    return told_apart(pictures.residual_before, pictures.residual_after)
+def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
+    return told_apart(plot_data.residual_before, plot_data.residual_after)
 
 
-def _motion(pictures: Pictures, view: View) -> dict[str, np.ndarray]:
-    seen = pictures.before
+def _motion(plot_data: PlotData, view: View) -> dict[str, np.ndarray]:
+    seen = plot_data.before
     out = {f"Speed of {view.inertia} in rad/s": seen.speed[view.inertia]}
     if view.shaft is not None:
         out[f"Torque of {view.shaft} in N·m"] = seen.torque[view.shaft]

@@ -18,7 +18,7 @@ from modelling.common import display
 def plot(found: Diagnosis) -> Figure:
     """What was measured and what the model answers before and after, on data the fit never saw."""
     with styled():
-        return unseen_figure(found, views(found.extended, found.pictures))
+        return unseen_figure(found, views(found.extended, found.plot_data))
 
 
 @display.text.register
