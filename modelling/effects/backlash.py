@@ -19,6 +19,8 @@ class Backlash(Kind):
     tables = ("shafts",)
     parameters = {"gap": Parameter("rad", lower=0.0)}
     abrupt = True
+    state_dependent = True
+    free_play = "gap"
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.gap = p["gap"]

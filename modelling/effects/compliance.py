@@ -20,9 +20,10 @@ class Compliance(Kind):
     words = "has a further spring of {stiffness} with an inertia of {J} at its second end"
     tables = ("shafts",)
     parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "J": Parameter("kg*m^2", lower=1e-12)}
+    linear = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
-        label = f"{law.place}.compliance"
+        label = f"{law.place}.{self.kind}"
         middle = assembly.coordinate(label)
         further = middle - law.second
         assembly.rotate(label, p["J"], middle)

@@ -18,6 +18,8 @@ class CoulombFriction(Kind):
     words = "has dry friction of {torque}"
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "torque_reverse": Parameter("N*m", lower=0.0, optional=True)}
+    state_dependent = True
+    sticks = True
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         sign = assembly.sign(motion.speed)

@@ -16,6 +16,7 @@ class Hardening(Kind):
     words = "has a torque that grows by {cubic} with the cube of its twist"
     tables = ("shafts",)
     parameters = {"cubic": Parameter("N*m/rad^3")}
+    state_dependent = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)

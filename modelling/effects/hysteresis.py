@@ -11,7 +11,7 @@ from sympy import Abs
 
 from modelling.effects.first_guess import Guess, Seen, positive
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, State
 
 
 class Hysteresis(Kind):
@@ -24,10 +24,12 @@ class Hysteresis(Kind):
     words = "has hysteresis of {torque} over an angle of {angle}"
     tables = ("shafts",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "angle": Parameter("rad", lower=1e-9)}
+    state = State("1", "hysteresis of {place}, as a share of its torque")
+    state_dependent = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         # z/torque is the state: it stays within ±1 and has a limit at torque = 0
-        z = assembly.state(f"{law.place}.hysteresis", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
+        z = assembly.state(f"{law.place}.{self.kind}", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
         law.parallel.append(p["torque"] * z)
         law.parallel_stiffness.append(p["torque"] / p["angle"])
 

@@ -16,6 +16,7 @@ class InputGain(Kind):
     words = "acts with {factor} times the recorded value"
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
+    linear = True
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value *= p["factor"]

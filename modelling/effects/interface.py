@@ -132,6 +132,8 @@ class ShaftLaw:
         Free play, rad.
     series : Expr or None
         Coefficient of a damper in series, N·m·s/rad.
+    series_state : str
+        Name of the state that the damper in series adds, the deflection of the spring.
     parallel, parallel_stiffness : list of Expr
         Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
     torque : Expr
@@ -147,6 +149,7 @@ class ShaftLaw:
     potentials: list[Callable[[sm.Expr], sm.Expr]]
     gap: sm.Expr | None = None
     series: sm.Expr | None = None
+    series_state: str = ""
     parallel: list[sm.Expr] = field(default_factory=list)
     parallel_stiffness: list[sm.Expr] = field(default_factory=list)
     torque: sm.Expr = sm.S.Zero

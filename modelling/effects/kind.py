@@ -25,14 +25,68 @@ class Parameter:
     optional: bool = False
 
 
+@dataclass(frozen=True)
+class State:
+    """The first-order state that an effect adds to the model, named ``place.kind``.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit; ``"signal"`` stands for that of the input or sensor it sits at.
+    meaning : str
+        For the description of an FMU, with ``{place}`` in it.
+    settles : bool
+        Whether it has one fixed value while inputs and motion stay constant, so that a simulation may start there.
+    """
+
+    unit: str
+    meaning: str
+    settles: bool = False
+
+
 class Kind:
-    """One kind of effect. A subclass sets the class attributes and overrides the law of the tables it can sit at."""
+    """One kind of effect. A subclass sets the class attributes and overrides the law of the tables it can sit at.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in model files.
+    words : str
+        What is said of the place in reports, parameters in braces: ``"has {gap} of free play"``.
+    tables : tuple of str
+        Tables of the model file that it can sit at.
+    parameters : dict of str to Parameter
+        By key of the model file.
+    state : State or None
+        The state it adds to the model.
+    linear : bool
+        A linear model holds it completely.
+    state_dependent : bool
+        The eigenvalues of the linearised model depend on the state: steps are chosen along the motion.
+    abrupt : bool
+        The torque or its derivative jumps: a fit needs finer steps.
+    sticks : bool
+        Dry friction between an inertia and ground, whose sign changes over the stick speed.
+    replaces_quantity : bool
+        Its parameter ``value`` replaces the quantity at its place; it adds nothing else to the equations.
+    free_play : str
+        The parameter that is the total free play of a shaft in rad, if it has one.
+    zero_mean : tuple of str
+        Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
+    """
 
     kind: ClassVar[str] = ""
-    words: ClassVar[str] = ""  # what is said of the place, parameters in braces: "has {gap} of free play"
+    words: ClassVar[str] = ""
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
-    abrupt: ClassVar[bool] = False  # the torque jumps within a step: a fit needs finer steps
+    state: ClassVar[State | None] = None
+    linear: ClassVar[bool] = False
+    state_dependent: ClassVar[bool] = False
+    abrupt: ClassVar[bool] = False
+    sticks: ClassVar[bool] = False
+    replaces_quantity: ClassVar[bool] = False
+    free_play: ClassVar[str] = ""
+    zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         """Change the torque law of a shaft."""
@@ -89,6 +143,19 @@ class Kind:
             own = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
             return own + unit.removeprefix("sensor")
         return unit
+
+    def state_unit(self, at: str, system: Drivetrain) -> str:
+        """SI unit of the state of this effect at the place ``at``.
+
+        Raises
+        ------
+        AttributeError
+            If this kind has no state.
+        """
+        assert self.state is not None
+        if self.state.unit != "signal":
+            return self.state.unit
+        return next((sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at), "N*m")
 
     def places(self, system: Drivetrain) -> list[str]:
         """Every place of a system where this kind can sit."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from modelling.effects.first_guess import Guess, Seen, positive
 from modelling.effects.interface import EquationBuilder, InputPath, SensorPath, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, State
 
 
 class Lag(Kind):
@@ -16,10 +16,12 @@ class Lag(Kind):
     words = "follows with a first-order lag of {time_constant}"
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
+    state = State("signal", "{place} behind its lag", settles=True)
+    linear = True
 
     def input(self, path: InputPath | SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         value = path.value
-        path.value = assembly.state(f"{path.place}.lag", lambda lagged: (value - lagged) / p["time_constant"])
+        path.value = assembly.state(f"{path.place}.{self.kind}", lambda lagged: (value - lagged) / p["time_constant"])
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         at_once = path.value.subs(assembly.time, 0)

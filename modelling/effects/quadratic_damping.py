@@ -18,6 +18,7 @@ class QuadraticDamping(Kind):
     words = "has damping that grows with the square of the twist rate by {coefficient}"
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
+    state_dependent = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.parallel.append(p["coefficient"] * law.rate * Abs(law.rate))

@@ -18,6 +18,7 @@ class QuadraticDrag(Kind):
     words = "has drag that grows with the square of speed by {coefficient}"
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
+    state_dependent = True
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)

@@ -16,6 +16,7 @@ class SensorGain(Kind):
     words = "reads {factor} times the truth"
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
+    linear = True
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value *= p["factor"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, State
 
 
 class Slip(Kind):
@@ -19,9 +19,11 @@ class Slip(Kind):
     words = "slips by a damper of {coefficient} in series"
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s/rad", lower=1e-9)}
+    state = State("rad", "deflection of the spring of {place}")
+    linear = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
-        law.series = p["coefficient"]
+        law.series, law.series_state = p["coefficient"], f"{law.place}.{self.kind}"
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[at.split(".")[1]]

@@ -24,6 +24,8 @@ class StribeckFriction(Kind):
         "breakaway": Parameter("N*m", lower=0.0),
         "speed": Parameter("rad/s", lower=1e-6),
     }
+    state_dependent = True
+    sticks = True
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))

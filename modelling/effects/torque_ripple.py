@@ -22,6 +22,8 @@ class TorqueRipple(Kind):
     words = "has a torque ripple of {amplitude} with order {order} per turn"
     tables = ("inertias",)
     parameters = {"order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad")}
+    state_dependent = True
+    zero_mean = ("amplitude",)
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.act(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)

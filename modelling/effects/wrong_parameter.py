@@ -16,6 +16,8 @@ class WrongParameter(Kind):
     words = "is {value}, not what the model gives"
     tables = ("inertias", "shafts", "gears")
     parameters = {"value": Parameter("quantity")}
+    linear = True
+    replaces_quantity = True
 
     def places(self, system: Drivetrain) -> list[str]:
         return [name for name in system.parameters if name.count(".") == 2]

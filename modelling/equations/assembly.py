@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import sympy as sm
 
-from modelling.effects import EFFECTS, Kind
+from modelling.effects import Kind
 from modelling.effects.interface import InputPath, Motion, SensorPath, ShaftLaw, Spring
 from modelling.equations import shaft_law
 from modelling.equations.constraints import eliminate
@@ -31,7 +31,7 @@ class Assembly:
         self._override = {
             effect.at: self.parameters[f"{effect.name}.value"]
             for effect in system.effects
-            if effect.kind == "wrong_parameter"
+            if effect.law.replaces_quantity
         }
         self.time = sm.Symbol("t", real=True)
         self.coordinates: list[str] = []
@@ -52,7 +52,7 @@ class Assembly:
         self._assemble()
 
     def symbol(self, name: str) -> sm.Symbol:
-        """The symbol of a parameter; what a ``wrong_parameter`` says instead, where there is one."""
+        """The symbol of a parameter; that of the effect that replaces it, where there is one."""
         return self._override.get(name, self.parameters[name])
 
     def coordinate(self, name: str) -> Motion:
@@ -99,7 +99,7 @@ class Assembly:
         by_place: dict[str, list[tuple[Kind, dict[str, sm.Symbol]]]] = {}
         for effect in system.effects:
             p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
-            by_place.setdefault(effect.at, []).append((EFFECTS[effect.kind], p))
+            by_place.setdefault(effect.at, []).append((effect.law, p))
         self.motions = eliminate(system, self)
         for shaft in system.shafts:
             law = self.shafts[shaft.name] = shaft_law.begin(shaft, self)

@@ -61,7 +61,7 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
             assembly.act(law.place, -parallel.xreplace({stand_in: rate}), twist)
     else:
         if law.series is not None:
-            spring = assembly.state(f"{law.place}.slip", lambda _: stand_in)
+            spring = assembly.state(law.series_state, lambda _: stand_in)
             # the damper in series gives way to the parallel elements first, then to spring and damper:
             # series·(twist rate − spring rate) = elastic + damping·spring rate + parallel
             rate = rate - parallel / law.series

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from modelling.effects import EFFECTS
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model
 from modelling.equations.shaft_law import CONTACT_TIME
@@ -59,9 +58,9 @@ def _bounds(system: System, name: str) -> tuple[float, float, bool]:
     effect = next((own for own in system.effects if own.name == place), None)
     if effect is None:
         return (-math.inf if key == "ratio" else 0.0), math.inf, key in ("J", "ratio")
-    if effect.kind == "wrong_parameter":
+    if effect.law.replaces_quantity:
         return _bounds(system, effect.at)
-    own = EFFECTS[effect.kind].parameters[key]
+    own = effect.law.parameters[key]
     return own.lower, own.upper, False
 
 
@@ -80,10 +79,6 @@ def states(model: Model) -> list[Variable]:
 
 def _further(system: System, name: str) -> tuple[str, str]:
     """Unit and meaning of a state that an effect brings along."""
-    place, _, kind = name.rpartition(".")
-    if kind == "slip":
-        return "rad", f"deflection of the spring of {place}"
-    if kind == "lag":
-        sensors = {f"sensors.{part.name}": part.unit for part in system.sensors}
-        return sensors.get(place, "N*m"), f"{place} behind its lag"
-    return "1", f"{kind} of {place}, as a share of its torque"
+    effect = next(own for own in system.effects if own.name == name)
+    assert effect.law.state is not None
+    return effect.law.state_unit(effect.at, system), effect.law.state.meaning.format(place=effect.at)

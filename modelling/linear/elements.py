@@ -105,9 +105,7 @@ def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elemen
 
 def rest(model: Model, p: np.ndarray) -> np.ndarray:
     """State at rest, (x,) or with lash (b, x): every lash just closed in the driving direction, all else zero."""
-    gaps = {name: f"{name}.backlash.gap" for name in model.equations.assembly.springs}
-    gaps = {name: gap for name, gap in gaps.items() if gap in model.parameters}
-    size = len(model.states)
+    gaps, size = model.system.free_plays, len(model.states)
     if not gaps:
         return np.zeros(size)
     p = np.atleast_2d(p)

@@ -90,7 +90,9 @@ def _problem(
     values: Mapping[str, float] | None,
 ) -> _Problem:
     p = model.vector(values)
-    p[[name.endswith(".torque_ripple.amplitude") for name in model.parameters]] = 0.0
+    for effect in model.system.effects:
+        for key in effect.law.zero_mean:
+            p[model.parameters.index(f"{effect.name}.{key}")] = 0.0
     parts = elements(model, p[None])
     for name in speeds:
         if f"inertias.{name}" not in parts.masses:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from modelling.common.units import SENSOR_UNITS
+from modelling.effects import EFFECTS, Kind
 from modelling.model.quantity import Quantity
 
 TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
@@ -84,3 +85,14 @@ class Effect:
     def name(self) -> str:
         """How its parameters begin in reports: ``shafts.link.backlash``."""
         return f"{self.at}.{self.kind}"
+
+    @property
+    def law(self) -> Kind:
+        """What is known of its kind: law, units, bounds, what it asks of a simulation.
+
+        Raises
+        ------
+        KeyError
+            If there is no such kind; a checked system has none of these.
+        """
+        return EFFECTS[self.kind]

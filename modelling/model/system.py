@@ -11,7 +11,6 @@ from typing import Any
 from modelling.common import display
 from modelling.common.errors import unknown
 from modelling.common.units import UNITS
-from modelling.effects import EFFECTS
 from modelling.model.checks import check
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
@@ -71,11 +70,16 @@ class System:
         found = {name: UNITS[name.rsplit(".", 1)[1]] for name in self.parameters if self._is_plain(name)}
         for effect in self.effects:
             for key, _ in effect.parameters:
-                found[f"{effect.name}.{key}"] = EFFECTS[effect.kind].unit(key, effect.at, self)
+                found[f"{effect.name}.{key}"] = effect.law.unit(key, effect.at, self)
         return found
 
     def _is_plain(self, name: str) -> bool:
         return name.count(".") == 2
+
+    @property
+    def free_plays(self) -> dict[str, str]:
+        """Parameter that is the total free play of a shaft (rad), by the shaft's place ``shafts.NAME``."""
+        return {own.at: f"{own.name}.{own.law.free_play}" for own in self.effects if own.law.free_play}
 
     @property
     def uncertain(self) -> dict[str, Quantity]:

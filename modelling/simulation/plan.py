@@ -28,7 +28,7 @@ def steps_per_second(
     SimulationError
         If more than ``MOST`` would be needed, or an eigenvalue is not finite.
     """
-    lash = [model.parameters.index(f"{e.name}.gap") for e in model.system.effects if e.kind == "backlash"]
+    lash = [model.parameters.index(name) for name in model.system.free_plays.values()]
     closed = p.copy()
     closed[:, lash] = 0.0
     x = np.zeros((len(model.states), 2 * len(p)))
@@ -105,7 +105,7 @@ def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndar
     values = dict(zip(a.parameters.values(), p, strict=True))
     speeds = []
     for effect in model.system.effects:
-        if effect.kind in ("coulomb_friction", "stribeck_friction"):
+        if effect.law.sticks:
             share = a.motions[effect.at.removeprefix("inertias.")].share
             speeds.append(sum(float(c.xreplace(values)) * states[:, model.n + i] for i, c in share.items()))
     return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))

@@ -34,15 +34,6 @@ __all__ = [
 ]
 
 Inputs = Mapping[str, np.ndarray] | np.ndarray
-BENT = {
-    "backlash",
-    "coulomb_friction",
-    "stribeck_friction",
-    "hardening",
-    "hysteresis",
-    "quadratic_drag",
-    "torque_ripple",
-}
 
 
 def simulate(
@@ -204,7 +195,7 @@ def prepare(
     p = np.array(parameters, dtype=float)
     steps = steps_per_second or needed_steps(model, p[None])
     choose = STICK_SPEED in model.parameters and STICK_SPEED not in fixed
-    if not choose and (steps_per_second or not {effect.kind for effect in model.system.effects} & BENT):
+    if not choose and (steps_per_second or not any(own.law.state_dependent for own in model.system.effects)):
         return p, steps
     begin = start_state(model, p, u[0], start)[None]
     for attempt in (1, 4, 16):

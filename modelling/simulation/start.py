@@ -58,7 +58,8 @@ def start_state(model: Model, p: np.ndarray, u: np.ndarray, start: Start) -> np.
 
 def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, given: list[int]) -> np.ndarray:
     """Lag states, as long as not given, where they would stay."""
-    lags = [i for i, name in enumerate(model.states) if name.endswith(".lag") and i not in given]
+    settling = {own.name for own in model.system.effects if own.law.state is not None and own.law.state.settles}
+    lags = [i for i, name in enumerate(model.states) if name in settling and i not in given]
     for _ in range(3 if lags else 0):  # lags may stand in a row
         rate = np.array(model.rates(x, u, p)).ravel()[lags]
         A = np.array(model.jacobians(x, u, p, 0.0)[0])[np.ix_(lags, lags)]
@@ -79,7 +80,7 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
     """
     n, x0 = model.n, np.zeros(len(model.states))
     x0[:n] = 1e-9 * np.cos(np.arange(n) * 1.7)
-    gaps = [model.parameters.index(f"{e.name}.gap") for e in model.system.effects if e.kind == "backlash"]
+    gaps = [model.parameters.index(name) for name in model.system.free_plays.values()]
     closed = p.copy()
     closed[gaps] = 0.0
     stiffness = np.array(model.jacobians(x0, u, closed, 0.0)[0])[n : 2 * n, :n]

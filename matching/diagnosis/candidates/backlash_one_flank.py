@@ -14,6 +14,7 @@ from matching.diagnosis.candidates.candidates import Cause
 from matching.diagnosis.candidates.motion import seen
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.uncertainty import Estimate
+from modelling.effects import EFFECTS
 
 TOUCHED = 0.02  # of the largest torque of the shaft: on that side it was in contact
 
@@ -21,12 +22,12 @@ TOUCHED = 0.02  # of the largest torque of the shaft: on that side it was in con
 def bounded_below(numbers: Mapping[str, Estimate], fit: Fit, causes: Sequence[Cause]) -> dict[str, Estimate]:
     """Estimates with those of free play touched on one side only as uncertain as they are large, and said to be so."""
     out = dict(numbers)
-    lashes = [cause for cause in causes if cause.kind == "backlash"]
+    lashes = [cause for cause in causes if EFFECTS[cause.kind].free_play]
     if not lashes:
         return out
     motion = seen(fit)
     for cause in lashes:
-        shaft, name = cause.at.split(".")[1], cause.names()["gap"]
+        shaft, name = cause.at.split(".")[1], cause.names()[EFFECTS[cause.kind].free_play]
         torque, twist, own = motion.torque[shaft], motion.twist[shaft], out[name]
         least = TOUCHED * abs(torque).max()
         if torque.min() > -least:

@@ -17,7 +17,6 @@ from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
 
-WRONG = "wrong_parameter"
 WINDOW, WINDOWS = 0.5, 24  # s of a short window at least, and how many at most
 ABRUPT = 8  # integration steps a sample where a torque jumps: with fewer the misfit is too rough to descend
 
@@ -30,9 +29,14 @@ class Cause:
     at: str
     keys: tuple[str, ...]
 
+    @property
+    def replaces_quantity(self) -> bool:
+        """Whether it replaces a quantity of the model, which is then freed where it stands."""
+        return EFFECTS[self.kind].replaces_quantity
+
     def names(self) -> dict[str, str]:
         """Parameter of the effect → its name in the fit; a wrong parameter is freed where it stands."""
-        return {key: self.at if self.kind == WRONG else f"{self.at}.{self.kind}.{key}" for key in self.keys}
+        return {key: self.at if self.replaces_quantity else f"{self.at}.{self.kind}.{key}" for key in self.keys}
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class Trial:
         """The system that is simulated: every cause but wrong parameters is an effect of it."""
         made = []
         for cause in self.causes:
-            if cause.kind != WRONG:
+            if not cause.replaces_quantity:
                 made.append(
                     Effect(
                         cause.kind,
@@ -57,7 +61,7 @@ class Trial:
                         tuple((key, Quantity(self.values[name])) for key, name in cause.names().items()),
                     )
                 )
-        wrong = {cause.at: self.values[cause.at] for cause in self.causes if cause.kind == WRONG}
+        wrong = {cause.at: self.values[cause.at] for cause in self.causes if cause.replaces_quantity}
         return self.system.with_values(wrong).with_effects(*made)
 
 

@@ -13,7 +13,7 @@ from modelling.model.system import System
 
 def extended(system: System, causes: tuple[Cause, ...], values: Mapping[str, float]) -> System:
     """A system with the causes as effects, at fitted values; ranges stay as they were given."""
-    wrong = {cause.at for cause in causes if cause.kind == "wrong_parameter"}
+    wrong = {cause.at for cause in causes if cause.replaces_quantity}
     known = {name: value for name, value in values.items() if name in system.parameters and name not in wrong}
     effects = []
     for cause in causes:

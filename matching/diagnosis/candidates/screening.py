@@ -201,8 +201,7 @@ class Screen:
             places = [
                 at
                 for at in own.places(system)
-                if (kind, at) not in taken_places
-                and not (kind == "wrong_parameter" and system.parameters[at].uncertain)
+                if (kind, at) not in taken_places and not (own.replaces_quantity and system.parameters[at].uncertain)
             ]
             found = list(self._tried(kind, ((at, guess) for at in places for guess in own.guesses(self.seen, at))))
             yield from found
@@ -256,4 +255,4 @@ def _hat_responses(fit: Fit) -> dict[str, np.ndarray]:
 
 def without_effects(system: System) -> System:
     """The linear chain of a system; a wrong parameter stays as it is said to be."""
-    return replace(system, effects=tuple(effect for effect in system.effects if effect.kind == "wrong_parameter"))
+    return replace(system, effects=tuple(effect for effect in system.effects if effect.law.replaces_quantity))

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from matching.diagnosis.candidates.candidates import (
-    WRONG,
     Cause,
     Trial,
     added,
@@ -214,7 +213,7 @@ def _simpler(named: Named) -> Iterator[Trial]:
     rest = without_cause(named.trial, len(named.causes) - 1, fit)
     there = {(other.kind, other.at) for other in rest.causes}
     for kind, at, own in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
-        if (kind, at) not in there and not (kind == WRONG and system.parameters[at].uncertain):
+        if (kind, at) not in there and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
             yield added(rest, fit, kind, at, own)
 
 

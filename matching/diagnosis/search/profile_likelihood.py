@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from matching.diagnosis.candidates.candidates import WRONG, Cause
+from matching.diagnosis.candidates.candidates import Cause
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.friction_regularisation import sharpened
 from matching.diagnosis.fitting.uncertainty import Estimate, covariance
@@ -29,7 +29,7 @@ def as_good(fit: Fit, causes: tuple[Cause, ...]) -> list[Fit]:
     of the likelihood, Venzon and Moolgavkar 1988). Where that leads below the fit, the search goes on from there.
     """
     sigma, length = np.sqrt(np.diag(covariance(fit))), np.linalg.norm(fit.jacobian, axis=0)
-    names = [name for cause in causes if cause.kind != WRONG for name in cause.names().values()]
+    names = [name for cause in causes if not cause.replaces_quantity for name in cause.names().values()]
     found = [fit]
     for name in names:
         i = fit.problem.free.index(name)

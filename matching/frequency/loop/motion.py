@@ -18,12 +18,11 @@ from modelling.model.system import System
 from modelling.simulation.plan import steps_per_second
 
 FINEST = 50e-6  # s: longest fine step
-LINEAR = {"slip", "compliance", "lag", "input_gain", "sensor_gain"}  # effects that a linear model holds completely
 
 
 def is_linear(system: System) -> bool:
     """Whether the linear model says everything about a system."""
-    return all(effect.kind in LINEAR for effect in system.effects)
+    return all(effect.law.linear for effect in system.effects)
 
 
 class LinearMotion:
