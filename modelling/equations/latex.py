@@ -1,54 +1,34 @@
-"""How the equations are written: symbols in LaTeX, zeros left out."""
+"""Equations in LaTeX, as notebooks render them."""
 
 from __future__ import annotations
 
 import sympy as sm
 
 from modelling.equations.lagrange import Equations
+from modelling.equations.symbols import ANGLE, Sign, known_zeros, signs
 from modelling.model.system import System
 
-_LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i"}
+_DOTS = (r"\varphi", r"\dot{\varphi}", r"\ddot{\varphi}")
 
 
 def symbol_names(equations: Equations) -> dict[sm.Symbol, str]:
-    """LaTeX of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates."""
-    a = equations.assembly
-    names: dict[sm.Symbol, str] = {}
-    for symbols, mark in ((a.q, r"\varphi"), (a.qd, r"\dot{\varphi}"), (a.qdd, r"\ddot{\varphi}")):
-        names |= {symbol: f"{mark}_{{{_text(name)}}}" for symbol, name in zip(symbols, a.coordinates, strict=True)}
-    for name, symbol in a.parameters.items():
-        parts = name.split(".")
-        letter = (
-            _LETTERS.get(parts[-1], rf"\mathrm{{{_plain(parts[-1])}}}")
-            if len(parts) == 3
-            else rf"\mathrm{{{_plain(parts[-1])}}}"
-        )
-        names[symbol] = f"{letter}_{{{_text(parts[1] if len(parts) > 2 else parts[-1])}}}"
-    for name, (symbol, _) in a.states.items():
-        names[symbol] = f"z_{{{_text(name)}}}"
-    for name in a.inputs:
-        names[sm.Symbol(f"u({name})", real=True)] = f"M_{{{_text(name)}}}"
-    return names
+    """LaTeX of every symbol, see :func:`modelling.equations.symbols.signs`."""
+    return {symbol: _written(sign) for symbol, sign in signs(equations).items()}
 
 
 def latex(equations: Equations, system: System | None = None) -> dict[str, list[str]]:
     """LaTeX of ``T``, ``V``, ``D`` and ``motion``; given a system, its drags and dampings of zero are left out."""
-    a = equations.assembly
-    zero = {
-        a.parameters[name]: sm.Integer(0)
-        for name, quantity in (system.parameters.items() if system else ())
-        if quantity.value == 0 and not quantity.uncertain and name.rsplit(".", 1)[1] in ("drag", "damping")
-    }
+    zeros = known_zeros(equations, system) if system else {}
     names = symbol_names(equations)
 
     def write(expression: sm.Basic) -> str:
-        return sm.latex(expression.xreplace(zero), symbol_names=names)
+        return sm.latex(expression.xreplace(zeros), symbol_names=names)
 
     return {
         "T": [write(equations.kinetic_energy)],
         "V": [write(equations.potential_energy)],
         "D": [write(equations.dissipation)],
-        "motion": [f"{write(eq.lhs)} = {write(eq.rhs)}" for eq in equations.motion],
+        "motion": [f"{write(equation.lhs)} = {write(equation.rhs)}" for equation in equations.motion],
     }
 
 
@@ -62,9 +42,13 @@ def html(equations: Equations, system: System | None = None) -> str:
     return (f"<h4>{title}</h4>" if title else "") + rf"$$\begin{{aligned}}{body}\end{{aligned}}$$"
 
 
-def _plain(name: str) -> str:
-    return name.replace("_", r"\_")
+def _written(sign: Sign) -> str:
+    if sign.letter == ANGLE:
+        letter = _DOTS[sign.derivatives]
+    else:
+        letter = sign.letter if len(sign.letter) == 1 else _upright(sign.letter)
+    return f"{letter}_{{{_upright(sign.component)}}}" if sign.component else letter
 
 
-def _text(name: str) -> str:
-    return rf"\mathrm{{{_plain(name)}}}"
+def _upright(name: str) -> str:
+    return rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"

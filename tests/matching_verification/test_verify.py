@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.loop import responses
+from matching.frequency.loop.responses import responses
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.loop_modes import match_mode

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from matching.frequency.case.case import load_case
-from matching.frequency.loop import responses
+from matching.frequency.loop.responses import responses
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.verification import verify
 from modelling.modal.modes import modes
