@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.loop.responses import responses
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.loop_modes import match_mode
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.responses import responses
 from matching.frequency.verification import error_figures, response_error, verify
 from matching.frequency.verification.robustness import compared
 from modelling.bed.model_based import twin
