@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from modelling.common.errors import InputError, listed, unknown
 from modelling.equations.compiled import Model
-from modelling.linear.elements import rest
+from modelling.linear.steady_motion import steady_motion
 
 Start = None | str | np.ndarray | Mapping[str, float]
 
@@ -68,55 +67,19 @@ def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, given: l
 
 
 def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, float] | None = None) -> np.ndarray:
-    """State of steady motion under the inputs ``u``: shafts hold their twist, nothing vibrates.
+    """State (x,) of steady motion under the inputs ``u`` (u,), see :mod:`modelling.linear.steady_motion`.
 
-    Without ``speeds`` all accelerations are 0: the speed follows from drag. With ``speeds`` (rad/s by inertia) it moves
-    with them, as nearly as the stiff parts allow, and may accelerate as one piece.
+    Without ``speeds`` all accelerations are 0: the speed follows from drag. With ``speeds`` (rad/s by inertia) the
+    drivetrain moves with them and may accelerate as one piece.
 
     Raises
     ------
     InputError
         If there is no such motion, or an inertia is unknown.
     """
-    n, x0 = model.n, np.zeros(len(model.states))
-    x0[:n] = 1e-9 * np.cos(np.arange(n) * 1.7)
-    gaps = [model.parameters.index(name) for name in model.system.free_plays.values()]
-    closed = p.copy()
-    closed[gaps] = 0.0
-    stiffness = np.array(model.jacobians(x0, u, closed, 0.0)[0])[n : 2 * n, :n]
-    _, size, basis = np.linalg.svd(stiffness)
-    free = basis[size < 1e-9 * max(size.max(), 1e-300)].T  # motions that twist nothing, (n, r)
-    fixed = None if speeds is None else _fitting(model, p, free, speeds)
-    scale = max(size.max(), 1.0)
-
-    def state(guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        move = guess[-free.shape[1] :]
-        v = free @ (move if fixed is None else fixed)
-        common = np.zeros(n) if fixed is None else free @ move
-        return np.concatenate([guess[:n], v, guess[n : len(x0) - n]]), common
-
-    def residual(guess: np.ndarray) -> np.ndarray:
-        x, common = state(guess)
-        rate = np.array(model.rates(x, u, p)).ravel()
-        return np.concatenate([rate[n : 2 * n] - common, rate[2 * n :], np.sqrt(scale) * (free.T @ x[:n])])
-
-    closed_lash = np.atleast_2d(rest(model, p))[0]
-    for side in (1.0, -1.0):  # lash may lie on either flank
-        guess = np.concatenate([side * closed_lash[:n], side * closed_lash[2 * n :], np.zeros(free.shape[1])])
-        solution = least_squares(residual, guess, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        if np.abs(solution.fun).max() < 1e-6 * max(1.0, float(np.abs(u).max(initial=0.0))):
-            return state(solution.x)[0]
-    raise InputError("start", "there is no steady motion under the first inputs", "start at rest or give the speeds")
-
-
-def _fitting(model: Model, p: np.ndarray, free: np.ndarray, speeds: Mapping[str, float]) -> np.ndarray:
-    """Amounts of the free motions that come nearest to given speeds."""
-    a = model.equations.assembly
-    values = dict(zip(a.parameters.values(), p, strict=True))
-    rows = np.zeros((len(speeds), model.n))
-    for row, name in zip(rows, speeds, strict=True):
-        if name not in a.motions:
-            raise unknown(name, list(a.motions), "start")
-        for i, c in a.motions[name].share.items():
-            row[i] = float(c.xreplace(values))
-    return np.linalg.lstsq(rows @ free, np.array(list(speeds.values()), dtype=float), rcond=1e-9)[0]
+    motion = steady_motion(model, p, u, speeds, accelerating=speeds is not None)
+    if motion.error > 1.0:
+        raise InputError(
+            "start", "there is no steady motion under the first inputs", "start at rest or give the speeds"
+        )
+    return motion.state

@@ -114,3 +114,31 @@ sensors.motor_speed = { measures = "speed", of = "motor" }
 sensors.left_torque = { measures = "torque", of = "side_left" }
 sensors.left_speed = { measures = "speed", of = "wheel_left" }
 """
+
+
+def test_one_inertia_runs_steadily_at_the_speed_its_drag_allows(path):
+    disc = {
+        "inertias": {"disc": {"J": 2.0, "drag": 0.5}},
+        "inputs": {"torque": {"on": "disc"}},
+        "sensors": {"speed": {"measures": "speed", "of": "disc"}},
+    }
+    got = simulate(from_dict(disc, "test"), TIME, {"torque": np.full(201, 3.0)}, start="steady", compile=path)
+    np.testing.assert_allclose(got["speed"], 6.0, rtol=1e-9)
+
+
+def test_a_ripple_is_averaged_over_a_turn():
+    model, plain = compiled(system_with("torque_ripple")), compiled(system_with())
+    u = np.array([5.0, -2.0])
+    np.testing.assert_allclose(steady(model, model.p0, u), steady(plain, plain.p0, u), atol=1e-9)
+
+
+def test_a_load_that_friction_would_hide_runs_up():
+    """Between breakaway and sliding friction falls with speed: Newton from rest ends in the valley between."""
+    system = system_with("stribeck_friction", "quadratic_drag")
+    model = compiled(system)
+    x = steady(model, model.p0, np.array([6.0, -9.5]))
+    v = x[2]
+    assert v < -5
+    assert x[3] == pytest.approx(v)
+    drag = 0.17 * v + 0.02 * v * abs(v)
+    assert drag == pytest.approx(-3.5 + 0.5, rel=1e-6)  # sliding friction is 0.5 N·m

@@ -1,0 +1,203 @@
+"""Steady motion of the nonlinear model: the one solver for start states and operating points.
+
+No coordinate accelerates (or all move with one common acceleration), no shaft's twist changes, internal states rest.
+Damped Newton steps of least norm, because angles of a free drivetrain and torques beyond the balance are not unique.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from modelling.common.errors import unknown
+from modelling.equations.compiled import Model
+from modelling.linear.elements import Elements, elements, null, rest, unit_rows
+
+MAX_NEWTON_STEPS = 60
+HIGH_SPEED = 1e3  # rad/s, above what powertrains reach
+BALANCE_TOLERANCE = 1e-9  # of the largest torque in the balance, and of the largest speed
+
+
+@dataclass(frozen=True)
+class SteadyMotion:
+    """State (x,) and inputs (u,) in N·m of a steady motion, and how exactly they balance.
+
+    ``error`` is the largest residual in times :data:`BALANCE_TOLERANCE` of the torques and speeds that balance: the
+    motion is steady if it is at most 1.
+    """
+
+    state: np.ndarray
+    inputs: np.ndarray
+    error: float
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What is fixed: parameters (p,), rows of locked twists (l, n), rows (c, n) and values (c,) of wanted speeds.
+
+    ``free`` are the inputs to solve for; ``common`` (n, a) the coordinate accelerations that are allowed.
+    """
+
+    model: Model
+    p: np.ndarray
+    parts: Elements
+    locked: np.ndarray
+    speed_rows: np.ndarray
+    speeds: np.ndarray
+    free: Sequence[int]
+    common: np.ndarray
+
+
+def steady_motion(
+    model: Model,
+    p: np.ndarray,
+    u: np.ndarray,
+    speeds: Mapping[str, float] | None = None,
+    free: Sequence[int] = (),
+    *,
+    accelerating: bool = False,
+) -> SteadyMotion:
+    """Find a steady motion under the torques ``u``, some of which may be ``free``.
+
+    Slip runs at constant slip speed. Torque ripple is averaged over a turn (taken as 0). Lash lies on the flank that
+    balances. The best of several starts is returned, also when it does not balance: see :attr:`SteadyMotion.error`.
+
+    Parameters
+    ----------
+    p, u : ndarray (p,), (u,)
+        SI.
+    speeds : mapping, optional
+        Wanted speeds by inertia, rad/s; without, they follow from the balance of torques.
+    free : sequence of int
+        Inputs whose torque is to be found. Where more are free than the balance needs, the least torques are taken.
+    accelerating : bool
+        Let the parts that no shaft holds accelerate together.
+
+    Raises
+    ------
+    InputError
+        If an inertia is unknown.
+    """
+    p = without_ripple(model, p)
+    parts = elements(model, p[None])
+    twists, turns = (rows.reshape(-1, model.n) for rows in (parts.twists, parts.turns))
+    for name in speeds or ():
+        if f"inertias.{name}" not in parts.masses:
+            raise unknown(name, [part.name for part in model.system.inertias], "speeds")
+    in_series = ~np.abs(parts.deflections[:, : model.n]).any(axis=1)
+    locked = twists[~in_series]
+    problem = _Problem(
+        model,
+        p,
+        parts,
+        locked,
+        np.array([turns[parts.masses.index(f"inertias.{name}")] for name in speeds or ()]).reshape(-1, model.n),
+        np.array([float(value) for value in (speeds or {}).values()]),
+        list(free),
+        _untwisted(locked) if accelerating else np.zeros((model.n, 0)),
+    )
+    # lash may lie on either flank; from a high speed Newton runs down to a balance that friction near rest would hide
+    starts = [(1.0, 0.0), (-1.0, 0.0)] + ([] if speeds else [(1.0, HIGH_SPEED), (-1.0, -HIGH_SPEED)])
+    tried = []
+    for flank, speed in starts:
+        tried.append(_solve(problem, flank, speed, np.asarray(u, float)))
+        if tried[-1].error <= 1.0:
+            break
+    return min(tried, key=lambda motion: motion.error)
+
+
+def _untwisted(locked: np.ndarray) -> np.ndarray:
+    """Basis (n, r) of the motions that twist none of the rows (l, n)."""
+    return null(unit_rows(locked)) if len(locked) else np.eye(locked.shape[1])
+
+
+def without_ripple(model: Model, p: np.ndarray) -> np.ndarray:
+    """Parameters (p,) with every torque that averages to zero over a turn (torque ripple) taken as zero."""
+    p = np.array(p, float)
+    for effect in model.system.effects:
+        for key in effect.law.zero_mean:
+            p[model.parameters.index(f"{effect.name}.{key}")] = 0.0
+    return p
+
+
+def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> SteadyMotion:
+    """Newton from a motion that twists nothing, at the wanted speeds or else near ``speed``, lash on one flank."""
+    model, n = problem.model, problem.model.n
+    x = flank * np.atleast_2d(rest(model, problem.p))[0]
+    untwisted = _untwisted(problem.locked)
+    x[n : 2 * n] = untwisted @ untwisted.sum(axis=0) * speed
+    if len(problem.speeds):
+        weight = 1e3  # the wanted speeds before the untwisted motion
+        rows = np.vstack([problem.parts.twists.reshape(-1, n), weight * problem.speed_rows])
+        values = np.concatenate([np.zeros(len(rows) - len(problem.speeds)), weight * problem.speeds])
+        x[n : 2 * n] = np.linalg.lstsq(rows, values)[0]
+    acceleration = np.zeros(problem.common.shape[1])
+    residual, scale = _residual(problem, x, u, acceleration)
+    for _ in range(MAX_NEWTON_STEPS):
+        if not _error(residual, scale) > 1e-3:
+            break
+        step = _least_norm(_jacobian(problem, x, u), -residual)
+        if not np.isfinite(step).all():
+            break
+        for length in 0.5 ** np.arange(12):
+            new_x, new_u = x + length * step[: len(x)], u.copy()
+            new_u[problem.free] += length * step[len(x) : len(x) + len(problem.free)]
+            new_acceleration = acceleration + length * step[len(x) + len(problem.free) :]
+            new, new_scale = _residual(problem, new_x, new_u, new_acceleration)
+            if np.isfinite(new).all() and np.linalg.norm(new / scale) < np.linalg.norm(residual / scale):
+                x, u, acceleration, residual, scale = new_x, new_u, new_acceleration, new, new_scale
+                break
+        else:
+            break
+    error = _error(residual, scale)
+    return SteadyMotion(x, u, error if np.isfinite(error) else np.inf)
+
+
+def _residual(
+    problem: _Problem, x: np.ndarray, u: np.ndarray, acceleration: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torque balance (n,), rates of internal states, twist rates, speeds; and the size each is measured against."""
+    model, n = problem.model, problem.model.n
+    inertial = model.mass(problem.p).full() @ (problem.common @ acceleration)
+    torque = model.force(x, u, problem.p).full().ravel() - inertial
+    rate = model.rates(x, u, problem.p).full().ravel()[2 * n :]
+    speed = x[n : 2 * n]
+    wanted = problem.speed_rows @ speed - problem.speeds
+    deflection = problem.parts.deflections @ x
+    torques = max(1.0, np.abs(u).max(initial=0.0), np.abs(problem.parts.stiffness[0] * deflection).max(initial=0.0))
+    speeds = max(1.0, np.abs(problem.speeds).max(initial=0.0))
+    # the rate of a fast lag carries the rounding of what it follows: size of the state over its time constant
+    inverse_time = np.abs(np.diag(model.jacobians(x, u, problem.p, 0.0)[0].full())[2 * n :])
+    rates = np.maximum(speeds, inverse_time * np.maximum(np.abs(x[2 * n :]), 1.0))
+    residual = np.concatenate([torque, rate, problem.locked @ speed, wanted])
+    rest_scale = np.full(len(problem.locked) + len(wanted), speeds)
+    return residual, np.concatenate([np.full(n, torques), rates, rest_scale])
+
+
+def _jacobian(problem: _Problem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Derivatives of the residual by state, free inputs and common acceleration."""
+    model, n = problem.model, problem.model.n
+    A, B = (part.full() for part in model.jacobians(x, u, problem.p, 0.0)[:2])
+    mass = model.mass(problem.p).full()
+    both = np.hstack([A, B[:, problem.free]])
+    balance = np.hstack([np.vstack([mass @ both[n : 2 * n], both[2 * n :]]), np.zeros((len(A) - n, 0))])
+    inertial = np.vstack([-mass @ problem.common, np.zeros((len(A) - 2 * n, problem.common.shape[1]))])
+    motion = np.vstack([problem.locked, problem.speed_rows])
+    below = np.zeros((len(motion), balance.shape[1] + inertial.shape[1]))
+    below[:, n : 2 * n] = motion
+    return np.vstack([np.hstack([balance, inertial]), below])
+
+
+def _least_norm(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Least-squares solution of least norm, rows and columns brought to size one first."""
+    rows = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-12)
+    scaled = jacobian / rows[:, None]
+    columns = np.linalg.norm(scaled, axis=0)
+    columns = np.where(columns > 0, columns, 1.0)
+    return np.linalg.lstsq(scaled / columns, right / rows, rcond=1e-12)[0] / columns
+
+
+def _error(residual: np.ndarray, scale: np.ndarray) -> float:
+    return float(np.max(np.abs(residual) / (BALANCE_TOLERANCE * scale), initial=0.0))
