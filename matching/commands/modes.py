@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 def _changes(given: list[str], system: "System") -> dict[str, float]:
     """``NAME=VALUE`` with or without unit, as values in SI by name."""
     from modelling.common.errors import InputError, unknown
-    from modelling.common.units import to_si
+    from modelling.units import to_si
 
     changes = {}
     for text in given:

@@ -12,9 +12,10 @@ from matching.frequency.case.case import Case, load_case
 from matching.frequency.case.tuned import apply
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.common.errors import InputError, unknown
+from modelling.common.tables import read_toml
 from modelling.fmu.block import Block, block
 from modelling.model.components import Sensor
-from modelling.model.files import from_dict, read_toml
+from modelling.model.files import from_dict
 from modelling.model.system import System
 
 STEP = 1e-3  # s, suggested for a model, which has no loop

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from modelling.common.errors import InputError, unknown
-from modelling.common.units import to_si
+from modelling.units import to_si
 
 UNITS = {
     "amplitude": "N*m", "offset": "N*m", "creep": "N*m", "at": "s", "rise_time": "s", "duration": "s",

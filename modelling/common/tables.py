@@ -4,52 +4,96 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, unknown
+
+LARGEST_FILE = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
 
 
-def read_toml(path: Path | str) -> dict[str, Any]:
-    """The file's tables; raises ``InputError`` where it is missing or no TOML."""
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """A TOML file as a dictionary.
+
+    Raises
+    ------
+    InputError
+        If it is missing, too large, not UTF-8 or not TOML; with the line.
+    """
+    path = Path(path)
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(str(path), "no such file", "give the path of a TOML file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"cannot be read: {error}", "give a readable UTF-8 TOML file") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(str(path), f"no valid TOML: {error}", "correct the line") from error
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(
+                str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read"
+            )
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(str(path), "does not exist", "name an existing file") from None
+    except OSError as fault:
+        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
+    except UnicodeDecodeError as fault:
+        raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
+    except tomllib.TOMLDecodeError as fault:
+        raise InputError(str(path), f"is not TOML: {fault}", "mend that line") from None
+    except ValueError as fault:  # a number of thousands of digits, say
+        raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
+    except RecursionError:
+        raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
+
+
+def key_place(where: str, key: str) -> str:
+    """How an error names a key: ``file.toml: key`` at the top of a file, ``file.toml: table.key`` in a table."""
+    return f"{where}.{key}" if ": " in where else f"{where}: {key}"
 
 
 def check_keys(table: Any, known: Iterable[str], where: str) -> dict[str, Any]:
-    """The table itself when it is one and has no key besides the known ones."""
+    """The table itself.
+
+    Raises
+    ------
+    InputError
+        If it is no table or has a key besides the known ones.
+    """
     if not isinstance(table, dict):
-        raise InputError(where, f"{table!r} is no table", f"write [{where.rsplit(': ', 1)[-1]}] and its keys")
-    known = list(known)
+        raise InputError(where, "is no table", f"write [{where.rsplit(': ', 1)[-1]}] and its keys below")
+    known = sorted(known)
     for key in table:
         if key not in known:
-            raise InputError(where, f"unknown key '{key}'", f"known are {', '.join(known)}")
+            raise unknown(key, known, where)
     return table
 
 
-def number(table: dict[str, Any], key: str, where: str, *, positive: bool = False, least: float | None = None) -> float:
-    """A finite number under a key."""
+def number(
+    table: Mapping[str, Any], key: str, where: str, *, positive: bool = False, least: float | None = None
+) -> float:
+    """A finite number under a key.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no finite number, or too small.
+    """
     if key not in table:
         raise InputError(where, f"'{key}' is missing", f"give {key} = a number")
     value = table[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{where}.{key}", f"{value!r} is no finite number", "give a finite number")
+        raise InputError(key_place(where, key), f"{value!r} is no finite number", "give a finite number")
     if positive and value <= 0:
-        raise InputError(f"{where}.{key}", f"{value!r} is not positive", "give a number above 0")
+        raise InputError(key_place(where, key), f"{value!r} is not positive", "give a number above 0")
     if least is not None and value < least:
-        raise InputError(f"{where}.{key}", f"{value!r} is too small", f"give at least {least:g}")
+        raise InputError(key_place(where, key), f"{value!r} is too small", f"give at least {least:g}")
     return float(value)
 
 
 def numbers(values: Any, where: str, least: int = 2) -> list[float]:
-    """A list of at least so many finite numbers."""
+    """A list of at least so many finite numbers.
+
+    Raises
+    ------
+    InputError
+        If it is no such list.
+    """
     if not isinstance(values, list) or len(values) < least:
         raise InputError(where, "is no list of readings", f"give at least {least} numbers")
     for place, value in enumerate(values, start=1):
@@ -58,19 +102,31 @@ def numbers(values: Any, where: str, least: int = 2) -> list[float]:
     return [float(value) for value in values]
 
 
-def text(table: dict[str, Any], key: str, where: str, default: str | None = None) -> str:
-    """A text under a key."""
+def text(table: Mapping[str, Any], key: str, where: str, default: str | None = None) -> str:
+    """A text under a key, or the default where the key is missing.
+
+    Raises
+    ------
+    InputError
+        If it is no text, or missing without a default.
+    """
     value = table.get(key, default)
     if value is None:
         raise InputError(where, f"'{key}' is missing", f'give {key} = "…"')
     if not isinstance(value, str):
-        raise InputError(f"{where}.{key}", f"{value!r} is no text", "put it in quotes")
+        raise InputError(key_place(where, key), f"{value!r} is no text", "put it in quotes")
     return value
 
 
 def one_of(value: str, choices: Iterable[str], where: str) -> str:
-    """The value when it is one of the choices."""
+    """The value itself.
+
+    Raises
+    ------
+    InputError
+        If it is none of the choices.
+    """
     choices = list(choices)
     if value not in choices:
-        raise InputError(where, f"'{value}' is not known", f"choose {' | '.join(choices)}")
+        raise unknown(value, choices, where)
     return value

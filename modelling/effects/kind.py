@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from modelling.common.units import UNITS
 from modelling.effects.first_guess import Guess, Seen
 from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+from modelling.units import QUANTITY_UNITS
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Kind:
         """SI unit of the parameter ``key`` of this effect at the place ``at``."""
         unit = self.parameters[key].unit
         if unit == "quantity":
-            return UNITS[at.rsplit(".", 1)[1]]
+            return QUANTITY_UNITS[at.rsplit(".", 1)[1]]
         if unit.startswith("sensor"):
             own = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
             return own + unit.removeprefix("sensor")

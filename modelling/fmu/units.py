@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from modelling.common.errors import InputError
-from modelling.common.units import registry
+from modelling.units import registry
 
 BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A",

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from modelling.common.errors import InputError, unknown
-from modelling.common.units import factor
+from modelling.common.tables import read_toml
 from modelling.measurement.readers import Table
-from modelling.model.files import read_toml
+from modelling.units import factor
 
 KEYS = ("channel", "unit", "sign")
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from modelling.common.errors import InputError, listed, unknown
-from modelling.common.units import factor
 from modelling.measurement.channels import Channel, called, renamed
 from modelling.measurement.readers import Table, name_time, read_table
 from modelling.model.system import System
+from modelling.units import factor
 
 _COLUMN = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
 LONGEST_FILL = 0.1  # s of missing input that are bridged

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Protocol
 
 from modelling.common.errors import InputError, listed, unknown
-from modelling.common.units import SENSOR_UNITS
 from modelling.effects import EFFECTS, Kind
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
+from modelling.units import SENSOR_UNITS
 
 _NAME = re.compile(r"\w[\w-]*")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from modelling.common.units import SENSOR_UNITS
 from modelling.effects import EFFECTS, Kind
 from modelling.model.quantity import Quantity
+from modelling.units import SENSOR_UNITS
 
 TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,12 @@ from typing import Any
 import tomli_w
 
 from modelling.common.errors import InputError, unknown
-from modelling.common.units import UNITS, to_si
+from modelling.common.tables import check_keys, read_toml, text
 from modelling.effects import EFFECTS
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
-
-LARGEST = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
+from modelling.units import QUANTITY_UNITS, to_si
 
 _KEYS = {
     "inertias": {"J", "drag"},
@@ -28,35 +26,6 @@ _KEYS = {
     "sensors": {"measures", "of", "uncertainty"},
 }
 _TOP = {"title", "reference", "mirror", "effects", *TABLES}
-
-
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """A TOML file as a dictionary.
-
-    Raises
-    ------
-    InputError
-        If it is missing, too large, not UTF-8 or not TOML; with the line.
-    """
-    path = Path(path)
-    try:
-        if path.stat().st_size > LARGEST:
-            raise InputError(
-                str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read"
-            )
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(str(path), "does not exist", "name an existing file") from None
-    except OSError as fault:
-        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
-    except UnicodeDecodeError as fault:
-        raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
-    except tomllib.TOMLDecodeError as fault:
-        raise InputError(str(path), f"is not TOML: {fault}", "mend that line") from None
-    except ValueError as fault:  # a number of thousands of digits, say
-        raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
-    except RecursionError:
-        raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
 
 
 def load(path: str | Path) -> System:
@@ -85,9 +54,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
     InputError
         One line that names file and key.
     """
-    for key in data:
-        if key not in _TOP:
-            raise unknown(key, sorted(_TOP), where)
+    check_keys(data, _TOP, where)
     try:
         return System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),
@@ -98,8 +65,8 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
             sensors=tuple(_parts(data, "sensors", where, _sensor)),
             mirror=_mirror(data.get("mirror", {}), f"{where}: mirror"),
             effects=_effects(data, where),
-            title=_text(data.get("title", ""), f"{where}: title"),
-            reference=_text(data.get("reference", ""), f"{where}: reference"),
+            title=text(data, "title", where, ""),
+            reference=text(data, "reference", where, ""),
         )
     except InputError as fault:
         if fault.where.startswith(where):
@@ -114,12 +81,7 @@ def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str,
     made = []
     for name, own in parts.items():
         place = f"{where}: {table}.{name}"
-        if not isinstance(own, dict):
-            raise InputError(place, "is no table", f"write [{table}.NAME] and its keys below")
-        for key in own:
-            if key not in _KEYS[table]:
-                raise unknown(key, sorted(_KEYS[table]), place)
-        made.append(make(name, own, place))
+        made.append(make(name, check_keys(own, _KEYS[table], place), place))
     return made
 
 
@@ -142,18 +104,18 @@ def _gear(name: str, own: dict, place: str) -> Gear:
 
 
 def _differential(name: str, own: dict, place: str) -> Differential:
-    return Differential(name, *(_name(own, key, place) for key in ("cage", "left", "right")))
+    return Differential(name, *(text(own, key, place) for key in ("cage", "left", "right")))
 
 
 def _input(name: str, own: dict, place: str) -> Input:
-    return Input(name, _name(own, "on", place))
+    return Input(name, text(own, "on", place))
 
 
 def _sensor(name: str, own: dict, place: str) -> Sensor:
-    measures = _name(own, "measures", place)
+    measures = text(own, "measures", place)
     unit = Sensor(name, measures, "").unit if measures in ("angle", "speed", "acceleration", "torque") else "1"
     uncertainty = to_si(own["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in own else None
-    return Sensor(name, measures, _name(own, "of", place), uncertainty)
+    return Sensor(name, measures, text(own, "of", place), uncertainty)
 
 
 def _mirror(own: Any, place: str) -> tuple[tuple[str, str], ...]:
@@ -174,7 +136,7 @@ def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
     base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
     for number, own in enumerate(given, 1):
         place = f"{where}: effects[{number}]"
-        kind, at = (_name(own, key, place) for key in ("kind", "at"))
+        kind, at = (text(own, key, place) for key in ("kind", "at"))
         if kind not in EFFECTS:
             raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
         places = EFFECTS[kind].places(base)
@@ -227,24 +189,12 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
 
 def _needed(own: dict, key: str, place: str) -> Quantity:
     if key not in own:
-        raise InputError(place, f"{key!r} is missing", f"give it in {UNITS[key]}")
-    return quantity(own[key], UNITS[key], f"{place}.{key}")
+        raise InputError(place, f"{key!r} is missing", f"give it in {QUANTITY_UNITS[key]}")
+    return quantity(own[key], QUANTITY_UNITS[key], f"{place}.{key}")
 
 
 def _optional(own: dict, key: str, place: str) -> Quantity | None:
-    return quantity(own[key], UNITS[key], f"{place}.{key}") if key in own else None
-
-
-def _name(own: dict, key: str, place: str) -> str:
-    if key not in own:
-        raise InputError(place, f"{key!r} is missing", f'write {key} = "…"')
-    return _text(own[key], f"{place}.{key}")
-
-
-def _text(value: Any, where: str) -> str:
-    if not isinstance(value, str):
-        raise InputError(where, f"{type(value).__name__} where a name in quotes is expected", 'write "…"')
-    return value
+    return quantity(own[key], QUANTITY_UNITS[key], f"{place}.{key}") if key in own else None
 
 
 def _between(own: dict, place: str) -> tuple[str, str]:
@@ -256,7 +206,10 @@ def _between(own: dict, place: str) -> tuple[str, str]:
 def _pair(value: Any, where: str) -> tuple[str, str]:
     if not isinstance(value, list) or len(value) != 2:
         raise InputError(where, "is no pair", 'write ["first", "second"]')
-    return _text(value[0], where), _text(value[1], where)
+    for end in value:
+        if not isinstance(end, str):
+            raise InputError(where, f"{type(end).__name__} where a name in quotes is expected", 'write "…"')
+    return value[0], value[1]
 
 
 def to_dict(system: System) -> dict[str, Any]:
@@ -286,7 +239,7 @@ def dumps(system: System) -> str:
 
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
-    order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *UNITS)
+    order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *QUANTITY_UNITS)
     own = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     own = {key: value for key, value in own.items() if not (key in ("drag", "damping") and value == Quantity(0.0))}
     return {

@@ -10,10 +10,10 @@ from typing import Any
 
 from modelling.common import display
 from modelling.common.errors import unknown
-from modelling.common.units import UNITS
 from modelling.model.checks import check
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
+from modelling.units import QUANTITY_UNITS
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class System:
         found: dict[str, Quantity] = {}
         for table in ("inertias", "shafts", "gears"):
             for part in getattr(self, table):
-                for key in UNITS:
+                for key in QUANTITY_UNITS:
                     quantity = getattr(part, key, None)
                     if quantity is not None:
                         found[f"{table}.{part.name}.{key}"] = quantity
@@ -67,7 +67,7 @@ class System:
     @functools.cached_property
     def units(self) -> dict[str, str]:
         """SI unit of every parameter, same keys as :attr:`parameters`."""
-        found = {name: UNITS[name.rsplit(".", 1)[1]] for name in self.parameters if self._is_plain(name)}
+        found = {name: QUANTITY_UNITS[name.rsplit(".", 1)[1]] for name in self.parameters if self._is_plain(name)}
         for effect in self.effects:
             for key, _ in effect.parameters:
                 found[f"{effect.name}.{key}"] = effect.law.unit(key, effect.at, self)
@@ -145,7 +145,7 @@ class System:
 def _replaced(part: Any, place: str, values: Mapping[str, float]) -> Any:
     new = {
         key: getattr(part, key).at(float(values[f"{place}.{key}"]))
-        for key in UNITS
+        for key in QUANTITY_UNITS
         if getattr(part, key, None) is not None and f"{place}.{key}" in values
     }
     return dataclasses.replace(part, **new) if new else part

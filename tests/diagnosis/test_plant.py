@@ -9,8 +9,9 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
+from modelling.common.tables import read_toml
 from modelling.measurement.recording import read_recording
-from modelling.model.files import dumps, from_dict, load, read_toml
+from modelling.model.files import dumps, from_dict, load
 
 pytestmark = needs_compiler
 

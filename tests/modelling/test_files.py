@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from modelling.common.errors import InputError
+from modelling.common.tables import LARGEST_FILE
 from modelling.equations.compiled import compiled
-from modelling.model.files import LARGEST, dumps, from_dict, load, to_dict
+from modelling.model.files import dumps, from_dict, load, to_dict
 
 ROOT = Path(__file__).parents[2]
 GOOD = """
@@ -106,7 +107,7 @@ SPOILED = {
     "inertia as number": ("[inertias.load]\nJ =", "[inertias]\nload =", r"inertias\.load: is no table|is not TOML"),
     "table as list": ("[inputs.motor_torque]\non", "[[inputs]]\non", r"inputs: is no table"),
     "effects as table": ("[[effects]]", "[effects]", r"effects: is no list of tables"),
-    "title as number": ('title = "Two-mass drive"', "title = 7", r"title: int where a name"),
+    "title as number": ('title = "Two-mass drive"', "title = 7", r"title: 7 is no text; put it in quotes"),
     "unknown reference": ('reference = "motor"', 'reference = "moter"', r"reference: 'moter' .*did you mean 'motor'\?"),
     "duplicate name": ("[inertias.load]", "[inertias.motor]", r"is not TOML: .*line \d+"),
     "input and sensor alike": ("[sensors.link_torque]", "[sensors.motor_torque]", r"an input has the same name"),
@@ -185,7 +186,7 @@ def test_files_that_are_no_text(tmp_path):
     began = time.perf_counter()
     assert "100 MB is no model or case file" in line_of(path)
     assert time.perf_counter() - began < 1.0
-    path.write_bytes(b"x" * (LARGEST - 1))
+    path.write_bytes(b"x" * (LARGEST_FILE - 1))
     assert "is not TOML" in line_of(path)
 
 

@@ -85,19 +85,19 @@ def test_formula_with_anything_but_mathematics(formula):
         ("inputs/F/unit", 5, "must be text"),
         ("measurand/formula", "F + r", "cannot be added"),
         ("measurand/formula", "F*r*sin(F)", "must be a plain number"),
-        ("measurand/colour", "red", "unknown key 'colour'"),
+        ("measurand/colour", "red", "'colour' does not exist"),
         ("inputs/F/value", float("nan"), "no finite number"),
         ("inputs/F/value", "100", "no finite number"),
         ("inputs/F/value", True, "no finite number"),
         ("inputs/F/uncertainty", -1, "too small"),
         ("inputs/F/half_width", 1, "given together"),
-        ("inputs/F/distribution", "gaussian", "not known"),
+        ("inputs/F/distribution", "gaussian", "'gaussian' does not exist; known are"),
         ("inputs/F/distribution", "t", "needs degrees_of_freedom"),
         ("inputs/F/beta", 0.5, "trapezoidal"),
         ("inputs/F/degrees_of_freedom", 0, "not positive"),
         ("inputs/F/readings", [1.0, 2.0], "beside readings"),
         ("inputs/F/coverage_factor", 2, "no coverage_factor"),
-        ("inputs/F/valeu", 1, "unknown key 'valeu'"),
+        ("inputs/F/valeu", 1, "'valeu' does not exist; did you mean 'value'"),
         ("inputs/r", {"unit": "m", "readings": [0.3]}, "at least 2"),
         ("inputs/r", {"unit": "m", "readings": [0.3, float("nan")]}, "reading 2 is nan"),
         ("inputs/r", {"unit": "m", "value": 0.3, "simultaneous": "x"}, "is for readings"),
@@ -171,7 +171,7 @@ def test_no_finite_value_for_some_draws():
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [("a = ", "no valid TOML"), (None, "no such file"), (b"\xff\xfe", "cannot be read")]
+    ("content", "words"), [("a = ", "is not TOML"), (None, "does not exist"), (b"\xff\xfe", "is not UTF-8")]
 )
 def test_files(tmp_path, content, words):
     path = tmp_path / "budget.toml"

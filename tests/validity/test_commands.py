@@ -93,9 +93,9 @@ def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
             '[measurand]\nformula = "open(1)"\n[inputs.x]\nvalue = 1\n',
             "'open' is no function of mathematics",
         ),
-        ("uncertainty", "x = [", "no valid TOML"),
+        ("uncertainty", "x = [", "is not TOML"),
         ("fidelity", "[weights]\nsystem_dynamics = 0.5\n[system_dynamics.a]\nnrmse_fidelity = 1\n", "must sum to 1"),
-        ("fidelity", "typo = 1\n", "unknown key 'typo'"),
+        ("fidelity", "typo = 1\n", "'typo' does not exist"),
     ],
 )
 def test_bad_input_is_one_line_and_no_output(tmp_path, capsys, command, content, words):

@@ -11,11 +11,12 @@ from modelling.bed.loop import HARDWARE, KNOBS, Dynamometer, Loop
 from modelling.bed.manoeuvres import Manoeuvre, from_table
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.common.errors import InputError, unknown
-from modelling.common.units import to_si
-from modelling.model.files import load, quantity, read_toml
+from modelling.common.tables import read_toml
+from modelling.model.files import load, quantity
 from modelling.model.mirror import mirror_image
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
+from modelling.units import to_si
 
 OBJECTIVES = ("response_error", "fidelity")  # what the feedback is tuned by
 DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}

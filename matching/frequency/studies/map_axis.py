@@ -10,7 +10,7 @@ import numpy as np
 from matching.frequency.case.case import Case, movable
 from modelling.bed.loop import HARDWARE, KNOBS
 from modelling.common.errors import InputError, unknown
-from modelling.common.units import to_si
+from modelling.units import to_si
 
 STEPS = 5
 MOST = 100  # values an axis

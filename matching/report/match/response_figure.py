@@ -13,7 +13,7 @@ from matching.frequency.search.result import MatchResult
 from matching.report.common.strokes import LINES, legend_above
 from matching.report.common.style import BAND, figure, styled
 from matching.report.common.wording import number, unit
-from modelling.common.units import SENSOR_UNITS
+from modelling.units import SENSOR_UNITS
 
 _ACROSS = 3
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from matching.report.common import style
-from modelling.common.signal_units import printed
+from modelling.units import printed
 
 
 def contributions(measurand: dict[str, Any]) -> Figure:

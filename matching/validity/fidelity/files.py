@@ -12,9 +12,7 @@ from matching.validity.fidelity.recordings import Recordings, read_recordings
 from matching.validity.uncertainty.evaluate import evaluate
 from matching.validity.uncertainty.files import read_budget
 from modelling.common.errors import InputError
-from modelling.common.signal_units import Unit, signal_quantity
 from modelling.common.tables import check_keys, number, one_of, read_toml, text
-from modelling.common.units import to_si
 from modelling.fidelity.assess import (
     DYNAMIC,
     MEASUREMENT,
@@ -28,6 +26,7 @@ from modelling.fidelity.assess import (
 from modelling.fidelity.delay import Delay
 from modelling.fidelity.measures import ARITHMETICS, NRMSE, delay_fidelity
 from modelling.measurement.channels import Channel
+from modelling.units import Unit, signal_quantity, to_si
 
 TOP = ("title", "f_max", "arithmetic", "nrmse", "longest_delay", "recordings", "weights", *DYNAMIC, MEASUREMENT)
 GIVEN = ("nrmse_fidelity", "nrmse_uncertainty", "delay", "delay_uncertainty")

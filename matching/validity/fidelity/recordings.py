@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from modelling.common.errors import InputError
-from modelling.common.signal_units import Unit, signal_unit
 from modelling.common.tables import check_keys, text
 from modelling.fidelity.assess import check_time
 from modelling.measurement.channels import Channel, called, read_channels, renamed
 from modelling.measurement.readers import read_table
 from modelling.measurement.recording import GAP, bridged, columns_of
+from modelling.units import Unit, signal_unit
 
 KEYS = ("reference", "test", "reference_channels", "test_channels")
 UNEVEN = 0.01  # of a step: from there on a recording is brought to even steps

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.validity.uncertainty.distributions import Distribution
 from modelling.common.errors import InputError
-from modelling.common.signal_units import Unit
+from modelling.units import Unit
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import sympy
 
 from modelling.common.errors import InputError
-from modelling.common.signal_units import registry
+from modelling.units import registry
 
 
 def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:

@@ -12,7 +12,7 @@ from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.montecarlo import MonteCarlo, monte_carlo
 from matching.validity.uncertainty.propagate import Propagation, coverage_factor, output_correlation, propagate
 from matching.validity.uncertainty.rounding import numerical_tolerance, statement
-from modelling.common.signal_units import Unit
+from modelling.units import Unit
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from matching.validity.uncertainty.dimensions import dimension_of
 from matching.validity.uncertainty.formula import functions, parse_formula
 from matching.validity.uncertainty.inputs import read_input, read_line
 from modelling.common.errors import InputError
-from modelling.common.signal_units import unit_of
 from modelling.common.tables import check_keys, number, read_toml, text
+from modelling.units import unit_of
 
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
 

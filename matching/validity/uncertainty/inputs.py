@@ -11,8 +11,8 @@ from scipy import stats
 from matching.validity.uncertainty.budget import Input
 from matching.validity.uncertainty.distributions import NAMES, Distribution
 from modelling.common.errors import InputError
-from modelling.common.signal_units import Unit, unit_of
 from modelling.common.tables import check_keys, number, numbers, one_of, text
+from modelling.units import Unit, unit_of
 
 KNOWN = (
     "value",

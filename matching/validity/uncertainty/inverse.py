@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from matching.validity.uncertainty.budget import Budget, Measurand
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from modelling.common.errors import InputError
-from modelling.common.signal_units import unit_of
+from modelling.units import unit_of
 
 
 @dataclass(frozen=True)

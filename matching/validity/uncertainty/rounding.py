@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
-from modelling.common.signal_units import printed
+from modelling.units import printed
 
 
 def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:

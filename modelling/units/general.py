@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import pint
-
 from modelling.common.errors import InputError
-from modelling.common.units import NEWTON_METRE, factor
+from modelling.units.quantities import factor
+from modelling.units.registry import pint_spelling, registry
 
 # Towers such as m^9^9^9 keep pint's arithmetic busy for ever.
 _TOWER = re.compile(r"(\^|\*\*)\s*[(\d.\s-]*(\^|\*\*)|(\^|\*\*)\s*\(?-?\d\d")
@@ -44,23 +43,13 @@ class Unit:
 
 
 @cache
-def registry() -> Any:
-    """Pint's registry, made when first asked for."""
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
-
-
-@cache
 def _unit(text: str) -> Unit:
     units = registry()
     if text.strip() in ("", "1", "-"):
         return Unit("1", 1.0, 0.0, units.dimensionless.dimensionality)
-    parsed = units.Unit(_plain(text))
+    parsed = units.Unit(pint_spelling(text))
     zero, one = (float(units.Quantity(value, parsed).to_base_units().magnitude) for value in (0.0, 1.0))
     return Unit(text, one - zero, zero, parsed.dimensionality)
-
-
-def _plain(text: str) -> str:
-    return NEWTON_METRE.sub("N*m", text).replace("·", "*").replace("°C", "degC").replace("″", "arcsecond").strip()
 
 
 def unit_of(text: Any, where: str) -> Unit:

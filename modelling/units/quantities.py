@@ -10,17 +10,17 @@ from typing import Any
 import pint
 
 from modelling.common.errors import InputError
+from modelling.units.registry import pint_spelling, registry
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 _UNIT = re.compile(r"[A-Za-zµ°Ωω%·*/ ()²³⁻¹1-9^-]{1,60}")
 _TOWER = re.compile(r"\^\s*\(?-?\d\d|\^.{0,4}\^|\*\s*\*.{0,4}\*\s*\*|\*\*\s*\d\d")
-NEWTON_METRE = re.compile(r"(?<![A-Za-z]{2})Nm(?![A-Za-z])")  # as test beds write it; to pint something else
 _SPEED = "rad/s"
 _AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
 
 
 # SI unit of every quantity that stands in a table of a model file
-UNITS = {
+QUANTITY_UNITS = {
     "J": "kg*m^2",
     "drag": "N*m*s/rad",
     "stiffness": "N*m/rad",
@@ -28,12 +28,6 @@ UNITS = {
     "ratio": "1",
 }
 SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
-
-
-@functools.cache
-def registry() -> Any:
-    """The one registry of units of this process (pint)."""
-    return pint.UnitRegistry(cache_folder=None)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -62,7 +56,7 @@ def factor(unit: str, si: str, where: str = "") -> float:
         raise InputError(where, f"{text!r} is no unit", right)
     units = registry()
     try:
-        parsed = units.parse_units(NEWTON_METRE.sub("N*m", text).replace("·", "*"))
+        parsed = units.parse_units(pint_spelling(text))
         return float(units.Quantity(1.0, parsed).to(_pint_si(si)).magnitude)
     except pint.DimensionalityError:
         raise InputError(where, f"unit {text!r} does not fit", right) from None

@@ -1,0 +1,18 @@
+"""Units: what a text such as ``"300 N*m/rad"`` means in SI. Everything behind this room computes in SI."""
+
+from modelling.units.general import Unit, printed, signal_quantity, signal_unit, unit_of
+from modelling.units.quantities import QUANTITY_UNITS, SENSOR_UNITS, factor, to_si
+from modelling.units.registry import registry
+
+__all__ = [
+    "QUANTITY_UNITS",
+    "SENSOR_UNITS",
+    "Unit",
+    "factor",
+    "printed",
+    "registry",
+    "signal_quantity",
+    "signal_unit",
+    "to_si",
+    "unit_of",
+]
