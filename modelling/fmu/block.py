@@ -17,7 +17,7 @@ from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.fmu import variables
 from modelling.fmu.variables import Variable
 from modelling.model.system import System
-from modelling.simulation.functions import functions
+from modelling.simulation.integrator.functions import functions
 from modelling.simulation.plan import steps_per_second
 
 STEPS = "simulation.steps_per_second"
@@ -35,7 +35,7 @@ class Block:
         The last parameter is :data:`STEPS`.
     constants, field, reading : Function
         (p, contact time) → c, delays of inputs and outputs (s); (x, u, c) → ẋ; (x, u, c, t) → y: those of
-        :mod:`modelling.simulation.functions`.
+        :mod:`modelling.simulation.integrator.functions`.
     contact : float
         s, contact time at the start; NaN where no lash closes.
     delay : float

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from modelling.simulation.c_library import SECONDS, compiler
+from modelling.simulation.integrator.c_library import SECONDS, compiler
 
 # no -march: a binary runs on every machine of the platform; no contraction: the same figures everywhere
 FLAGS = (

@@ -1,1 +1,1 @@
-"""Time integration in parts: functions, steps, native and virtual machine, start states, the adaptive check."""
+"""Time simulation of the nonlinear model on recorded inputs: start states, choice of steps, results."""

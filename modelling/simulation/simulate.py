@@ -15,12 +15,12 @@ from modelling.common.errors import InputError, unknown
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
-from modelling.simulation import native, virtual
+from modelling.simulation.integrator import native, virtual
+from modelling.simulation.integrator.task import Task, make_task
 from modelling.simulation.plan import steps_per_second as needed_steps
 from modelling.simulation.plan import stick_speed
 from modelling.simulation.result import Sensitivity, Simulation, SimulationError, raise_if_failed
 from modelling.simulation.start import Start, start_state, steady
-from modelling.simulation.task import Task, make_task
 
 __all__ = [
     "Sensitivity",

@@ -12,7 +12,7 @@ from matching.cli import main
 from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_files
 from modelling.fmu.units import exponents
-from modelling.simulation import c_library as build
+from modelling.simulation.integrator import c_library as build
 
 
 @pytest.fixture(params=["reference_case", "lashed_model"])

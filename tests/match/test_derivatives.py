@@ -15,7 +15,7 @@ from matching.frequency.loop.responses import responses
 from matching.frequency.programme.evaluators import _REMEMBERED
 from matching.frequency.programme.problem import _functions, build, grid
 from matching.frequency.search.solve import _start
-from modelling.simulation.c_library import compiler, folder
+from modelling.simulation.integrator.c_library import compiler, folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -43,7 +43,7 @@ def test_no_sensitivity_is_asked_for():
 
 
 def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
-    from modelling.simulation import c_library as build
+    from modelling.simulation.integrator import c_library as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
@@ -53,7 +53,7 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
-    from modelling.simulation import c_library as build
+    from modelling.simulation.integrator import c_library as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)

@@ -4,8 +4,8 @@ import numpy as np
 
 from modelling.equations.compiled import Model, compiled
 from modelling.model.files import from_dict
-from modelling.simulation import native
-from modelling.simulation.task import make_task
+from modelling.simulation.integrator import native
+from modelling.simulation.integrator.task import make_task
 
 
 def drive(*effects: dict) -> Model:

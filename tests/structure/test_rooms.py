@@ -16,6 +16,7 @@ FLOORS = [
     ["modelling.linear"],
     ["modelling.measurement.readers"],
     ["modelling.modal", "modelling.measurement", "modelling.fidelity"],
+    ["modelling.simulation.integrator"],
     ["modelling.simulation"],
     ["modelling.bed"],
     ["modelling.fmu"],

@@ -88,7 +88,7 @@ def test_wide_tolerances_against_the_verification_of_each():
 
 
 def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
-    monkeypatch.setattr("modelling.simulation.c_library.compiler", lambda: None)
+    monkeypatch.setattr("modelling.simulation.integrator.c_library.compiler", lambda: None)
     slow = Prepared((tuned(case), prepared.varied, 5))
     x = draw(prepared.varied, 5, 0, 30)
     for one, other in zip(slow.margins(x), prepared.margins(x), strict=True):

@@ -12,10 +12,10 @@ from matching.diagnosis.data.segments import Segment
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
-from modelling.simulation import native, virtual
-from modelling.simulation.c_library import compile_ahead
-from modelling.simulation.functions import functions
-from modelling.simulation.task import Task, make_task
+from modelling.simulation.integrator import native, virtual
+from modelling.simulation.integrator.c_library import compile_ahead
+from modelling.simulation.integrator.functions import functions
+from modelling.simulation.integrator.task import Task, make_task
 
 WORTH = 4000  # samples of all rows, below which threads cost more than they save
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.programme.closed_loop import closed_loop
-from modelling.simulation.c_library import external
+from modelling.simulation.integrator.c_library import external
 
 AT_ONCE = 1024  # values of s in one call
 FOLLOWED = 1.0  # rad: largest step of the phase between frequencies that is believed

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from modelling.simulation.functions import Functions
+from modelling.simulation.integrator.functions import Functions
 
 FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-fno-semantic-interposition", "-w")
 GENERATED, DRIVER = "-O1", "-O2"  # the generated part differs by model: here the compiler's own time counts

@@ -7,14 +7,14 @@ import functools
 import casadi as ca
 import numpy as np
 
-from modelling.simulation.functions import Functions, functions
-from modelling.simulation.task import Task
+from modelling.simulation.integrator.functions import Functions, functions
+from modelling.simulation.integrator.task import Task
 
 CHUNK = 256  # steps a call
 
 
 def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:
-    """As :func:`modelling.simulation.native.run`, same result to rounding."""
+    """As :func:`modelling.simulation.integrator.native.run`, same result to rounding."""
     made = functions(task.model, task.columns > 0)
     rows = [_row(task, made, made.constants_of(task.p[b : b + 1])[0], b, states, readings) for b in range(len(task.p))]
     return tuple(np.stack(part) for part in zip(*rows, strict=True))

@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from modelling.simulation.c_library import driver, library
-from modelling.simulation.functions import Functions, functions
-from modelling.simulation.task import Task
+from modelling.simulation.integrator.c_library import driver, library
+from modelling.simulation.integrator.functions import Functions, functions
+from modelling.simulation.integrator.task import Task
 
 _COUNTS = [
     "first", "batch", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
