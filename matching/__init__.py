@@ -11,4 +11,4 @@ def _load_view(result_class: type) -> None:
     import_module("matching.report").load_view(result_class)
 
 
-display.provide(_load_view)
+display.register_provider(_load_view)

@@ -20,7 +20,7 @@ VIEWS = {
 
 
 def load_view(shown: type) -> None:
-    """Import the module that registers the views of a class, see :func:`modelling.common.display.provide`."""
+    """Import the module that registers the views of a class, see :func:`modelling.common.display.register_provider`."""
     module = VIEWS.get(f"{shown.__module__}.{shown.__qualname__}")
     if module:
         import_module(module)

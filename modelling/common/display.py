@@ -15,7 +15,7 @@ from modelling.common.errors import InputError
 _providers: list[Callable[[type], None]] = []
 
 
-def provide(provider: Callable[[type], None]) -> None:
+def register_provider(provider: Callable[[type], None]) -> None:
     """Let ``provider(class)`` import the module that registers the views of a class, the first time one is shown."""
     _providers.append(provider)
 

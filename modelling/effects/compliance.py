@@ -24,9 +24,9 @@ class Compliance(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         label = f"{law.place}.{self.kind}"
-        middle = assembly.coordinate(label)
+        middle = assembly.add_coordinate(label)
         further = middle - law.second
-        assembly.rotate(label, p["J"], middle)
+        assembly.add_inertia(label, p["J"], middle)
         assembly.potential[label] = p["stiffness"] * further.angle**2 / 2
         assembly.springs[label] = Spring(p["stiffness"], further, further.angle)
         law.second = middle

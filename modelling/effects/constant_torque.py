@@ -20,7 +20,7 @@ class ConstantTorque(Kind):
     parameters = {"torque": Parameter("N*m")}
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
-        assembly.act(name, -p["torque"], motion)
+        assembly.add_torque(name, -p["torque"], motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         yield Guess(({at: -np.ones_like(seen.time)},), lambda a: {"torque": float(a[0])})

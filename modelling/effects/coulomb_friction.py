@@ -25,7 +25,7 @@ class CoulombFriction(Kind):
         sign = assembly.sign(motion.speed)
         forward, reverse = p["torque"], p.get("torque_reverse", p["torque"])
         friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
-        assembly.act(name, -friction, motion)
+        assembly.add_torque(name, -friction, motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         speed = seen.speed[at.split(".")[1]]

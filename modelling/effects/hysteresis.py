@@ -29,7 +29,7 @@ class Hysteresis(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         # z/torque is the state: it stays within ±1 and has a limit at torque = 0
-        z = assembly.state(f"{law.place}.{self.kind}", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
+        z = assembly.add_state(f"{law.place}.{self.kind}", lambda z: (law.rate - Abs(law.rate) * z) / p["angle"])
         law.parallel.append(p["torque"] * z)
         law.parallel_stiffness.append(p["torque"] / p["angle"])
 

@@ -45,16 +45,16 @@ class EquationBuilder(Protocol):
     potential: dict[str, sm.Expr]
     springs: dict[str, Spring]
 
-    def coordinate(self, name: str) -> Motion:
+    def add_coordinate(self, name: str) -> Motion:
         """A new degree of freedom."""
 
-    def rotate(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
+    def add_inertia(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
         """Give a component its kinetic energy."""
 
-    def state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
+    def add_state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
         """A new first-order state with its time derivative."""
 
-    def act(self, component: str, torque: sm.Expr, motion: Motion) -> None:
+    def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
         """Let a torque do virtual work on a motion."""
 
     def symbol(self, name: str) -> sm.Symbol:
@@ -66,13 +66,13 @@ class EquationBuilder(Protocol):
 
 @dataclass(frozen=True)
 class Motion:
-    """A rotation as a linear combination of coordinates: ``share[i]`` is the coefficient of coordinate i."""
+    """A rotation as a linear combination of coordinates: ``coefficients[i]`` is the coefficient of coordinate i."""
 
-    share: dict[int, sm.Expr]
+    coefficients: dict[int, sm.Expr]
     assembly: EquationBuilder = field(repr=False)
 
     def _sum(self, symbols: list[sm.Symbol]) -> sm.Expr:
-        return sm.Add(*(coefficient * symbols[i] for i, coefficient in self.share.items()))
+        return sm.Add(*(coefficient * symbols[i] for i, coefficient in self.coefficients.items()))
 
     @property
     def angle(self) -> sm.Expr:
@@ -90,14 +90,14 @@ class Motion:
         return self._sum(self.assembly.qdd)
 
     def __sub__(self, other: Motion) -> Motion:
-        share = dict(self.share)
-        for i, coefficient in other.share.items():
+        share = dict(self.coefficients)
+        for i, coefficient in other.coefficients.items():
             share[i] = share.get(i, sm.Integer(0)) - coefficient
         return Motion({i: c for i, c in share.items() if c != 0}, self.assembly)
 
-    def over(self, ratio: sm.Expr) -> Motion:
+    def divided_by(self, ratio: sm.Expr) -> Motion:
         """The motion divided by a ratio."""
-        return Motion({i: c / ratio for i, c in self.share.items()}, self.assembly)
+        return Motion({i: c / ratio for i, c in self.coefficients.items()}, self.assembly)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ class Lag(Kind):
 
     def input(self, path: InputPath | SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         value = path.value
-        path.value = assembly.state(f"{path.place}.{self.kind}", lambda lagged: (value - lagged) / p["time_constant"])
+        path.value = assembly.add_state(
+            f"{path.place}.{self.kind}", lambda lagged: (value - lagged) / p["time_constant"]
+        )
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         at_once = path.value.subs(assembly.time, 0)

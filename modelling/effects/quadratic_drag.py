@@ -21,7 +21,7 @@ class QuadraticDrag(Kind):
     state_dependent = True
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
-        assembly.act(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
+        assembly.add_torque(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         speed = seen.speed[at.split(".")[1]]

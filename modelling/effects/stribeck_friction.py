@@ -29,7 +29,7 @@ class StribeckFriction(Kind):
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         sliding = p["torque"] + (p["breakaway"] - p["torque"]) * exp(-((motion.speed / p["speed"]) ** 2))
-        assembly.act(name, -assembly.sign(motion.speed) * sliding, motion)
+        assembly.add_torque(name, -assembly.sign(motion.speed) * sliding, motion)
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain

@@ -26,7 +26,7 @@ class TorqueRipple(Kind):
     zero_mean = ("amplitude",)
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
-        assembly.act(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
+        assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
         angle, pull = seen.angle[at.split(".")[1]], seen.pull[at.split(".")[1]]

@@ -55,7 +55,7 @@ class Assembly:
         """The symbol of a parameter; that of the effect that replaces it, where there is one."""
         return self._override.get(name, self.parameters[name])
 
-    def coordinate(self, name: str) -> Motion:
+    def add_coordinate(self, name: str) -> Motion:
         """A new degree of freedom."""
         index = len(self.coordinates)
         self.coordinates.append(name)
@@ -63,18 +63,18 @@ class Assembly:
             symbols.append(sm.Symbol(f"{mark}({name})", real=True))
         return Motion({index: sm.Integer(1)}, self)
 
-    def rotate(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
+    def add_inertia(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
         """Give a component its kinetic energy."""
         self.masses[component] = inertia, motion
         self.kinetic[component] = inertia * motion.speed**2 / 2
 
-    def state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
+    def add_state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
         """A new first-order state with its time derivative."""
         symbol = sm.Symbol(f"z({name})", real=True)
         self.states[name] = (symbol, derivative(symbol))
         return symbol
 
-    def act(self, component: str, torque: sm.Expr, motion: Motion) -> None:
+    def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
         """Let a torque do virtual work on a motion."""
         self.work.append((component, torque, motion))
 
@@ -108,7 +108,7 @@ class Assembly:
             shaft_law.close(law, self)
         for part in system.inertias:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
-            self.rotate(place, self.symbol(f"{place}.J"), motion)
+            self.add_inertia(place, self.symbol(f"{place}.J"), motion)
             self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
             for kind, p in by_place.get(place, ()):
                 kind.inertia(motion, p, self, place)
@@ -117,7 +117,7 @@ class Assembly:
             path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.input(path, p, self)
-            self.act(place, path.value, self.motions[source.on])
+            self.add_torque(place, path.value, self.motions[source.on])
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
             truth = self._truth(reading.measures, reading.of)

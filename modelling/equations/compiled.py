@@ -11,8 +11,8 @@ import sympy as sm
 
 from modelling.common.errors import unknown
 from modelling.equations.assembly import SIMULATION_DEFAULTS
-from modelling.equations.elements import build
 from modelling.equations.lagrange import Equations, derive
+from modelling.equations.modal_elements import modal_elements
 from modelling.equations.sympy_to_casadi import to_casadi
 from modelling.model.system import System
 
@@ -83,9 +83,9 @@ class Model:
 
     @property
     def elements(self) -> ca.Function:
-        """(x, p) → elements of modal analysis, see :func:`modelling.equations.elements.build`."""
+        """(x, p) → elements of modal analysis, see :func:`modelling.equations.modal_elements.modal_elements`."""
         if "elements" not in self._functions:
-            self._functions["elements"] = build(self.equations)
+            self._functions["elements"] = modal_elements(self.equations)
         return self._functions["elements"]
 
     @property

@@ -44,12 +44,12 @@ def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
             raise InputError(place, "locks the drivetrain: nothing can turn", "check the ratios round the loop")
         solved = {name: _combined(own, {pivot: rest}) for name, own in solved.items()}
         solved[pivot] = rest
-    free = {part.name: assembly.coordinate(part.name) for part in system.inertias if part.name not in solved}
+    free = {part.name: assembly.add_coordinate(part.name) for part in system.inertias if part.name not in solved}
     motions: dict[str, Motion] = {}
     for inertia in system.inertias:
         share: dict[int, sm.Expr] = {}
         for name, c in solved.get(inertia.name, {inertia.name: sm.Integer(1)}).items():
-            share[next(iter(free[name].share))] = c
+            share[next(iter(free[name].coefficients))] = c
         motions[inertia.name] = Motion(share, assembly)
     return motions
 

@@ -124,6 +124,6 @@ def _derive(structure: _Structure) -> Equations:
             for s in energy.free_symbols & set(symbols):
                 force[index[s]].append(-differentiate(energy, s))
     for _, torque, motion in a.work:
-        for i, coefficient in motion.share.items():
+        for i, coefficient in motion.coefficients.items():
             force[i].append(torque * coefficient)
     return Equations(a, {ij: sm.Add(*parts) for ij, parts in mass.items()}, [sm.Add(*parts) for parts in force])

@@ -35,7 +35,7 @@ def begin(shaft: Shaft, assembly: LawAssembly) -> ShaftLaw:
     stiffness = assembly.symbol(f"{place}.stiffness")
     return ShaftLaw(
         place,
-        first=first.over(assembly.symbol(f"{place}.ratio")) if shaft.ratio is not None else first,
+        first=first.divided_by(assembly.symbol(f"{place}.ratio")) if shaft.ratio is not None else first,
         second=second,
         stiffness=stiffness,
         damping=assembly.symbol(f"{place}.damping"),
@@ -58,10 +58,10 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
         assembly.dissipation[law.place] = law.damping * rate**2 / 2
         torque = elastic.xreplace({x: twist.angle}) + law.damping * rate
         if parallel != 0:
-            assembly.act(law.place, -parallel.xreplace({stand_in: rate}), twist)
+            assembly.add_torque(law.place, -parallel.xreplace({stand_in: rate}), twist)
     else:
         if law.series is not None:
-            spring = assembly.state(law.series_state, lambda _: stand_in)
+            spring = assembly.add_state(law.series_state, lambda _: stand_in)
             # the damper in series gives way to the parallel elements first, then to spring and damper:
             # series·(twist rate − spring rate) = elastic + damping·spring rate + parallel
             rate = rate - parallel / law.series
@@ -69,7 +69,7 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
         if law.series is not None:
             rate = rate - torque / law.series
         torque = torque + parallel
-        assembly.act(law.place, -torque.xreplace({stand_in: rate}), twist)
+        assembly.add_torque(law.place, -torque.xreplace({stand_in: rate}), twist)
         torque = torque.xreplace({stand_in: rate})
         parallel = sm.Integer(0)
     law.torque = torque + parallel.xreplace({stand_in: rate})

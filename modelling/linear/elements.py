@@ -12,7 +12,7 @@ import numpy as np
 
 from modelling.equations.compiled import Model
 
-CLOSED = 1e-9  # rad past the edge of a lash, so that it is closed
+CLOSED_BY_RAD = 1e-9  # rad past the edge of a lash, so that it is closed
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class Elements:
         Component names.
     J, stiffness : ndarray (b, k), (b, s)
         kg·m², N·m/rad; the stiffness is the tangent at the state.
-    turns, twists : ndarray (k, n), (s, n) or (b, k, n), (b, s, n)
+    mass_transformation, spring_transformation : ndarray (k, n), (s, n) or (b, k, n), (b, s, n)
         Speed of every mass and twist of every spring for unit coordinates; with b where ratios vary.
-    deflections : ndarray (s, x)
+    deflection_jacobian : ndarray (s, x)
         Deflection of every spring for unit states; differs from the twist where a damper sits in series.
     """
 
@@ -35,21 +35,21 @@ class Elements:
     springs: tuple[str, ...]
     J: np.ndarray
     stiffness: np.ndarray
-    turns: np.ndarray
-    twists: np.ndarray
-    deflections: np.ndarray
+    mass_transformation: np.ndarray
+    spring_transformation: np.ndarray
+    deflection_jacobian: np.ndarray
 
     def mass_matrix(self) -> np.ndarray:
         """M (b, n, n), kg·m²."""
-        return _weighted(self.J, self.turns)
+        return _weighted(self.J, self.mass_transformation)
 
     def stiffness_matrix(self) -> np.ndarray:
         """K (b, n, n), N·m/rad."""
-        return _weighted(self.stiffness, self.twists)
+        return _weighted(self.stiffness, self.spring_transformation)
 
     def rigid(self) -> np.ndarray:
         """Number of rigid-body modes (b,): directions in which no spring twists, by structure, not size."""
-        n = self.twists.shape[-1]
+        n = self.spring_transformation.shape[-1]
         holds = self.stiffness != 0
         if (holds == holds[0]).all():
             return np.full(len(holds), n - rank(self._one_twists()[holds[0]]))
@@ -58,7 +58,7 @@ class Elements:
         return counts[case.reshape(-1)]
 
     def _one_twists(self) -> np.ndarray:
-        return self.twists if self.twists.ndim == 2 else self.twists[0]
+        return self.spring_transformation if self.spring_transformation.ndim == 2 else self.spring_transformation[0]
 
 
 def rank(rows: np.ndarray) -> int:
@@ -71,7 +71,7 @@ def unit_rows(rows: np.ndarray) -> np.ndarray:
     return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
-def null(rows: np.ndarray) -> np.ndarray:
+def null_space(rows: np.ndarray) -> np.ndarray:
     """Orthonormal basis (n, r) of the directions that rows (k, n) of length one do not see."""
     _, sizes, across = np.linalg.svd(rows)
     return across[int(np.sum(sizes > 1e-9)) :].T
@@ -84,9 +84,9 @@ def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elemen
     ----------
     p : ndarray (b, p)
     x : ndarray (x,) or (b, x), optional
-        State about which springs are tangent; at rest with lash just closed (:func:`rest`) if not given.
+        State about which springs are tangent; at rest with lash just closed (:func:`rest_state`) if not given.
     """
-    x = rest(model, p) if x is None else np.asarray(x, float)
+    x = rest_state(model, p) if x is None else np.asarray(x, float)
     function, a = model.elements, model.equations.assembly
     first = [out.full() for out in function(x if x.ndim == 1 else x[0], p[0])]
     varies = np.ptp(p, axis=0) > 0 if len(p) > 1 else np.zeros(p.shape[1], bool)
@@ -103,7 +103,7 @@ def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elemen
     return Elements(tuple(a.masses), tuple(a.springs), J, stiffness, turns, twists, first[4])
 
 
-def rest(model: Model, p: np.ndarray) -> np.ndarray:
+def rest_state(model: Model, p: np.ndarray) -> np.ndarray:
     """State at rest, (x,) or with lash (b, x): every lash just closed in the driving direction, all else zero."""
     gaps, size = model.system.free_plays, len(model.states)
     if not gaps:
@@ -113,7 +113,7 @@ def rest(model: Model, p: np.ndarray) -> np.ndarray:
     twists, deflections = (out.full() for out in (function(np.zeros(size), p[0])[i] for i in (3, 4)))
     wanted = np.zeros((len(p), len(springs)))
     for name, gap in gaps.items():
-        wanted[:, springs.index(name)] = p[:, model.parameters.index(gap)] / 2 + CLOSED
+        wanted[:, springs.index(name)] = p[:, model.parameters.index(gap)] / 2 + CLOSED_BY_RAD
     x = np.zeros((len(p), size))
     x[:, : model.n] = wanted @ np.linalg.pinv(twists).T
     for i in range(len(springs)):  # a spring behind a damper in series has a deflection of its own

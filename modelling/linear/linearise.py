@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import Elements, null, rest, unit_rows
+from modelling.linear.elements import Elements, null_space, rest_state, unit_rows
 from modelling.model.system import System
 
 
@@ -63,7 +63,7 @@ def linearise(
     """
     model = system if isinstance(system, Model) else compiled(system)
     p = model.vector(values)
-    x = np.atleast_2d(rest(model, p))[0] if state is None else np.asarray(state, float)
+    x = np.atleast_2d(rest_state(model, p))[0] if state is None else np.asarray(state, float)
     u = np.zeros(len(model.inputs)) if inputs is None else np.asarray(inputs, float)
     for what, given, names in (("state", x, model.states), ("inputs", u, model.inputs)):
         if given.shape != (len(names),):
@@ -81,29 +81,44 @@ def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Line
     return Linear(A, B, C, D, x, u, p, delays[0], delays[1], model)
 
 
-def deflated(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The model without the angles that nothing depends on.
+@dataclass(frozen=True)
+class Deflated:
+    """A linear model without the angles that nothing depends on.
 
-    With them, a rigid motion is a double eigenvalue 0 with one vector, which rounding spreads to ±1e-8·|λ|max, and
-    small twists drown in large speeds near 0 Hz. So angles and speeds are written in a basis of those free angles and
-    of what is orthogonal to them, and the free angles are left out.
-
-    Returns
-    -------
+    Attributes
+    ----------
     A : ndarray (l, l)
         Of the states that remain.
     lift : ndarray (x, l)
         Takes those to all states, free angles 0; its columns are orthonormal, so liftᵀ takes B along.
-    free : ndarray (n, r)
-        The free angles.
+    free_angles : ndarray (n, r)
+        Orthonormal basis of the angles that are left out.
+    """
+
+    A: np.ndarray
+    lift: np.ndarray
+    free_angles: np.ndarray
+
+
+def deflated(linear: Linear, parts: Elements) -> Deflated:
+    """Leave out the angles that nothing depends on.
+
+    With them, a rigid motion is a double eigenvalue 0 with one eigenvector, which rounding spreads to ±1e-8·|λ|max, and
+    small twists are lost beside large speeds near 0 Hz. So angles and speeds are written in a basis of those free
+    angles and their orthogonal complement, and the free angles are left out.
+
+    Parameters
+    ----------
+    parts : Elements
+        Of the same model at one parameter set and state.
     """
     A, n = linear.A, linear.model.n
-    held = parts.deflections[:, :n]
+    held = parts.deflection_jacobian[:, :n]
     held = held[np.abs(held).any(axis=1)]
-    free = null(unit_rows(held)) if len(held) else np.eye(n)
+    free = null_space(unit_rows(held)) if len(held) else np.eye(n)
     if float(np.linalg.norm(A[:, :n] @ free)) > 1e-9 * float(np.linalg.norm(A[:, :n])):
         free = np.zeros((n, 0))  # something else holds an angle to ground
-    basis, r = null(free.T) if free.size else np.eye(n), free.shape[1]
+    basis, r = null_space(free.T) if free.size else np.eye(n), free.shape[1]
     lift = np.zeros((len(A), len(A) - r))
     lift[:n, : n - r] = basis
     lift[n : 2 * n, n - r : n], lift[n : 2 * n, n : 2 * n - r] = free, basis
@@ -113,4 +128,4 @@ def deflated(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray, n
     inner[: n - r, n : 2 * n - r] = np.eye(n - r)  # the rate of a twist is a difference of speeds, exactly
     speeds = inner[:, n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
     speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=1)[:, None]] = 0.0
-    return inner, lift, free
+    return Deflated(inner, lift, free)

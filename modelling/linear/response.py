@@ -114,7 +114,8 @@ def response(
 def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
     """C·(sI − A)⁻¹·B + D (f, y, u), the free angles integrated on their own: exact down to the rigid-body poles."""
     n = linear.model.n
-    A, lift, free = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    A, lift, free = rest.A, rest.lift, rest.free_angles
     B = lift.T @ linear.B[:, columns]
     C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
     turns = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds

@@ -45,13 +45,14 @@ def state_space(system: System) -> StateSpace:
         raise InputError(
             "effects", "a dead time inside the model is not expected here", "state it in the loop of the case"
         )
-    A, lift, free = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    lift = rest.lift
     model = linear.model
-    blind = np.abs(linear.C[:, : model.n] @ free).max(axis=1, initial=0.0) > 1e-9
+    blind = np.abs(linear.C[:, : model.n] @ rest.free_angles).max(axis=1, initial=0.0) > 1e-9
     if blind.any():
         name = model.sensors[int(np.argmax(blind))]
         raise InputError(f"sensors.{name}", "reads an angle that turns freely", "use a speed or a torque here")
-    return StateSpace(A, lift.T @ linear.B, linear.C @ lift, linear.D, tuple(model.inputs), tuple(model.sensors))
+    return StateSpace(rest.A, lift.T @ linear.B, linear.C @ lift, linear.D, tuple(model.inputs), tuple(model.sensors))
 
 
 def _index(name: str, names: tuple[str, ...]) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 
 from modelling.common.errors import unknown
 from modelling.equations.compiled import Model
-from modelling.linear.elements import Elements, elements, null, rest, unit_rows
+from modelling.linear.elements import Elements, elements, null_space, rest_state, unit_rows
 
 MAX_NEWTON_STEPS = 60
 HIGH_SPEED = 1e3  # rad/s, above what powertrains reach
@@ -82,11 +82,11 @@ def steady_motion(
     """
     p = without_ripple(model, p)
     parts = elements(model, p[None])
-    twists, turns = (rows.reshape(-1, model.n) for rows in (parts.twists, parts.turns))
+    twists, turns = (rows.reshape(-1, model.n) for rows in (parts.spring_transformation, parts.mass_transformation))
     for name in speeds or ():
         if f"inertias.{name}" not in parts.masses:
             raise unknown(name, [part.name for part in model.system.inertias], "speeds")
-    in_series = ~np.abs(parts.deflections[:, : model.n]).any(axis=1)
+    in_series = ~np.abs(parts.deflection_jacobian[:, : model.n]).any(axis=1)
     locked = twists[~in_series]
     problem = _Problem(
         model,
@@ -110,7 +110,7 @@ def steady_motion(
 
 def _untwisted(locked: np.ndarray) -> np.ndarray:
     """Basis (n, r) of the motions that twist none of the rows (l, n)."""
-    return null(unit_rows(locked)) if len(locked) else np.eye(locked.shape[1])
+    return null_space(unit_rows(locked)) if len(locked) else np.eye(locked.shape[1])
 
 
 def without_ripple(model: Model, p: np.ndarray) -> np.ndarray:
@@ -125,12 +125,12 @@ def without_ripple(model: Model, p: np.ndarray) -> np.ndarray:
 def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> SteadyMotion:
     """Newton from a motion that twists nothing, at the wanted speeds or else near ``speed``, lash on one flank."""
     model, n = problem.model, problem.model.n
-    x = flank * np.atleast_2d(rest(model, problem.p))[0]
+    x = flank * np.atleast_2d(rest_state(model, problem.p))[0]
     untwisted = _untwisted(problem.locked)
     x[n : 2 * n] = untwisted @ untwisted.sum(axis=0) * speed
     if len(problem.speeds):
         weight = 1e3  # the wanted speeds before the untwisted motion
-        rows = np.vstack([problem.parts.twists.reshape(-1, n), weight * problem.speed_rows])
+        rows = np.vstack([problem.parts.spring_transformation.reshape(-1, n), weight * problem.speed_rows])
         values = np.concatenate([np.zeros(len(rows) - len(problem.speeds)), weight * problem.speeds])
         x[n : 2 * n] = np.linalg.lstsq(rows, values)[0]
     acceleration = np.zeros(problem.common.shape[1])
@@ -165,7 +165,7 @@ def _residual(
     rate = model.rates(x, u, problem.p).full().ravel()[2 * n :]
     speed = x[n : 2 * n]
     wanted = problem.speed_rows @ speed - problem.speeds
-    deflection = problem.parts.deflections @ x
+    deflection = problem.parts.deflection_jacobian @ x
     torques = max(1.0, np.abs(u).max(initial=0.0), np.abs(problem.parts.stiffness[0] * deflection).max(initial=0.0))
     speeds = max(1.0, np.abs(problem.speeds).max(initial=0.0))
     # the rate of a fast lag carries the rounding of what it follows: size of the state over its time constant

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from modelling.linear.elements import Elements, elements, null, unit_rows
+from modelling.linear.elements import Elements, elements, null_space, unit_rows
 from modelling.linear.linearise import Linear, deflated, linearise
 from modelling.modal.modes import Modes
 from modelling.modal.symmetry import images, labels
@@ -52,9 +52,9 @@ def damped_modes_of(linear: Linear) -> Modes:
     peak = speed[np.argmax(np.abs(speed), axis=0), range(len(keep))]
     peak = np.where(np.abs(peak) > 1e-12 * np.abs(vectors).max(axis=0), peak, 1.0)  # a lag moves nothing
     vectors, speed = vectors / peak, speed / peak
-    turns = parts.turns @ speed
+    turns = parts.mass_transformation @ speed
     kinetic, mass = _normalised(parts.J[0][:, None] * np.abs(turns) ** 2)
-    deflections = parts.deflections @ vectors
+    deflections = parts.deflection_jacobian @ vectors
     potential, stiffness = _normalised(parts.stiffness[0][:, None] * np.abs(deflections) ** 2 * ~rigid)
     frequencies = np.where(rigid, 0.0, np.abs(eigenvalues) / (2 * np.pi))
     ratios = np.where(rigid, 0.0, -eigenvalues.real / np.where(rigid, 1.0, np.abs(eigenvalues)))
@@ -69,17 +69,17 @@ def damped_modes_of(linear: Linear) -> Modes:
 
 def _eigen(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out."""
-    A, lift, _ = deflated(linear, parts)
-    eigenvalues, vectors = np.linalg.eig(A)
+    rest = deflated(linear, parts)
+    eigenvalues, vectors = np.linalg.eig(rest.A)
     upper = eigenvalues.imag >= 0
-    return eigenvalues[upper].astype(complex), (lift @ vectors[:, upper]).astype(complex)
+    return eigenvalues[upper].astype(complex), (rest.lift @ vectors[:, upper]).astype(complex)
 
 
 def _rigid(eigenvalues: np.ndarray, speed: np.ndarray, parts: Elements) -> np.ndarray:
     """Which eigenvalues (m,) are those of rigid-body modes: as many real ones as there are, the most rigid first."""
     count = int(parts.rigid()[0])
-    stiff = parts.twists[parts.stiffness[0] != 0]
-    basis = null(unit_rows(stiff)) if len(stiff) else np.eye(speed.shape[0])
+    stiff = parts.spring_transformation[parts.stiffness[0] != 0]
+    basis = null_space(unit_rows(stiff)) if len(stiff) else np.eye(speed.shape[0])
     mass = parts.mass_matrix()[0]
     momentum = basis.T @ mass @ speed
     part = np.sum(np.conj(momentum) * np.linalg.solve(basis.T @ mass @ basis, momentum), axis=0).real

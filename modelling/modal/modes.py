@@ -63,7 +63,7 @@ class Modes(Displayed):
         μ and γ (Eqs. 4 and 5) of these shapes, kg·m² and N·m/rad.
     kinetic, potential : ndarray (m, k), (m, s)
         Energy shares (Eqs. 7 and 6) of masses and springs; each row adds up to 1, potential ones of rigid modes to 0.
-    turns : ndarray (k, m)
+    mass_amplitudes : ndarray (k, m)
         Amplitudes of the masses.
     masses, springs, coordinates : tuple of str
         Names.
@@ -79,7 +79,7 @@ class Modes(Displayed):
     modal_stiffness: np.ndarray
     kinetic: np.ndarray
     potential: np.ndarray
-    turns: np.ndarray
+    mass_amplitudes: np.ndarray
     masses: tuple[str, ...]
     springs: tuple[str, ...]
     coordinates: tuple[str, ...]
@@ -87,7 +87,7 @@ class Modes(Displayed):
 
     _ARRAYS = (
         "frequencies", "damping_ratios", "symmetries", "shapes", "modal_mass", "modal_stiffness", "kinetic",
-        "potential", "turns", "eigenvalues",
+        "potential", "mass_amplitudes", "eigenvalues",
     )  # fmt: skip
 
     def case(self, index: int) -> Modes:
@@ -110,7 +110,7 @@ class Modes(Displayed):
             potential=dict(zip(self.springs, self.potential[index].tolist(), strict=True)),
             modal_mass=float(self.modal_mass[index]),
             modal_stiffness=float(self.modal_stiffness[index]),
-            shape=dict(zip(self.masses, self.turns[:, index].tolist(), strict=True)),
+            shape=dict(zip(self.masses, self.mass_amplitudes[:, index].tolist(), strict=True)),
         )
 
     def __iter__(self) -> Iterator[Mode]:
@@ -134,7 +134,7 @@ class Modes(Displayed):
                 "damping_ratio": (["mode"], self.damping_ratios, "1"),
                 "kinetic": (["mode", "mass"], self.kinetic, "1"),
                 "potential": (["mode", "spring"], self.potential, "1"),
-                "shape": (["mass", "mode"], self.turns, "1"),
+                "shape": (["mass", "mode"], self.mass_amplitudes, "1"),
             },
             {
                 "mode": (np.arange(1, len(self) + 1), ""),
@@ -234,7 +234,7 @@ def _split_repeated(squares: np.ndarray, shapes: np.ndarray, parts: Elements, im
     """Rotate the shapes of repeated modes into symmetric and antisymmetric ones, in place."""
     near = np.diff(squares, axis=1) <= SAME * squares[:, 1:] + 1e-13 * squares[:, -1:]
     for case in np.flatnonzero(near.any(axis=1)):
-        turns = parts.turns if parts.turns.ndim == 2 else parts.turns[case]
+        turns = parts.mass_transformation if parts.mass_transformation.ndim == 2 else parts.mass_transformation[case]
         first = 0
         for last in range(1, squares.shape[1] + 1):
             if last == squares.shape[1] or not near[case, last - 1]:
@@ -250,7 +250,7 @@ def _shares(
     largest = np.take_along_axis(shapes, np.argmax(np.abs(shapes), axis=1)[:, None], axis=1)
     shapes = shapes / largest
     modal_mass = 1 / largest[:, 0] ** 2
-    turns, twists = parts.turns @ shapes, parts.twists @ shapes
+    turns, twists = parts.mass_transformation @ shapes, parts.spring_transformation @ shapes
     kinetic = parts.J[:, :, None] * turns**2
     potential = parts.stiffness[:, :, None] * twists**2 * (squares > 0)[:, None]
     kinetic = kinetic / kinetic.sum(axis=1, keepdims=True)
@@ -266,7 +266,7 @@ def _shares(
         modal_stiffness=squares * modal_mass,
         kinetic=np.swapaxes(kinetic, 1, 2),
         potential=np.swapaxes(potential, 1, 2),
-        turns=turns,
+        mass_amplitudes=turns,
         masses=parts.masses,
         springs=parts.springs,
         coordinates=coordinates,

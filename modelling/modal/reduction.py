@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
-from modelling.linear.elements import Elements, elements, null, unit_rows
+from modelling.linear.elements import Elements, elements, null_space, unit_rows
 from modelling.modal.modes import Modes
 from modelling.model.system import System
 
@@ -30,8 +30,8 @@ def speed_ratios(system: System, values: Mapping[str, float] | None = None) -> d
     if not system.reference:
         raise InputError("reference", "the model names none", 'write reference = "NAME" of an inertia at the top')
     own = parts.masses.index(f"inertias.{system.reference}")
-    turning = _rigid_motion(parts, parts.turns[own])
-    speeds = dict(zip(parts.masses, parts.turns @ turning, strict=True))
+    turning = _rigid_motion(parts, parts.mass_transformation[own])
+    speeds = dict(zip(parts.masses, parts.mass_transformation @ turning, strict=True))
     ratios = {name: 1 / speed for name, speed in speeds.items() if abs(speed) > 1e-12}
     for shaft in system.shafts:
         end = ratios.get(f"inertias.{shaft.between[1]}")
@@ -43,7 +43,9 @@ def speed_ratios(system: System, values: Mapping[str, float] | None = None) -> d
 def _rigid_motion(parts: Elements, reference: np.ndarray) -> np.ndarray:
     """Coordinates' speeds (n,) at reference speed 1, no twist, least kinetic energy."""
     mass = parts.mass_matrix()[0]
-    basis = null(unit_rows(parts.twists)) if len(parts.twists) else np.eye(len(mass))
+    basis = (
+        null_space(unit_rows(parts.spring_transformation)) if len(parts.spring_transformation) else np.eye(len(mass))
+    )
     direction = basis.T @ reference
     energy = basis.T @ mass @ basis
     if not np.linalg.norm(direction) > 1e-9 * np.linalg.norm(reference):
@@ -76,13 +78,13 @@ def reduced(modes: Modes, ratios: Mapping[str, float]) -> Modes:
 
     ``ratios`` are those of :func:`speed_ratios`; frequencies and energy shares stay as they are.
     """
-    at_reference = modes.turns * np.array([ratios.get(name, 1.0) for name in modes.masses])[:, None]
+    at_reference = modes.mass_amplitudes * np.array([ratios.get(name, 1.0) for name in modes.masses])[:, None]
     peak = at_reference[np.argmax(np.abs(at_reference), axis=0), range(len(modes))]
     size = np.abs(peak) ** 2
     return dataclasses.replace(
         modes,
         shapes=modes.shapes / peak,
-        turns=at_reference / peak,
+        mass_amplitudes=at_reference / peak,
         modal_mass=modes.modal_mass / size,
         modal_stiffness=modes.modal_stiffness / size,
     )

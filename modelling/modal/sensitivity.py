@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import rest
+from modelling.linear.elements import rest_state
 from modelling.modal.modes import Modes, modes_of
 from modelling.modal.tracking import track_vectors
 from modelling.model.system import System
@@ -25,7 +25,7 @@ class Sensitivities:
     Attributes
     ----------
     names : tuple of str (p,)
-    slopes : ndarray (m, p)
+    gradients : ndarray (m, p)
         ∂f/∂p, Hz per SI unit; 0 for rigid-body modes.
     relative : ndarray (m, p)
         (p/f)·∂f/∂p: half the potential share for a stiffness, minus half the kinetic share for an inertia (Eqs. 6–8).
@@ -33,7 +33,7 @@ class Sensitivities:
     """
 
     names: tuple[str, ...]
-    slopes: np.ndarray
+    gradients: np.ndarray
     relative: np.ndarray
     modes: Modes
 
@@ -52,34 +52,34 @@ def sensitivities(system: System, values: Mapping[str, float] | None = None) -> 
     p = model.vector(values)
     found = modes_of(model, p[None]).case(0)
     squares = (2 * np.pi * found.frequencies) ** 2
-    x = np.atleast_2d(rest(model, p))[0]
-    energy = _slope(model).map(len(found))
+    x = np.atleast_2d(rest_state(model, p))[0]
+    energy = _gradient(model).map(len(found))
     columns = np.tile(np.concatenate([x, p])[:, None], len(found))
-    slope = energy(columns[: len(x)], columns[len(x) :], found.shapes, squares[None]).full().T
+    gradient = energy(columns[: len(x)], columns[len(x) :], found.shapes, squares[None]).full().T
     elastic = found.frequencies > 0
     per_frequency = 8 * np.pi**2 * np.where(elastic, found.frequencies, 1.0) * found.modal_mass
-    slopes = np.where(elastic[:, None], slope / per_frequency[:, None], 0.0)
-    relative = slopes * p / np.where(elastic, found.frequencies, 1.0)[:, None]
-    return Sensitivities(tuple(model.parameters), slopes, relative, found)
+    gradients = np.where(elastic[:, None], gradient / per_frequency[:, None], 0.0)
+    relative = gradients * p / np.where(elastic, found.frequencies, 1.0)[:, None]
+    return Sensitivities(tuple(model.parameters), gradients, relative, found)
 
 
-def _slope(model: Model) -> ca.Function:
+def _gradient(model: Model) -> ca.Function:
     """(x, p, v, λ) → ∂(vᵀKv − λ·vᵀMv)/∂p with v and λ held, (p,)."""
     functions = model._functions
-    if "slope" not in functions:
+    if "energy_gradient" not in functions:
         x, p = ca.SX.sym("x", len(model.states)), ca.SX.sym("p", len(model.parameters))
         v, square = ca.SX.sym("v", model.n), ca.SX.sym("square")
         J, turns, stiffness, twists, *_ = model.elements(x, p)
         energy = ca.dot(stiffness, (twists @ v) ** 2) - square * ca.dot(J, (turns @ v) ** 2)
-        functions["slope"] = ca.Function("slope", [x, p, v, square], [ca.gradient(energy, p)])
-    return functions["slope"]
+        functions["energy_gradient"] = ca.Function("energy_gradient", [x, p, v, square], [ca.gradient(energy, p)])
+    return functions["energy_gradient"]
 
 
 @dataclass(frozen=True)
 class Change:
     """What a change of parameters does to one mode; frequencies in Hz.
 
-    ``predicted`` is Eq. 8, first order; ``exact`` is solved anew and found again by shape, ``likeness`` the smallest
+    ``predicted`` is Eq. 8, first order; ``exact`` is solved anew and found again by shape, ``mac`` the smallest
     MAC met on the way.
     """
 
@@ -88,7 +88,7 @@ class Change:
     predicted: float
     exact: float
     number_after: int
-    likeness: float
+    mac: float
 
     @property
     def predicted_change(self) -> float:
@@ -102,9 +102,7 @@ class Change:
 
     def to_dict(self) -> dict[str, Any]:
         """Fields and both relative changes, for JSON."""
-        own = {
-            key: getattr(self, key) for key in ("number", "frequency", "predicted", "exact", "number_after", "likeness")
-        }
+        own = {key: getattr(self, key) for key in ("number", "frequency", "predicted", "exact", "number_after", "mac")}
         return own | {"predicted_change": self.predicted_change, "exact_change": self.exact_change}
 
 
@@ -126,10 +124,10 @@ def what_if(system: System, changes: Mapping[str, float], values: Mapping[str, f
     model = compiled(system)
     start = model.vector(values)
     end = model.vector({**(values or {}), **changes})
-    slope = sensitivities(system, values)
+    gradient = sensitivities(system, values)
     tracked = track_vectors(model, _path(start, end))
-    before = slope.modes.frequencies
-    predicted = before + slope.slopes @ (end - start)
+    before = gradient.modes.frequencies
+    predicted = before + gradient.gradients @ (end - start)
     return [
         Change(
             number=i + 1,
@@ -137,7 +135,7 @@ def what_if(system: System, changes: Mapping[str, float], values: Mapping[str, f
             predicted=float(predicted[i]),
             exact=float(tracked.frequencies[-1, i]),
             number_after=int(tracked.order[-1, i]) + 1,
-            likeness=float(tracked.likeness[:, i].min()),
+            mac=float(tracked.mac_values[:, i].min()),
         )
         for i in range(len(before))
     ]

@@ -39,8 +39,8 @@ def labels(turns: np.ndarray, J: np.ndarray, image: np.ndarray | None) -> np.nda
     """``symmetric``, ``antisymmetric`` or ``none`` for every shape, (..., m); arguments as in :func:`correlation`."""
     if image is None:
         return np.full(turns.shape[:-2] + turns.shape[-1:], "none", dtype="<U13")
-    likeness = correlation(turns, J, image)
-    return np.where(likeness > CLEAR, "symmetric", np.where(likeness < -CLEAR, "antisymmetric", "none"))
+    symmetry = correlation(turns, J, image)
+    return np.where(symmetry > CLEAR, "symmetric", np.where(symmetry < -CLEAR, "antisymmetric", "none"))
 
 
 def split(shapes: np.ndarray, turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class Tracked:
         Hz; column i is mode i of the first set, followed by its shape.
     order : ndarray (t, m) of int
         Index of that mode among the modes of each set.
-    likeness : ndarray (t, m)
+    mac_values : ndarray (t, m)
         MAC against the set before, 1 in the first row.
     modes : Modes
         Of all sets, batched (t, …), in order of frequency.
@@ -53,7 +53,7 @@ class Tracked:
 
     frequencies: np.ndarray
     order: np.ndarray
-    likeness: np.ndarray
+    mac_values: np.ndarray
     modes: Modes
 
 
@@ -77,9 +77,9 @@ def track_vectors(model: Model, p: np.ndarray) -> Tracked:
     batch = modes_of(model, p)
     mass = elements(model, p).mass_matrix()
     order = np.tile(np.arange(len(batch)), (len(p), 1))
-    likeness = np.ones(order.shape)
+    mac_values = np.ones(order.shape)
     for i in range(1, len(p)):
         score = mac(batch.shapes[i - 1][:, order[i - 1]], batch.shapes[i], (mass[i - 1] + mass[i]) / 2)
         rows, columns = linear_sum_assignment(-score)
-        order[i], likeness[i] = columns, score[rows, columns]
-    return Tracked(np.take_along_axis(batch.frequencies, order, axis=1), order, likeness, batch)
+        order[i], mac_values[i] = columns, score[rows, columns]
+    return Tracked(np.take_along_axis(batch.frequencies, order, axis=1), order, mac_values, batch)

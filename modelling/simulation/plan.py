@@ -106,6 +106,6 @@ def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndar
     speeds = []
     for effect in model.system.effects:
         if effect.law.sticks:
-            share = a.motions[effect.at.removeprefix("inertias.")].share
+            share = a.motions[effect.at.removeprefix("inertias.")].coefficients
             speeds.append(sum(float(c.xreplace(values)) * states[:, model.n + i] for i, c in share.items()))
     return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))

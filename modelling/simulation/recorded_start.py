@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from modelling.equations.compiled import Model
-from modelling.linear.elements import elements, rest
+from modelling.linear.elements import elements, rest_state
 from modelling.measurement.recording import Recording
 from modelling.simulation.simulate import SimulationError, sensitivities, simulate_batch
 
@@ -28,7 +28,7 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
         See :func:`modelling.simulation.simulate.prepare`.
     """
     names = model.states[: 2 * model.n]
-    closed = np.atleast_2d(rest(model, p))[0][: len(names)]
+    closed = np.atleast_2d(rest_state(model, p))[0][: len(names)]
     if not recording.sensors(model.system):
         return dict.fromkeys(names, 0.0)
     turning = _turning(model, recording, p)
@@ -45,7 +45,9 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
 def _turning(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
     """Angles 0 and the speeds (2n,) that were measured first, what was not measured turning with them."""
     parts = elements(model, p[None])
-    turns, twists = (rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.turns, parts.twists))
+    turns, twists = (
+        rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.mass_transformation, parts.spring_transformation)
+    )
     rows, speeds = [], []
     for part in model.system.sensors:
         if part.measures == "speed" and part.name in recording.channels:

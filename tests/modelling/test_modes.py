@@ -140,7 +140,7 @@ def test_sensitivities_by_finite_differences(system):
         for group in np.unique(groups):
             own = groups == group
             scale = found.modes.frequencies[own].max() / max(abs(value), 1e-3)
-            expected = found.slopes[own, found.names.index(name)].sum()
+            expected = found.gradients[own, found.names.index(name)].sum()
             assert numeric[own].sum() == pytest.approx(expected, rel=2e-5, abs=2e-7 * scale)
 
 

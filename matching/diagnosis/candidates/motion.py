@@ -50,7 +50,7 @@ def inertia_shares(system: System, coordinates: list[str], value: dict[str, floa
     motions = derive(system).assembly.motions
     out = np.zeros((len(system.inertias), len(coordinates)))
     for i, part in enumerate(system.inertias):
-        for j, share in motions[part.name].share.items():
+        for j, share in motions[part.name].coefficients.items():
             out[i, j] = float(share.subs({s: value[str(s)] for s in share.free_symbols}))
     return out
 

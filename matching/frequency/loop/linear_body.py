@@ -63,14 +63,15 @@ def body(system: System) -> Body:
             "effects", "a dead time inside the model is not expected here", "state it in the loop of the case"
         )
     parts = elements(linear.model, linear.p[None], linear.x0)
-    A, lift, _ = deflated(linear, parts)
+    rest = deflated(linear, parts)
+    lift = rest.lift
     model, n = linear.model, linear.model.n
-    space = StateSpace(A, lift.T @ linear.B, linear.C @ lift, linear.D, tuple(model.inputs), tuple(model.sensors))
+    space = StateSpace(rest.A, lift.T @ linear.B, linear.C @ lift, linear.D, tuple(model.inputs), tuple(model.sensors))
     return Body(
         system,
         space,
-        parts.turns @ lift[n : 2 * n],
-        parts.deflections @ lift,
+        parts.mass_transformation @ lift[n : 2 * n],
+        parts.deflection_jacobian @ lift,
         parts.J[0],
         parts.stiffness[0],
         parts.masses,

@@ -121,7 +121,7 @@ class NonlinearMotion:
         self._run = one.mapaccum("sample", self._pieces)
         self.start = np.zeros(n + 2 * k)
         self._count = k
-        self.twists = elements(model, p[None]).deflections
+        self.twists = elements(model, p[None]).deflection_jacobian
         self.readings = ca.Function("readings", [x, w], [model.readings(x[:n], u, p, 0)])
 
     def advance(self, x: np.ndarray, drives: np.ndarray, lines: Sequence[np.ndarray], k: int) -> np.ndarray:

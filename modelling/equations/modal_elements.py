@@ -10,15 +10,15 @@ from modelling.equations.lagrange import Equations
 from modelling.equations.sympy_to_casadi import to_casadi
 
 
-def build(equations: Equations) -> ca.Function:
+def modal_elements(equations: Equations) -> ca.Function:
     """(x, p) → J (k,), turns (k, n), stiffness (s,), twists (s, n), deflections (s, x), whether each p is in a row."""
     a = equations.assembly
     n = len(a.q)
     x, p = ca.SX.sym("x", 2 * n + len(a.states)), ca.SX.sym("p", len(a.parameters))
     known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
     known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
-    turns = _rows([motion.share for _, motion in a.masses.values()], n, known)
-    twists = _rows([spring.twist.share for spring in a.springs.values()], n, known)
+    turns = _rows([motion.coefficients for _, motion in a.masses.values()], n, known)
+    twists = _rows([spring.twist.coefficients for spring in a.springs.values()], n, known)
     masses = ca.vertcat(*to_casadi([J for J, _ in a.masses.values()], known))
     springs = list(a.springs.values())
     stiffness = ca.vertcat(*to_casadi([spring.stiffness for spring in springs], known)) if springs else ca.SX(0, 1)
