@@ -6,10 +6,11 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check bench campaign lock clean
+.PHONY: help run test test-long mutants bench campaign lock clean
 
 PYTHON ?= python3
 WORKERS ?= 2
+MUTANTS ?= --anew
 BIN := .venv/bin
 # Wheels only and by hash: no compiler is called and nothing unknown comes in. No build isolation: the backend is in the lock.
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -39,6 +40,9 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 
 test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --hypothesis-profile search --timeout 1800 -o faulthandler_timeout=1860
+
+mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
+	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks

@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-TIMEOUT = 400  # s a cell, on a busy machine
+TIMEOUT = 240  # s a cell, on a busy machine; under the limit of a test
 LARGEST = 300_000  # bytes
 
 

@@ -1,0 +1,34 @@
+"""Which tests are run against a fault."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+from tests.mutants.coverage_map import PACKAGES, ROOT, Map
+from tests.mutants.operators import Fault
+
+
+def tests_for(fault: Fault, tests: Map) -> set[str]:
+    """Tests that run the fault's statement; of a constant, those that run a line with its name.
+
+    Where there is none (the line runs in another process only, or never), all tests that run any line of the file.
+    """
+    if fault.constant:
+        found = set().union(*(tests.of(file, range(n, n + 1)) for file, n in lines_with(fault.constant)))
+    else:
+        found = tests.of(fault.file, range(fault.lines[0], fault.lines[1] + 1))
+    return found or set().union(*tests.by_line[fault.file].values())
+
+
+@cache
+def lines_with(name: str) -> list[tuple[str, int]]:
+    """Files and lines of the program that hold a name."""
+    word = re.compile(rf"\b{re.escape(name)}\b")
+    return [(file, n) for file, lines in sources().items() for n, line in enumerate(lines, 1) if word.search(line)]
+
+
+@cache
+def sources(root: Path = ROOT) -> dict[str, list[str]]:
+    """The lines of every file of the program."""
+    files = [path for package in PACKAGES for path in sorted((root / package).rglob("*.py"))]
+    return {str(path.relative_to(root)): path.read_text(encoding="utf-8").splitlines() for path in files}
