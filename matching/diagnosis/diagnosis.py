@@ -218,7 +218,7 @@ def _rest(final: Named) -> list[dict[str, Any]]:
             k = int(np.argmax(squares))
             worst = max(worst, (squares[k], i, k * length, k * length + length))
         square, i, first, last = worst
-        time, part = problem.data.segments[i].time, motion.parts[i]
+        time, part = problem.data.segments[i].time, motion.segments[i]
         stretch = slice(part.start + first, min(part.start + last, part.stop))
         out.append({
             "sensor": problem.model.sensors[j], "ratio": noises[j].ratio, "worst_ratio": float(np.sqrt(square)),

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -25,10 +25,10 @@ class Backlash(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.gap = p["gap"]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
-        stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[name]
+        stiffness, twist = motion.value[f"{at}.stiffness"], motion.twist[name]
         for share in (0.02, 0.1, 0.3, 1.0):
             # the play takes half a gap of twist from the spring; where torque changes sign it does so over some width
             width = share * float(np.abs(twist).max())
-            yield Guess(({at: -stiffness * np.clip(twist / width, -1, 1)},), positive("gap", 2.0))
+            yield Guess(({at: -stiffness * np.clip(twist / width, -1, 1)},), if_positive("gap", 2.0))

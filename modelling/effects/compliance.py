@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.signal import bilinear
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Spring, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -31,17 +31,17 @@ class Compliance(Kind):
         assembly.springs[label] = Spring(p["stiffness"], further, further.angle)
         law.second = middle
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        name, second = at.split(".")[1], seen.ends[at.split(".")[1]][1]
-        k, c = seen.value[f"{at}.stiffness"], seen.value[f"{at}.damping"]
-        J_end = min(seen.value[f"inertias.{end}.J"] for end in seen.ends[name])
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        name, second = at.split(".")[1], motion.ends[at.split(".")[1]][1]
+        k, c = motion.value[f"{at}.stiffness"], motion.value[f"{at}.damping"]
+        J_end = min(motion.value[f"inertias.{end}.J"] for end in motion.ends[name])
         for stiffer in (1.0, 4.0, 16.0):
             for share in (0.02, 0.1, 0.4, 1.0):
                 k2, J = stiffer * k, share * J_end
-                d = _middle(seen, name, second, k, c, k2, J)
-                d_rate = seen.each(lambda t, s: np.gradient(s, t), d)
-                d_rate2 = seen.each(lambda t, s: np.gradient(s, t), d_rate)
-                push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (seen.acceleration[second] + d_rate2)}
+                d = _middle(motion, name, second, k, c, k2, J)
+                d_rate = motion.per_segment(lambda t, s: np.gradient(s, t), d)
+                d_rate2 = motion.per_segment(lambda t, s: np.gradient(s, t), d_rate)
+                push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (motion.acceleration[second] + d_rate2)}
                 yield Guess((push,), partial(_softer, k2, J))
 
     def simpler(
@@ -58,10 +58,12 @@ class Compliance(Kind):
         return (guess / 20, guess * 20)
 
 
-def _middle(seen: Seen, name: str, second: str, k: float, c: float, k2: float, J: float) -> np.ndarray:
+def _middle(motion: FittedMotion, name: str, second: str, k: float, c: float, k2: float, J: float) -> np.ndarray:
     """Angle (t,) of the middle inertia ahead of the second end: J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈."""
-    b, a = bilinear([1.0], [J, c, k + k2], 1 / seen.step)
-    return seen.filtered(list(b), list(a), k * seen.twist[name] + c * seen.rate[name] - J * seen.acceleration[second])
+    b, a = bilinear([1.0], [J, c, k + k2], 1 / motion.step)
+    return motion.filtered(
+        list(b), list(a), k * motion.twist[name] + c * motion.twist_rate[name] - J * motion.acceleration[second]
+    )
 
 
 def _softer(stiffness: float, J: float, a: np.ndarray) -> dict[str, float] | None:

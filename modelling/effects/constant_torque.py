@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -22,5 +22,5 @@ class ConstantTorque(Kind):
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.add_torque(name, -p["torque"], motion)
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        yield Guess(({at: -np.ones_like(seen.time)},), lambda a: {"torque": float(a[0])})
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: -np.ones_like(motion.time)},), lambda a: {"torque": float(a[0])})

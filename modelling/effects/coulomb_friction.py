@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -27,10 +27,10 @@ class CoulombFriction(Kind):
         friction = (forward * (1 + sign) - reverse * (1 - sign)) / 2 if reverse != forward else forward * sign
         assembly.add_torque(name, -friction, motion)
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        speed = seen.speed[at.split(".")[1]]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        speed = motion.speed[at.split(".")[1]]
         sign = np.tanh(speed / (1e-3 * float(np.abs(speed).max()) + 1e-9))
-        yield Guess(({at: -sign},), positive("torque"))
+        yield Guess(({at: -sign},), if_positive("torque"))
         if speed.min() < 0 < speed.max():
             forward, reverse = (1 + sign) / 2, (1 - sign) / 2
             yield Guess(

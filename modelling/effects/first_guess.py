@@ -10,19 +10,19 @@ from scipy.signal import lfilter
 
 
 @dataclass(frozen=True)
-class Seen:
+class FittedMotion:
     """The motion of a fitted model over the recorded inputs; segments of recordings one after another.
 
     Attributes
     ----------
     time : ndarray (t,)
         s, from the start of each recording.
-    parts : tuple of slice
+    segments : tuple of slice
         The uninterrupted segments.
     angle, speed, acceleration : dict of str to ndarray (t,)
         By inertia.
-    twist, rate, torque : dict of str to ndarray (t,)
-        By shaft; twist and rate as the shaft's law takes them, torque on the second end's side.
+    twist, twist_rate, torque : dict of str to ndarray (t,)
+        By shaft; twist and its rate as the shaft's law takes them, torque on the second end's side.
     input : dict of str to ndarray (t,)
         As recorded, by input.
     reading : dict of str to ndarray (t,)
@@ -33,37 +33,37 @@ class Seen:
         Every quantity by its full name.
     ends : dict of str to (str, str)
         The inertias that a shaft joins.
-    pull : dict of str to ndarray (t,)
+    torque_gradient : dict of str to ndarray (t,)
         By inertia: how much a torque at that moment would lower the misfit (the gradient of χ², negative).
     """
 
     time: np.ndarray
-    parts: tuple[slice, ...]
+    segments: tuple[slice, ...]
     angle: Mapping[str, np.ndarray]
     speed: Mapping[str, np.ndarray]
     acceleration: Mapping[str, np.ndarray]
     twist: Mapping[str, np.ndarray]
-    rate: Mapping[str, np.ndarray]
+    twist_rate: Mapping[str, np.ndarray]
     torque: Mapping[str, np.ndarray]
     input: Mapping[str, np.ndarray]
     reading: Mapping[str, np.ndarray]
     noise: Mapping[str, float]
     value: Mapping[str, float]
     ends: Mapping[str, tuple[str, str]]
-    pull: Mapping[str, np.ndarray] = field(default_factory=dict)
+    torque_gradient: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
         """Sampling interval, s."""
-        return float(np.median(np.diff(self.time[self.parts[0]])))
+        return float(np.median(np.diff(self.time[self.segments[0]])))
 
-    def each(self, work: Callable[[np.ndarray, np.ndarray], np.ndarray], signal: np.ndarray) -> np.ndarray:
+    def per_segment(self, work: Callable[[np.ndarray, np.ndarray], np.ndarray], signal: np.ndarray) -> np.ndarray:
         """``work(time, signal)`` on every segment by itself."""
-        return np.concatenate([work(self.time[part], signal[part]) for part in self.parts])
+        return np.concatenate([work(self.time[part], signal[part]) for part in self.segments])
 
-    def later(self, signal: np.ndarray, delay: float) -> np.ndarray:
+    def delayed(self, signal: np.ndarray, delay: float) -> np.ndarray:
         """A signal (t,) that comes ``delay`` s later."""
-        return self.each(lambda t, s: np.interp(t - delay, t, s), signal)
+        return self.per_segment(lambda t, s: np.interp(t - delay, t, s), signal)
 
     def lagged(self, signal: np.ndarray, time_constant: float) -> np.ndarray:
         """A signal (t,) through a first-order lag."""
@@ -73,7 +73,7 @@ class Seen:
 
     def filtered(self, b: list[float], a: list[float], signal: np.ndarray) -> np.ndarray:
         """A signal (t,) through a discrete filter that has settled at the first sample."""
-        return self.each(lambda _, s: lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
+        return self.per_segment(lambda _, s: lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Guess:
 
     Attributes
     ----------
-    pushes : tuple of dict
+    additions : tuple of dict
         Each by place: ``inertias.…`` torque on it (t,), ``shafts.…`` further torque of it (t,), ``inputs.…`` further
         input (t,), ``sensors.…`` further reading (t,), or a quantity's full name with the change of its value.
         Their amplitudes are found by least squares.
@@ -93,11 +93,11 @@ class Guess:
         finds more in mere noise.
     """
 
-    pushes: tuple[Mapping[str, np.ndarray | float], ...]
+    additions: tuple[Mapping[str, np.ndarray | float], ...]
     parameters: Callable[[np.ndarray], dict[str, float] | None]
     chosen_from: float = 1.0
 
 
-def positive(name: str, factor: float = 1.0, **others: float) -> Callable[[np.ndarray], dict[str, float] | None]:
+def if_positive(name: str, factor: float = 1.0, **others: float) -> Callable[[np.ndarray], dict[str, float] | None]:
     """Parameters where ``name`` is ``factor`` times the amplitude, which must be positive."""
     return lambda a: {name: factor * float(a[0]), **others} if a[0] > 0 else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -21,5 +21,5 @@ class Hardening(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.potentials.append(lambda deflection: p["cubic"] * deflection**4 / 4)
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        yield Guess(({at: seen.twist[at.split(".")[1]] ** 3},), lambda a: {"cubic": float(a[0])})
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: motion.twist[at.split(".")[1]] ** 3},), lambda a: {"cubic": float(a[0])})

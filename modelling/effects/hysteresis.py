@@ -9,7 +9,7 @@ from itertools import accumulate
 import numpy as np
 from sympy import Abs
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter, State
 
@@ -33,13 +33,13 @@ class Hysteresis(Kind):
         law.parallel.append(p["torque"] * z)
         law.parallel_stiffness.append(p["torque"] / p["angle"])
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
         for share in (0.1, 0.3, 1.0, 3.0):
-            angle = share * float(seen.twist[name].std())
+            angle = share * float(motion.twist[name].std())
             yield Guess(
-                ({at: seen.each(partial(_dahl, angle), seen.rate[name])},),
-                positive("torque", angle=angle),
+                ({at: motion.per_segment(partial(_dahl, angle), motion.twist_rate[name])},),
+                if_positive("torque", angle=angle),
             )
 
     def simpler(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, InputPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -21,5 +21,5 @@ class InputGain(Kind):
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value *= p["factor"]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        yield Guess(({at: seen.input[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: motion.input[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, Motion, SensorPath, ShaftLaw, Symbols
 from modelling.units import QUANTITY_UNITS
 
@@ -104,11 +104,11 @@ class Kind:
         """Change what a sensor reads."""
         raise NotImplementedError
 
-    def guesses(self, seen: Seen, at: str) -> Iterable[Guess]:
+    def guesses(self, motion: FittedMotion, at: str) -> Iterable[Guess]:
         """First guesses of this effect at a place, from a motion without it; for screening and as starts of a fit."""
         raise NotImplementedError
 
-    def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterable[Guess]:
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterable[Guess]:
         """Further guesses about the best one, where a fit would not find from one to the other; here none."""
         return ()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter, State
 
@@ -32,11 +32,13 @@ class Lag(Kind):
         self.input(path, p, assembly)
         path.value += ramp.subs(assembly.time, assembly.time - p["time_constant"])  # a drift, once it has settled
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         table, name = at.split(".")
-        signal = (seen.input if table == "inputs" else seen.reading)[name]
+        signal = (motion.input if table == "inputs" else motion.reading)[name]
         for time_constant in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
-            yield Guess(({at: seen.lagged(signal, time_constant) - signal},), positive("time_constant", time_constant))
+            yield Guess(
+                ({at: motion.lagged(signal, time_constant) - signal},), if_positive("time_constant", time_constant)
+            )
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.25 * step, max(20 * guess, step))

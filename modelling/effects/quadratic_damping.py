@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sympy import Abs
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -23,6 +23,6 @@ class QuadraticDamping(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.parallel.append(p["coefficient"] * law.rate * Abs(law.rate))
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        rate = seen.rate[at.split(".")[1]]
-        yield Guess(({at: rate * abs(rate)},), positive("coefficient"))
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        rate = motion.twist_rate[at.split(".")[1]]
+        yield Guess(({at: rate * abs(rate)},), if_positive("coefficient"))

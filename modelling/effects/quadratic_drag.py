@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sympy import Abs
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -23,6 +23,6 @@ class QuadraticDrag(Kind):
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.add_torque(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        speed = seen.speed[at.split(".")[1]]
-        yield Guess(({at: -speed * abs(speed)},), positive("coefficient"))
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        speed = motion.speed[at.split(".")[1]]
+        yield Guess(({at: -speed * abs(speed)},), if_positive("coefficient"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen, positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -20,7 +20,7 @@ class SensorDelay(Kind):
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.delay += p["delay"]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        signal = seen.reading[at.split(".")[1]]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        signal = motion.reading[at.split(".")[1]]
         for delay in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
-            yield Guess(({at: seen.later(signal, delay) - signal},), positive("delay", delay))
+            yield Guess(({at: motion.delayed(signal, delay) - signal},), if_positive("delay", delay))

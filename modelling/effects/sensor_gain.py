@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -21,5 +21,5 @@ class SensorGain(Kind):
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value *= p["factor"]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        yield Guess(({at: seen.reading[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: motion.reading[at.split(".")[1]]},), lambda a: {"factor": 1 + float(a[0])})

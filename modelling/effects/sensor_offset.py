@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -20,5 +20,5 @@ class SensorOffset(Kind):
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value += p["offset"]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        yield Guess(({at: seen.time * 0 + 1.0},), lambda a: {"offset": float(a[0])})
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: motion.time * 0 + 1.0},), lambda a: {"offset": float(a[0])})

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter, State
 
@@ -25,10 +25,10 @@ class Slip(Kind):
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         law.series, law.series_state = p["coefficient"], f"{law.place}.{self.kind}"
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        stiffness, twist = seen.value[f"{at}.stiffness"], seen.twist[at.split(".")[1]]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        stiffness, twist = motion.value[f"{at}.stiffness"], motion.twist[at.split(".")[1]]
         for relaxation in (0.02, 0.1, 0.5, 2.5, 12.5):  # s, coefficient/stiffness
-            lost = seen.lagged(twist - twist[0], relaxation)
+            lost = motion.lagged(twist - twist[0], relaxation)
             yield Guess(({at: -stiffness * lost},), partial(_damper, stiffness * relaxation))
 
 

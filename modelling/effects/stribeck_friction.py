@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from sympy import exp
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -37,8 +37,8 @@ class StribeckFriction(Kind):
         """Where it hardly falls, or the speed is seldom below that over which it does, it is Coulomb's."""
         yield "coulomb_friction", at, {"torque": parameters["torque"]}
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        own = seen.speed[at.split(".")[1]]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        own = motion.speed[at.split(".")[1]]
         sign = np.tanh(own / (1e-3 * float(np.abs(own).max()) + 1e-9))
         for share in (0.05, 0.15, 0.4):
             speed = share * float(own.std()) + 1e-9

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import medfilt
 from sympy import sin
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -28,14 +28,14 @@ class TorqueRipple(Kind):
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        angle, pull = seen.angle[at.split(".")[1]], seen.pull[at.split(".")[1]]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        angle, pull = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
         for order, chosen_from in _orders(angle, pull):
             yield _guess(at, angle, order, chosen_from)
 
-    def nearby(self, seen: Seen, at: str, best: dict[str, float]) -> Iterator[Guess]:
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         """Orders about the best one, half a line apart: a motion to and fro gives the true one many side lobes."""
-        angle = seen.angle[at.split(".")[1]]
+        angle = motion.angle[at.split(".")[1]]
         span = float(np.ptp(angle))
         if span > 4 * np.pi:
             for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
@@ -51,8 +51,8 @@ class TorqueRipple(Kind):
 
 
 def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
-    pushes = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
-    return Guess(pushes, partial(_wave, order), chosen_from)
+    additions = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
+    return Guess(additions, partial(_wave, order), chosen_from)
 
 
 def _wave(order: float, a: np.ndarray) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.first_guess import Guess, Seen
+from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain
 from modelling.effects.kind import Kind, Parameter
 
@@ -22,8 +22,8 @@ class WrongParameter(Kind):
     def places(self, system: Drivetrain) -> list[str]:
         return [name for name in system.parameters if name.count(".") == 2]
 
-    def guesses(self, seen: Seen, at: str) -> Iterator[Guess]:
-        known = seen.value[at]
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        known = motion.value[at]
         scale = abs(known) or 1.0
         yield Guess(
             ({at: scale},),

@@ -71,7 +71,7 @@ def test_response_is_that_of_the_simulation(drive, screen) -> None:
 def test_pull_is_the_adjoint_of_the_response(screen) -> None:
     push = np.random.default_rng(1).standard_normal(3000)
     direct = float(np.sum(screen.response({"load": push}) / screen.noise * screen.residual.reshape(-1, 3)))
-    assert float(push @ screen.seen.pull["load"]) == pytest.approx(direct, rel=1e-9)
+    assert float(push @ screen.seen.torque_gradient["load"]) == pytest.approx(direct, rel=1e-9)
 
 
 SMALL = {
@@ -98,7 +98,7 @@ def test_signature_of_a_small_effect_is_the_difference_it_makes(drive, screen, k
     y = runs.readings(model, segment, model.p0[None], starts[0][None], fit.problem.steps)[0]
     base = runs.readings(fit.problem.model, segment, p[None], starts[0][None], fit.problem.steps)[0]
     wanted = ((y - base) / screen.noise).ravel()
-    signature = screen.signature(dict(guess.pushes[0]))
+    signature = screen.signature(dict(guess.additions[0]))
     amplitude = float(signature @ wanted) / float(signature @ signature)
     assert np.linalg.norm(wanted - amplitude * signature) < 0.05 * np.linalg.norm(wanted)
     found = guess.parameters(np.array([amplitude]))
@@ -112,7 +112,7 @@ def test_every_kind_guesses_within_its_bounds(drive, screen) -> None:
     for kind, own in EFFECTS.items():
         for at in own.places(drive):
             for guess in own.guesses(screen.seen, at):
-                found = guess.parameters(np.ones(len(guess.pushes)))
+                found = guess.parameters(np.ones(len(guess.additions)))
                 for key, value in (found or {}).items():
                     low, high = own.fit_bounds(key, value, 1e-3)
                     assert low <= value <= high, (kind, key)

@@ -8,13 +8,13 @@ import numpy as np
 
 from matching.diagnosis.candidates.balance import Leftover
 from matching.diagnosis.fitting.fit import Fit
-from modelling.effects.first_guess import Seen
+from modelling.effects.first_guess import FittedMotion
 from modelling.equations.lagrange import derive
 from modelling.model.components import Shaft
 from modelling.model.system import System
 
 
-def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
+def seen(fit: Fit, leftover: Leftover | None = None) -> FittedMotion:
     """The motion of a fit, segments one after another; with what is left over, as the measurement has it."""
     problem, system = fit.problem, fit.problem.system
     model, segments = problem.model, problem.data.segments
@@ -35,7 +35,7 @@ def seen(fit: Fit, leftover: Leftover | None = None) -> Seen:
     twist, rate = ({s.name: _twist(motion, s, names, value) for s in system.shafts} for motion in (angles, speeds))
     y = np.concatenate(problem.simulated(fit.v))
     angle, speed, faster = (dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, acceleration))
-    return Seen(
+    return FittedMotion(
         time, parts, angle, speed, faster, twist, rate,
         {s.name: torques[j] for j, s in enumerate(system.shafts)},
         {part.name: inputs[:, j] for j, part in enumerate(system.inputs)},

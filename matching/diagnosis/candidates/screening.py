@@ -62,7 +62,7 @@ class Screen:
         )
         self.leftover = leftover(fit, without_effects(self.system), dict(self.seen.value), scale)
         self.seen = seen(fit, self.leftover)
-        self.seen = replace(self.seen, pull=self._pull())
+        self.seen = replace(self.seen, torque_gradient=self._pull())
         self._sensors = [sensor.name for sensor in self.system.sensors]
         self._shafts = {shaft.name: shaft for shaft in self.system.shafts}
         self._on = {part.name: part.on for part in self.system.inputs}
@@ -74,7 +74,7 @@ class Screen:
     def response(self, torques: dict[str, np.ndarray]) -> np.ndarray:
         """Readings (t, y) that torques (t,) on inertias add."""
         out = np.zeros((len(self.seen.time), len(self.noise)))
-        for part in self.seen.parts if torques else ():
+        for part in self.seen.segments if torques else ():
             size = part.stop - part.start
             length = fft.next_fast_len(2 * size, real=True)
             total = np.zeros((length // 2 + 1, len(self.noise)), dtype=complex)
@@ -96,7 +96,7 @@ class Screen:
         out = {}
         for name in self.hats:
             own = np.zeros(len(weighted))
-            for part in self.seen.parts:
+            for part in self.seen.segments:
                 size = part.stop - part.start
                 length = fft.next_fast_len(2 * size, real=True)
                 hat = np.conj(self._spectrum(name, size))
@@ -157,7 +157,7 @@ class Screen:
 
     def _reductions(self, guesses: Sequence[Guess]) -> list[tuple[float, dict[str, float] | None]]:
         """The same of several guesses, all freed at once: the basis is long, and reading it is what takes the time."""
-        raw = [[self.signature(dict(push)) for push in guess.pushes] for guess in guesses]
+        raw = [[self.signature(dict(push)) for push in guess.additions] for guess in guesses]
         kept = [all(np.isfinite(one).all() for one in own) for own in raw]
         rows = np.array([one for own, good in zip(raw, kept, strict=True) if good for one in own])
         before = np.linalg.norm(rows, axis=1) if len(rows) else np.empty(0)

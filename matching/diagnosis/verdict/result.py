@@ -11,7 +11,7 @@ import numpy as np
 from matching.diagnosis.data.holdout_fidelity import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
 from modelling.common.display import Displayed
-from modelling.effects.first_guess import Seen
+from modelling.effects.first_guess import FittedMotion
 from modelling.model.system import System
 
 
@@ -62,7 +62,7 @@ class PlotData:
 
     Attributes
     ----------
-    before, after : Seen
+    before, after : FittedMotion
         The motion of the base model and of the extended one.
     measured, residual_before, residual_after : ndarray (t, y)
         SI; NaN where nothing was measured.
@@ -72,8 +72,8 @@ class PlotData:
     noise : ndarray (y,)
     """
 
-    before: Seen
-    after: Seen
+    before: FittedMotion
+    after: FittedMotion
     measured: np.ndarray
     residual_before: np.ndarray
     residual_after: np.ndarray

@@ -117,7 +117,7 @@ def broken(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tu
 def running(plot_data: PlotData) -> np.ndarray:
     """Time (t,) that goes on from recording to recording."""
     seen, out, at = plot_data.before, [], 0.0
-    for i, part in enumerate(seen.parts):
+    for i, part in enumerate(seen.segments):
         own = seen.time[part]
         at = own[0] if i == 0 else max(at + seen.step, own[0])
         out.append(own - own[0] + at)

@@ -46,7 +46,7 @@ def balance_figure(plot_data: PlotData) -> Figure:
 def _settled(plot_data: PlotData) -> np.ndarray:
     """Samples (t,) at which the smoother knows what came before and what comes after."""
     out = np.zeros(len(plot_data.before.time), dtype=bool)
-    for part in plot_data.before.parts:
+    for part in plot_data.before.segments:
         time = plot_data.before.time[part]
         edge = min(EDGE, 0.2 * float(np.ptp(time)))
         out[part] = (time >= time[0] + edge) & (time <= time[-1] - edge)

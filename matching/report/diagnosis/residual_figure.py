@@ -44,8 +44,8 @@ def time_figure(plot_data: PlotData, shown: list[View]) -> Figure:
                 own = residual[:, view.index] / plot_data.noise[view.index]
                 if len(own) != len(time):
                     continue
-                line(axes, *broken(time, plot_data.before.parts, own), look | {"alpha": 0.25, "label": None})
-                line(axes, *broken(time, plot_data.before.parts, _running_mean(own)), look)
+                line(axes, *broken(time, plot_data.before.segments, own), look | {"alpha": 0.25, "label": None})
+                line(axes, *broken(time, plot_data.before.segments, _running_mean(own)), look)
             noise_band([axes])
             axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
@@ -90,7 +90,7 @@ def spectrum_figure(plot_data: PlotData, shown: list[View]) -> Figure:
                 own = residual[:, view.index] / plot_data.noise[view.index]
                 if len(own) != len(plot_data.before.time):
                     continue
-                part = max(plot_data.before.parts, key=lambda part: part.stop - part.start)
+                part = max(plot_data.before.segments, key=lambda part: part.stop - part.start)
                 x, y = _spectrum(own[part], plot_data.before.step)
                 line(left, x[1:], y[1:], look)
                 if turns:
