@@ -27,7 +27,7 @@ def main(workers: int = 1) -> MatchResult:
         f"{result.status}: rig {shuffle.rig:.2f} Hz, vehicle {shuffle.vehicle:.3f} Hz, matched {shuffle.matched:.3f} Hz"
     )
     print(f"simulation shows {shuffle.seen:.3f} Hz, damping ratio {shuffle.seen_damping:.3f}")
-    print(f"response error {error.before:.2f} before, {error.after:.4f} after, {error.unannounced:.2f} unannounced")
+    print(f"response error {error.before:.2f} before, {error.after:.4f} after, {error.unmeasured:.2f} unmeasured")
     print(f"modulus margin {checks.modulus_margin:.3f}")
     for sentence in result.limits:
         print("-", sentence)
@@ -37,7 +37,7 @@ def main(workers: int = 1) -> MatchResult:
     assert abs(shuffle.seen / shuffle.vehicle - 1) < 0.02
     assert checks.stable
     assert checks.modulus_margin >= 0.5
-    assert error.after < 0.01 < 0.1 < error.unannounced < 0.25
+    assert error.after < 0.01 < 0.1 < error.unmeasured < 0.25
     return result
 
 

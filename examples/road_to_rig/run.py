@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matching.frequency.case.case import load_case
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.responses import error_figures
+from matching.frequency.loop.response_error import error_figures
 from matching.frequency.search.match import match
 from matching.frequency.search.result import MatchResult
 
@@ -27,7 +27,7 @@ def main(seed: int = 0, workers: int = 1) -> MatchResult:
         print(f"{target.symmetry}: vehicle {target.vehicle:.3f} Hz, free rig {target.rig:.2f} Hz, ", end="")
         print(f"matched {target.matched:.3f} Hz, seen {target.seen:.3f} Hz; ", end="")
         print(f"damping ratio {target.vehicle_damping:.4f} and {target.matched_damping:.4f}")
-    print(f"0.5–30 Hz: before {error.before:.2f}, after {error.after:.4f}, unannounced {error.unannounced:.2f}")
+    print(f"0.5–30 Hz: before {error.before:.2f}, after {error.after:.4f}, unmeasured {error.unmeasured:.2f}")
     print(f"bound {error.bound:.4f} sampled as the loop, {error.bound_unsampled:.4f} without sampling")
     print(f"0.5–15 Hz: before {narrow.before:.2f}, after {narrow.after:.4f}")
     print(f"modulus margin {checks.modulus_margin:.3f}, checks: {', '.join(checks.checks)}")
@@ -43,8 +43,8 @@ def main(seed: int = 0, workers: int = 1) -> MatchResult:
     assert narrow.after <= narrow.before / 5
     assert error.after <= error.before / 10
     assert error.after <= 1.3 * error.bound
-    # What holds for announced torques only: the feedback by itself stays far from the vehicle.
-    assert 0.5 < error.unannounced < error.before / 2
+    # This holds for measured torques only: the feedback alone stays far from the vehicle.
+    assert 0.5 < error.unmeasured < error.before / 2
     return result
 
 

@@ -1,0 +1,1 @@
+"""The controlled test bed: residual vehicle, control loop with its structures, feed-forward, manoeuvres."""

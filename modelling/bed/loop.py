@@ -1,25 +1,27 @@
-"""The control loop that closes the residual vehicle model round the rig.
+"""The control loop as data, and what a control structure has to answer.
 
-Per dynamometer: measured torque → torque-sensor lag → residual vehicle → reference speed → speed controller with
-torque and acceleration feed-forward and a lead → dead time → inverter lag → air-gap torque on the rotor.
-
-Two structures. ``pi`` is that and nothing else. ``model_based`` runs a twin of rig and vehicle on the announced
-torques (motor torque demand, simulated road torques), predicts it across the dead time and commands what makes the
-twin's interface follow the vehicle (:mod:`modelling.bed.model_based`); the ``pi`` loop then acts on what the
-measurements
-deviate from the twin by, so its poles, margins and its answer to unannounced torques are those of ``pi``.
+Per dynamometer: measured flange torque → torque-sensor lag → residual vehicle → reference speed → controller →
+dead time → inverter lag → air-gap torque on the rotor. What the controller does with these signals is its structure,
+an object from one file of :mod:`modelling.bed.structures`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-LEAD_SPREAD = 5.0  # the lead's pole lies this many times above its zero
+from scipy.signal import cont2discrete
+
+from modelling.bed.feed_forward import FeedForward
+from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.linear.state_space import StateSpace
+from modelling.model.system import System
 
 
 @dataclass(frozen=True)
-class Knob:
+class LoopQuantity:
     """A quantity of the loop: SI unit, start value, physical bounds, what it is."""
 
     unit: str
@@ -30,24 +32,13 @@ class Knob:
 
 
 HARDWARE = {
-    "dead_time": Knob(
+    "dead_time": LoopQuantity(
         "s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque, computing and bus included"
     ),
-    "inverter_lag": Knob("s", 0.002, 1e-5, 0.2, "first-order lag of the air-gap torque"),
-    "torque_sensor_lag": Knob("s", 0.0005, 1e-6, 0.2, "first-order lag of the torque flange and its filter"),
-    "sample_time": Knob("s", 0.001, 1e-5, 0.05, "sample time of the residual vehicle model and the controller"),
+    "inverter_lag": LoopQuantity("s", 0.002, 1e-5, 0.2, "first-order lag of the air-gap torque"),
+    "torque_sensor_lag": LoopQuantity("s", 0.0005, 1e-6, 0.2, "first-order lag of the torque flange and its filter"),
+    "sample_time": LoopQuantity("s", 0.001, 1e-5, 0.05, "sample time of the residual vehicle model and the controller"),
 }
-_CONTROLLER = {
-    "proportional_gain": Knob("N*m*s/rad", 100.0, 0.0, 1e5, "torque for a speed error"),
-    "integral_gain": Knob("N*m/rad", 50.0, 0.0, 1e7, "torque for an angle error"),
-    "torque_feed_forward": Knob("1", 0.0, -1.0, 3.0, "share of the measured torque that is compensated"),
-    "acceleration_feed_forward": Knob(
-        "kg*m^2", 0.0, -10.0, 1e3, "inertia whose torque for the reference's acceleration is fed forward"
-    ),
-    "lead_time": Knob("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
-}
-GAINS = ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward")  # all 0: no torque
-KNOBS = {"pi": _CONTROLLER, "model_based": _CONTROLLER}
 
 
 @dataclass(frozen=True)
@@ -61,22 +52,133 @@ class Dynamometer:
     follows: str
 
 
+class ControlStructure(ABC):
+    """What a controller does with the measured signals; k dynamometers, x states, r inputs of the residual vehicle.
+
+    Structures have no state of their own: every method takes the values it works with.
+
+    Attributes
+    ----------
+    name : str
+        As case files write it under ``loop.structure``.
+    summary : str
+        One sentence for help and pages.
+    quantities : dict of str to LoopQuantity
+        What may be tuned of it.
+    has_feed_forward : bool
+        Whether :meth:`feed_forward` gives one.
+    """
+
+    name: str
+    summary: str
+    quantities: Mapping[str, LoopQuantity]
+    has_feed_forward: bool = False
+
+    @abstractmethod
+    def gives_torque(self, values: Mapping[str, float]) -> bool:
+        """Whether the dynamometers ever give torque at these values."""
+
+    @abstractmethod
+    def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
+        """Torque inputs that the feed-forward takes as measured.
+
+        Parameters
+        ----------
+        measured : sequence of str
+            Inputs of the rig whose torque is measured.
+        simulated : sequence of str
+            Inputs of the residual vehicle, whose torque the controller itself computes.
+        """
+
+    @abstractmethod
+    def commands(
+        self, values: Mapping[str, Any], s: Any, reference: Sequence[Any], speeds: Sequence[Any], torques: Sequence[Any]
+    ) -> list[Any]:
+        """Feedback law in the Laplace domain: the torque command of each dynamometer (k), before the dead time.
+
+        Numbers may be NumPy arrays or CasADi expressions
+        (:class:`modelling.equations.complex_sx.Complex`), of any one shape.
+
+        Parameters
+        ----------
+        values : mapping
+            Of :attr:`quantities`, SI.
+        s : complex
+            rad/s.
+        reference, speeds, torques : sequence (k)
+            Reference speed, rotor speed (rad/s) and lagged flange torque in the direction that drives the rotor (N·m).
+        """
+
+    @abstractmethod
+    def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
+        """The same feedback law in continuous time, residual vehicle included.
+
+        Parameters
+        ----------
+        residual : StateSpace
+            All of the residual vehicle: inputs [interface torques (k), its own inputs (r)], outputs reference speeds
+            (k), in the order of the dynamometers.
+        rig : System
+            As the controller believes it to be.
+
+        Returns
+        -------
+        StateSpace
+            Inputs [flange torques (k), rotor speeds (k), inputs of the residual vehicle (r)], outputs commands (k).
+        """
+
+    def sampled(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
+        """The feedback law as it runs, from sample to sample: :meth:`controller` by Tustin's rule unless overridden."""
+        continuous = self.controller(loop, residual, rig)
+        A, B, C, D, _ = cont2discrete(
+            (continuous.A, continuous.B, continuous.C, continuous.D), loop["sample_time"], "bilinear"
+        )
+        return StateSpace(A, B, C, D, continuous.inputs, continuous.outputs)
+
+    def feed_forward(self, rig: System, residual: ResidualVehicle, loop: Loop) -> FeedForward | None:
+        """The model-based feed-forward of measured torques, which has poles of its own; None where there is none.
+
+        Parameters
+        ----------
+        residual : ResidualVehicle
+            As cut out of the vehicle: the reference, not what was tuned for the feedback.
+
+        Raises
+        ------
+        InputError
+            If there is no stabilising solution.
+        """
+        return None
+
+    @abstractmethod
+    def cure(self, modulus_margin: float) -> str:
+        """What helps where no shorter dead time does, as the end of a sentence; empty where nothing is known."""
+
+
 @dataclass(frozen=True)
 class Loop:
-    """Structure, dynamometers, inputs the controller is told of, values of :data:`HARDWARE` and :data:`KNOBS` in SI."""
+    """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
-    structure: str
+    ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller.
+    """
+
+    structure: ControlStructure
     dynamometers: tuple[Dynamometer, ...]
-    knows: tuple[str, ...]
+    measured: tuple[str, ...]
     values: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
 
     @property
+    def quantities(self) -> dict[str, LoopQuantity]:
+        """Every quantity of the loop by name: hardware, then the structure's."""
+        return {**HARDWARE, **self.structure.quantities}
+
+    @property
     def torqueless(self) -> bool:
-        """Whether the dynamometers never give torque: structure ``pi`` with every gain at 0."""
-        return self.structure == "pi" and not any(self.values[name] for name in GAINS)
+        """Whether the dynamometers never give torque."""
+        return not self.structure.gives_torque(self.values)
 
     def with_values(self, values: Mapping[str, float]) -> Loop:
         """The same loop with some values changed by name."""

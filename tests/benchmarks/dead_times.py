@@ -16,10 +16,10 @@ from tqdm import tqdm
 from matching.frequency.case.case import Case, load_case
 from matching.frequency.search.match import _errors, match
 from matching.frequency.verification import error_figures
+from modelling.bed.structures import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 DEAD_TIMES = (0.0005, 0.001, 0.003, 0.005, 0.008)  # s
-STRUCTURES = ("model_based", "pi")
 BANDS = ((0.5, 30.0), (0.5, 15.0))  # Hz; the first is tuned over
 HEAD = (
     "| dead time | structure | status | free rig | matched, 0.5–30 Hz | bound at 1 kHz | bound unsampled | unannounced "
@@ -29,7 +29,7 @@ HEAD = (
 
 def measured(case: Case, dead_time: float, structure: str) -> dict:
     """One match, its errors over both bands."""
-    loop = replace(case.loop.with_values({"dead_time": dead_time}), structure=structure)
+    loop = replace(case.loop.with_values({"dead_time": dead_time}), structure=STRUCTURES[structure])
     began = time.process_time()
     found = match(replace(case, loop=loop, band=BANDS[0]))
     spent = time.process_time() - began

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.programme.closed_loop import sensor_sign
-from modelling.bed.loop import LEAD_SPREAD
+from modelling.bed.structures.pi import LEAD_POLE_OVER_ZERO
 from modelling.equations.compiled import Model, compiled
 
 
@@ -97,7 +97,7 @@ class NumpyLoop:
         loop = self.own | {name: p[i] for name, i in self.tuned.items()}
         count = len(s) if count is None else count
         G, parts = self.rig.response(s, p), [part.response(s, p) for part in self.parts]
-        lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_SPREAD))
+        lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_POLE_OVER_ZERO))
         actuator = (np.exp(-s * loop["dead_time"]) / (1 + s * loop["inverter_lag"]) * lead)[:, None, None]
         speed_error = loop["proportional_gain"] + loop["integral_gain"] / s
         reference = (speed_error + s * loop["acceleration_feed_forward"])[:, None, None]

@@ -17,9 +17,8 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification import simulation
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.ringing import pencil, thinned
-from modelling.bed.loop import LEAD_SPREAD
-from modelling.bed.model_based import twin
 from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures.pi import LEAD_POLE_OVER_ZERO
 
 pytestmark = compiles
 
@@ -67,14 +66,16 @@ class Round:
         loop, self.k, self.one, self.step = parts.case.loop, len(parts.dynamometers), one, step
         self.inputs = [*(own.torque for own in parts.cuts), *parts.simulated]
         self.wanted = [own.speed for own in parts.cuts] + [acceleration(own) for own in parts.cuts]
-        rate = LEAD_SPREAD / loop["lead_time"]
+        rate = LEAD_POLE_OVER_ZERO / loop["lead_time"]
         kp, ki = loop["proportional_gain"], loop["integral_gain"]
         # one dynamometer; inputs: speed error, reference acceleration, torque; states: integral, lead
         A = np.array([[0.0, 0.0], [rate * ki, -rate]])
         through = np.array([kp, loop["acceleration_feed_forward"], -loop["torque_feed_forward"]])
         B = np.array([[1.0, 0.0, 0.0], rate * through])
-        C = np.array([[LEAD_SPREAD * ki, 1 - LEAD_SPREAD]])
-        self.A, self.B, self.C, self.D, _ = cont2discrete((A, B, C, LEAD_SPREAD * through[None]), step, "bilinear")
+        C = np.array([[LEAD_POLE_OVER_ZERO * ki, 1 - LEAD_POLE_OVER_ZERO]])
+        self.A, self.B, self.C, self.D, _ = cont2discrete(
+            (A, B, C, LEAD_POLE_OVER_ZERO * through[None]), step, "bilinear"
+        )
         self.x, self.last = np.zeros((2, self.k)), None
 
     def command(self, seen):
@@ -110,8 +111,8 @@ class Rounds:
 def run(case):
     """Traces of the matched rig over the manoeuvre, and when its torques last change."""
     parts = parts_of(case)
-    told = twin(case.rig, cut(case.vehicle, case.rig), case.loop) if case.loop.structure == "model_based" else None
-    traces = simulation.simulate_case(parts, told, *manoeuvre_torques(parts))
+    feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
+    traces = simulation.simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
     ends = [np.flatnonzero(np.diff(torque))[-1] for torque in traces.torques.values()]
     return traces.matched, max(ends) + 2
 
@@ -138,7 +139,7 @@ def test_closed_round_the_fmu_the_rig_shows_the_same_shuffle(
 ):
     case = load_case(result(structure) / "case.toml")
     case = apply(case, {name: move.start for move in case.moves for name in move.together})
-    case = replace(case, loop=replace(case.loop, knows=knows))
+    case = replace(case, loop=replace(case.loop, measured=knows))
     wanted, begin = run(case)
     with slave(export(result(structure))) as one:
         monkeypatch.setattr(simulation, "_Sampled", Rounds(one))

@@ -1,8 +1,8 @@
 """A tuned case once more, by other means: equations written here, dead time as a transport line, plain stepping.
 
 Nothing of :mod:`modelling` or :mod:`matching.frequency.verification` computes here: only names and values are read off
-a case, and the twin's matrices, which are the controller's settings. Shafts with ratio, damping and slip; no gears,
-differentials or other effects.
+a case, and the matrices of the feed-forward, which are the controller's settings. Shafts with ratio, damping and slip;
+no gears, differentials or other effects.
 """
 
 import numpy as np
@@ -182,11 +182,11 @@ def _held(A, B, row, inputs, step):
     return found
 
 
-def rig_motion(case, told, torque, step, fine=10):
+def rig_motion(case, feed_forward, torque, step, fine=10):
     """Motor speed (t,) of the matched rig: sampled controller, dead time as a queue of fine steps.
 
-    ``told`` is the twin's setting for the structure ``model_based``, None for ``pi``. The feedback is stepped by
-    Tustin's rule; its line is half a sample shorter than the dead time, which counts the hold.
+    ``feed_forward`` is that of the structure ``model_based``, None for ``pi``. The feedback is stepped by Tustin's
+    rule; its line is half a sample shorter than the dead time, which counts the hold.
     """
     A, B, E, C = bed(case)
     F, G, H, D = controller(case)
@@ -200,13 +200,13 @@ def rig_motion(case, told, torque, step, fine=10):
     lines = [[np.zeros(k)] * delay, [np.zeros(k)] * max(delay - fine // 2, 0)]
     speeds = mechanics(case.rig)[2]["motor"]
     rig, control = np.zeros(n), np.zeros(len(F))
-    twin = _Twin(told, k) if told else None
+    ahead_of_time = _FeedForward(feed_forward, k) if feed_forward else None
     found = np.empty(len(torque))
     for i, motor in enumerate(torque):
         found[i] = speeds @ rig[: len(speeds)]
         seen, ahead = C @ rig, np.zeros(k)
-        if twin:
-            ahead, expected = twin.step(motor, case)
+        if ahead_of_time:
+            ahead, expected = ahead_of_time.step(motor, case)
             seen = seen - expected
         correction = Hd @ control + Dd @ seen
         control = Fd @ control + Gd @ seen
@@ -219,16 +219,16 @@ def rig_motion(case, told, torque, step, fine=10):
     return found
 
 
-class _Twin:
-    """The twin as its design data say: state, commands on their way, announced motor torque."""
+class _FeedForward:
+    """The feed-forward as its design data say: state, commands on their way, measured motor torque."""
 
-    def __init__(self, told, k):
-        self.own, self.x = told, np.zeros(len(told.A))
-        self.sent = [np.zeros(k)] * told.delay
+    def __init__(self, feed_forward, k):
+        self.own, self.x = feed_forward, np.zeros(len(feed_forward.A))
+        self.sent = [np.zeros(k)] * feed_forward.delay
 
     def step(self, motor, case):
         own = self.own
-        news = np.array([motor if name == "motor_torque" else 0.0 for name in own.announced])
+        news = np.array([motor if name == "motor_torque" else 0.0 for name in own.measured])
         names = [f"{dyno.name} {what}" for what in ("torque", "speed") for dyno in case.loop.dynamometers]
         rows = [own.outputs.index(name) for name in names]
         expected = own.C[rows] @ self.x + own.D[rows] @ news

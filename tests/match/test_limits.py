@@ -10,10 +10,11 @@ from matching.frequency.case.case import load_case
 from matching.frequency.case.demands import demands
 from matching.frequency.search.infeasible_limits import unkept
 from matching.frequency.search.match import match
+from modelling.bed.structures import STRUCTURES
 
 
 def with_loop(case, structure, **values):
-    return replace(case, loop=replace(case.loop, structure=structure).with_values(values))
+    return replace(case, loop=replace(case.loop, structure=STRUCTURES[structure]).with_values(values))
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from matching.frequency.case.case import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.simulation import simulate_case
+from modelling.bed.structures import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 GENTLE = {
@@ -25,7 +26,7 @@ def reference():
 @pytest.fixture(scope="session")
 def feedback(reference):
     """The reference case by feedback alone, with gains known to be stable."""
-    return replace(reference, loop=replace(reference.loop.with_values(GENTLE), structure="pi"))
+    return replace(reference, loop=replace(reference.loop.with_values(GENTLE), structure=STRUCTURES["pi"]))
 
 
 @pytest.fixture(scope="session")

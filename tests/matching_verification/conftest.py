@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from matching.frequency.case.case import load_case
+from modelling.bed.structures import STRUCTURES
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STABLE = {  # of the reference case, with a poor margin
@@ -61,7 +62,7 @@ def reference():
 @pytest.fixture(scope="session")
 def feedback(reference):
     """The reference case with the structure pi."""
-    return replace(reference, loop=replace(reference.loop, structure="pi"))
+    return replace(reference, loop=replace(reference.loop, structure=STRUCTURES["pi"]))
 
 
 @pytest.fixture(scope="session")

@@ -12,9 +12,9 @@ from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.motion import LinearMotion
 from matching.frequency.loop.parts import parts_of, watched
 from matching.frequency.loop.poles import sampled_poles
-from matching.frequency.verification.robustness import told_by
+from matching.frequency.verification.robustness import feed_forward_action
 from matching.frequency.verification.simulation import free_motion, matched_motion
-from modelling.bed.model_based import twin
+from modelling.bed.feed_forward_design import design_feed_forward
 from modelling.bed.residual_vehicle import cut
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
@@ -23,8 +23,8 @@ from modelling.simulation.simulate import simulate
 STEP = 1e-3
 
 
-def twin_of(case):
-    return twin(case.rig, cut(case.vehicle, case.rig), case.loop)
+def feed_forward_of(case):
+    return design_feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
 
 
 def phasor(signal, frequency, periods=5):
@@ -82,11 +82,11 @@ def test_feedback_in_simulation_is_its_response(feedback, source, frequency):
 @pytest.mark.parametrize("frequency", [1.0, 8.0, 25.0])
 @pytest.mark.parametrize("source", ["motor_torque", "road_left"])
 def test_announced_torques_are_answered_as_the_twin_says(reference, source, frequency):
-    parts, told = parts_of(reference), twin_of(reference)
-    traces = matched_motion(parts, told, {source: sine(frequency, 14)})
-    H = told.response(np.array([frequency]))[0]
+    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
+    traces = matched_motion(parts, feed_forward, {source: sine(frequency, 14)})
+    H = feed_forward.response(np.array([frequency]))[0]
     for sensor in ("motor_speed", "side_left_torque"):
-        wanted = H[told.outputs.index(sensor), told.announced.index(source)]
+        wanted = H[feed_forward.outputs.index(sensor), feed_forward.measured.index(source)]
         assert phasor(traces[sensor], frequency) == pytest.approx(wanted, rel=1e-3)
 
 
@@ -94,49 +94,54 @@ def test_announced_torques_are_answered_as_the_twin_says(reference, source, freq
 def test_a_perfect_twin_and_the_rig_do_the_same(reference, dead_time):
     """The twin's own recursion against the rig at fine steps with a true delay line: to rounding."""
     case = replace(reference, loop=reference.loop.with_values({"dead_time": dead_time, "torque_feed_forward": 0.0}))
-    parts, told = parts_of(case), twin_of(case)
+    parts, feed_forward = parts_of(case), feed_forward_of(case)
     rng = np.random.default_rng(0)
     torques = {"motor_torque": rng.normal(size=600).cumsum(), "road_left": 10 * rng.normal(size=600).cumsum()}
-    traces = matched_motion(parts, told, torques)
-    news = np.stack([torques.get(name, np.zeros(600)) for name in told.announced], axis=1)
-    state, sent, outputs = np.zeros(len(told.A)), np.zeros((600 + told.delay, 2)), []
+    traces = matched_motion(parts, feed_forward, torques)
+    news = np.stack([torques.get(name, np.zeros(600)) for name in feed_forward.measured], axis=1)
+    state, sent, outputs = np.zeros(len(feed_forward.A)), np.zeros((600 + feed_forward.delay, 2)), []
     for k in range(600):
-        outputs.append(told.C @ state + told.D @ news[k])
-        sent[k + told.delay] = -told.F @ told.predict(state, sent[k : k + told.delay], news[k])
-        state = told.A @ state + told.B @ sent[k] + told.W @ news[k]
+        outputs.append(feed_forward.C @ state + feed_forward.D @ news[k])
+        sent[k + feed_forward.delay] = -feed_forward.F @ feed_forward.predict(
+            state, sent[k : k + feed_forward.delay], news[k]
+        )
+        state = feed_forward.A @ state + feed_forward.B @ sent[k] + feed_forward.W @ news[k]
     # what the delay line leaves when it falls between two fine steps is of their size squared
     tolerance = 1e-9 if dead_time != 0.0047 else 1e-7
     for sensor in ("motor_speed", "side_left_torque", "flange_right_torque"):
-        wanted = np.array(outputs)[:, told.outputs.index(sensor)]
+        wanted = np.array(outputs)[:, feed_forward.outputs.index(sensor)]
         np.testing.assert_allclose(traces[sensor], wanted, atol=tolerance * np.ptp(wanted))
 
 
 def test_a_wrong_twin_answers_as_the_frequency_domain_says(reference):
     """The rig's side shafts are 5 % stiffer than the twin believes: both parts of the loop at work."""
-    parts, told = parts_of(reference), twin_of(reference)
+    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
     values = {f"shafts.side_{side}.stiffness": 1.05 * 1.092e4 for side in ("left", "right")}
     rig = reference.rig.with_values(values)
     true = replace(parts, rig=body(watched(rig, parts.cuts, rig_side=True)))
     true = replace(true, case=replace(reference, rig=rig))
     frequency = 5.0
-    traces = matched_motion(true, told, {"motor_torque": sine(frequency, 40)})
+    traces = matched_motion(true, feed_forward, {"motor_torque": sine(frequency, 40)})
     f = np.array([frequency])
     H = ExactLoop(true).response(
-        2j * np.pi * f, ["motor_torque"], ["side_left_torque"], told_by(told, true, ["motor_torque"], f, 0.003)
+        2j * np.pi * f,
+        ["motor_torque"],
+        ["side_left_torque"],
+        feed_forward_action(feed_forward, true, ["motor_torque"], f, 0.003),
     )
     assert phasor(traces["side_left_torque"], frequency) == pytest.approx(H[0, 0, 0] * held(frequency), rel=2e-2)
-    right = told.response(f)[0, told.outputs.index("side_left_torque"), 0]
+    right = feed_forward.response(f)[0, feed_forward.outputs.index("side_left_torque"), 0]
     assert abs(H[0, 0, 0] * held(frequency) / right - 1) > 0.02
 
 
 def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
     """Rig, true delay line, feedback and twin assembled in one discrete model: block triangular."""
-    parts, told = parts_of(reference), twin_of(reference)
+    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
     bed, own, k = parts.bed, parts.controller, 2
     motion = LinearMotion(bed.A, bed.B, k, STEP, [0.003, 0.0025])
     Ad, Bd, Cd, Dd = cont2discrete((own.A, own.B[:, :4], own.C, own.D[:, :4]), STEP, "bilinear")[:4]
-    rows = [told.outputs.index(name) for name in ("left torque", "right torque", "left speed", "right speed")]
-    n, c, t, late = len(bed.A), len(Ad), len(told.A), 3
+    rows = [feed_forward.outputs.index(name) for name in ("left torque", "right torque", "left speed", "right speed")]
+    n, c, t, late = len(bed.A), len(Ad), len(feed_forward.A), 3
     size = n + c + t + 2 * late * k
     x, xc, xt = slice(0, n), slice(n, n + c), slice(n + c, n + c + t)
 
@@ -145,13 +150,15 @@ def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
         return slice(start, start + k)
 
     seen = np.zeros((2 * k, size))
-    seen[:, x], seen[:, xt] = bed.C[: 2 * k], -told.C[rows]
+    seen[:, x], seen[:, xt] = bed.C[: 2 * k], -feed_forward.C[rows]
     issue = np.zeros((2, k, size))
-    ahead = np.linalg.matrix_power(told.A, late)
-    issue[0, :, xt] = -told.F @ ahead
+    ahead = np.linalg.matrix_power(feed_forward.A, late)
+    issue[0, :, xt] = -feed_forward.F @ ahead
     # of those on their way, the newest has its effect multiplied by A no further
     for ago in range(1, late + 1):
-        issue[0, :, register(0, ago)] = -told.F @ np.linalg.matrix_power(told.A, ago - 1) @ told.B
+        issue[0, :, register(0, ago)] = (
+            -feed_forward.F @ np.linalg.matrix_power(feed_forward.A, ago - 1) @ feed_forward.B
+        )
     issue[1] = Dd @ seen
     issue[1][:, xc] += Cd
     whole = np.zeros((size, size))
@@ -161,14 +168,14 @@ def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
             whole[x, register(line, ago)] += push
     whole[xc] = Bd @ seen
     whole[xc, xc] += Ad
-    whole[xt, xt] = told.A
-    whole[xt, register(0, late)] += told.B
+    whole[xt, xt] = feed_forward.A
+    whole[xt, register(0, late)] += feed_forward.B
     for line in (0, 1):
         whole[register(line, 1)] = issue[line]
         for ago in range(2, late + 1):
             whole[register(line, ago), register(line, ago - 1)] = np.eye(k)
     together = np.linalg.eigvals(whole)
-    apart = np.concatenate([np.linalg.eigvals(told.A - told.B @ told.F), sampled_poles(parts)])
+    apart = np.concatenate([np.linalg.eigvals(feed_forward.A - feed_forward.B @ feed_forward.F), sampled_poles(parts)])
     for z in apart[np.abs(apart) > 0.3]:
         assert np.abs(together - z).min() < 1e-6, z
     assert np.sum(np.abs(together) > 0.3) == np.sum(np.abs(apart) > 0.3)
@@ -179,8 +186,8 @@ def test_nonlinear_path_is_the_linear_one_where_nothing_bends(reference):
     case = replace(reference, rig=bent)
     time = np.arange(400) * STEP
     torques = {"motor_torque": 50 * np.clip(time / 0.05, 0, 1)}
-    told = twin_of(reference)
-    curved, straight = (matched_motion(parts_of(own), told, torques) for own in (case, reference))
+    feed_forward = feed_forward_of(reference)
+    curved, straight = (matched_motion(parts_of(own), feed_forward, torques) for own in (case, reference))
     assert curved.keys() == straight.keys()
     for name, wanted in straight.items():
         np.testing.assert_allclose(curved[name], wanted, atol=2e-5 * np.ptp(wanted), err_msg=name)

@@ -13,8 +13,9 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.responses import responses
 from matching.frequency.verification import error_figures, response_error, verify
 from matching.frequency.verification.robustness import compared
-from modelling.bed.model_based import twin
+from modelling.bed.feed_forward_design import design_feed_forward
 from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures import STRUCTURES
 from modelling.modal.modes import modes
 
 
@@ -32,39 +33,42 @@ def test_response_error_of_known_ratios():
 
 def test_errors_of_the_reference_case(reference):
     found = error_figures(reference)
-    by = {(own["input"], own["sensor"]): own for own in found.functions}
+    by = {(own.input, own.sensor): own for own in found.functions}
     # the figure of a trial with the published set: motor speed of the free rig
-    assert by["motor_torque", "motor_speed"]["before"] == pytest.approx(3.3, abs=0.05)
-    assert by["road_left", "side_left_torque"]["before"] is None
-    assert found.after < 0.01 < found.unannounced
-    like = [own["after"] ** 2 for own in found.functions if own["before"] is not None]
+    assert by["motor_torque", "motor_speed"].before == pytest.approx(3.3, abs=0.05)
+    assert by["road_left", "side_left_torque"].before is None
+    assert found.after < 0.01 < found.unmeasured
+    like = [own.after**2 for own in found.functions if own.before is not None]
     assert found.after_like_before == pytest.approx(np.sqrt(np.mean(like)))
-    for key, value in found.unwrapped.items():
+    for key, value in vars(found.unwrapped).items():
         assert value == pytest.approx(getattr(found, key), rel=1e-6), key
 
 
 def test_pi_is_what_model_based_does_unannounced(reference, feedback):
     f = np.geomspace(0.5, 30, 12)
     one, other = responses(reference, f), responses(feedback, f)
-    np.testing.assert_allclose(other.matched, one.unannounced)
+    np.testing.assert_allclose(other.matched, one.unmeasured)
     np.testing.assert_allclose(other.reference, other.vehicle)
     assert np.isnan(one.rig[:, [pair[0] == "road_left" for pair in one.pairs]]).all()
 
 
 def test_an_input_nobody_knows_is_answered_by_the_feedback(reference):
     f = np.geomspace(0.5, 30, 12)
-    untold = replace(reference, loop=replace(reference.loop, knows=()))
+    untold = replace(reference, loop=replace(reference.loop, measured=()))
     found = responses(untold, f)
     motor = [pair[0] == "motor_torque" for pair in found.pairs]
-    np.testing.assert_allclose(found.matched[:, motor], found.unannounced[:, motor])
-    assert not np.allclose(found.matched[:, ~np.array(motor)], found.unannounced[:, ~np.array(motor)])
+    np.testing.assert_allclose(found.matched[:, motor], found.unmeasured[:, motor])
+    assert not np.allclose(found.matched[:, ~np.array(motor)], found.unmeasured[:, ~np.array(motor)])
 
 
 def test_sidebands_left_out_cost_little(reference):
-    parts, told = parts_of(reference), twin(reference.rig, cut(reference.vehicle, reference.rig), reference.loop)
+    parts, feed_forward = (
+        parts_of(reference),
+        design_feed_forward(reference.rig, cut(reference.vehicle, reference.rig), reference.loop),
+    )
     f = np.geomspace(*reference.band, 80)
-    nominal = response_error(*compared(ExactLoop(parts), told, body(reference.vehicle), f))
-    assert nominal == pytest.approx(error_figures(reference, parts, told).after, rel=0.01)
+    nominal = response_error(*compared(ExactLoop(parts), feed_forward, body(reference.vehicle), f))
+    assert nominal == pytest.approx(error_figures(reference, parts, feed_forward).after, rel=0.01)
 
 
 def test_reference_case_is_stable_under_every_check(verified):
@@ -174,7 +178,10 @@ def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
 @pytest.mark.parametrize("structure", ["pi", "model_based"])
 def test_a_flange_may_point_either_way(single, structure):
     forth, back = (
-        verify(replace(case, loop=replace(case.loop, structure=structure, knows=("motor_torque",))), deviations=False)
+        verify(
+            replace(case, loop=replace(case.loop, structure=STRUCTURES[structure], measured=("motor_torque",))),
+            deviations=False,
+        )
         for case in (single("adapter", "rotor"), single("rotor", "adapter"))
     )
     assert forth.stable

@@ -146,7 +146,7 @@ def test_a_large_map_shows_contours_with_the_border_of_what_is_held_up(case):
     border = next(own for own in axes.collections if type(own).__name__ == "LineCollection")
     np.testing.assert_allclose([x for line in border.get_segments() for x, _ in line], 5.5e-3)
     same = drawn_up(case, x, y, lambda i, j: 0)
-    points = tuple(tuple(replace(own, unannounced=own.error) for own in row) for row in same.points)
+    points = tuple(tuple(replace(own, unmeasured=own.error) for own in row) for row in same.points)
     assert len([own for own in map_figure(replace(same, points=points)).axes if own.get_xlabel()]) == 1
 
 

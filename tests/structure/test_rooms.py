@@ -19,6 +19,7 @@ FLOORS = [
     ["modelling.simulation.integrator"],
     ["modelling.simulation"],
     ["modelling.bed"],
+    ["modelling.bed.structures"],
     ["modelling.fmu"],
     ["matching.studies"],
     ["matching.validity.uncertainty"],

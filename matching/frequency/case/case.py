@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from modelling.bed.loop import HARDWARE, KNOBS, Dynamometer, Loop
+from modelling.bed.loop import HARDWARE, Dynamometer, Loop
 from modelling.bed.manoeuvres import Manoeuvre, from_table
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
+from modelling.bed.structures import DEFAULT, STRUCTURES
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml
 from modelling.model.files import load, quantity
@@ -140,18 +141,16 @@ def _table(data: Mapping[str, Any], key: str, where: str, known: set[str] | None
 
 def _loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Loop:
     own = _table(data, "loop", where)
-    structure = own.get("structure", "model_based")
-    if not isinstance(structure, str) or structure not in KNOBS:
-        raise unknown(str(structure), sorted(KNOBS), f"{where}: loop.structure")
-    known = {
-        **{name: spec.unit for name, spec in HARDWARE.items()},
-        **{name: spec.unit for name, spec in KNOBS[structure].items()},
-    }
+    name = own.get("structure", DEFAULT)
+    if not isinstance(name, str) or name not in STRUCTURES:
+        raise unknown(str(name), sorted(STRUCTURES), f"{where}: loop.structure")
+    structure = STRUCTURES[name]
+    known = {**HARDWARE, **structure.quantities}
     for key in own:
         if key not in known and key not in ("structure", "knows"):
             raise unknown(key, ["structure", "knows", *known], f"{where}: loop")
     values = {}
-    for name, spec in (HARDWARE | KNOBS[structure]).items():
+    for name, spec in known.items():
         given = quantity(own[name], spec.unit, f"{where}: loop.{name}").value if name in own else spec.start
         if not spec.lower <= given <= spec.upper:
             raise InputError(
@@ -162,11 +161,11 @@ def _loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where
         values[name] = given
     knows = own.get("knows", [])
     if not isinstance(knows, list) or not all(isinstance(name, str) for name in knows):
-        raise InputError(f"{where}: loop.knows", "is no list of names", 'write knows = ["motor_torque"]')
+        raise InputError(f"{where}: loop.measured", "is no list of names", 'write knows = ["motor_torque"]')
     inputs = [part.name for part in rig.inputs]
     for name in knows:
         if name not in inputs:
-            raise unknown(name, inputs, f"{where}: loop.knows")
+            raise unknown(name, inputs, f"{where}: loop.measured")
     return Loop(structure, tuple(_dynamometers(data, rig, residual, where)), tuple(knows), values)
 
 
@@ -352,7 +351,7 @@ def _moves(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop
 
 def _floor(name: str, loop: Loop) -> float:
     if name.startswith("loop."):
-        return (HARDWARE | KNOBS[loop.structure])[name.removeprefix("loop.")].lower
+        return loop.quantities[name.removeprefix("loop.")].lower
     return 0.0
 
 
@@ -379,6 +378,6 @@ def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, tup
             continue
         own, image = f"rig.{name}", mirror_image(name, rig)
         found[own] = (value.value, rig.units[name], (own,) if image == name else (own, f"rig.{image}"))
-    for name, spec in (HARDWARE | KNOBS[loop.structure]).items():
+    for name, spec in loop.quantities.items():
         found[f"loop.{name}"] = (loop.values[name], spec.unit, (f"loop.{name}",))
     return found

@@ -8,7 +8,6 @@ from typing import Any
 import tomli_w
 
 from matching.frequency.case.case import Case, Move
-from modelling.bed.loop import HARDWARE, KNOBS
 from modelling.model.files import dumps
 
 _HEAD = """\
@@ -34,8 +33,8 @@ def case_text(case: Case) -> str:
     data["dynamometers"] = {
         dyno.name: {key: value for key, value in vars(dyno).items() if key != "name"} for dyno in loop.dynamometers
     }
-    data["loop"] = {"structure": loop.structure, "knows": list(loop.knows)}
-    data["loop"] |= {name: loop[name] for name in (*HARDWARE, *KNOBS[loop.structure])}
+    data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
+    data["loop"] |= {name: loop[name] for name in loop.quantities}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
     data["response"]["objective"] = case.objective

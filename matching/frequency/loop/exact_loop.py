@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.loop.parts import Parts
-from modelling.bed.loop import LEAD_SPREAD
 from modelling.common.errors import unknown
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the twin does about announced torques w.
+class FeedForwardAction:
+    """What the model-based feed-forward does about measured torques w.
 
     Attributes
     ----------
@@ -49,12 +48,16 @@ class ExactLoop:
         return np.eye(k) - self._controller(s)[:, :, : 2 * k] @ own
 
     def response(
-        self, s: np.ndarray, inputs: Sequence[str], sensors: Sequence[str], told: Told | None = None
+        self,
+        s: np.ndarray,
+        inputs: Sequence[str],
+        sensors: Sequence[str],
+        feed_forward: FeedForwardAction | None = None,
     ) -> np.ndarray:
         """Response (f, y, u) of the rig's sensors to inputs of the rig or of the residual vehicle.
 
-        Without ``told``, the feedback sees rig inputs only by what they do, and simulated inputs act in its residual
-        vehicle.
+        Without ``feed_forward``, the feedback reacts to rig inputs only by what they do, and simulated inputs act in
+        its residual vehicle.
 
         Raises
         ------
@@ -70,9 +73,9 @@ class ExactLoop:
         here = [i for i, name in enumerate(inputs) if name in rig.inputs]
         seen = np.zeros((len(s), 2 * k, len(inputs)), complex)
         seen[:, :, here] = self._measured(s, [inputs[i] for i in here])
-        drive = act[:, :, : 2 * k] @ (seen if told is None else seen - told.expected)
-        if told is not None:
-            drive = drive + told.commands / (1 + s * parts.case.loop["inverter_lag"])[:, None, None]
+        drive = act[:, :, : 2 * k] @ (seen if feed_forward is None else seen - feed_forward.expected)
+        if feed_forward is not None:
+            drive = drive + feed_forward.commands / (1 + s * parts.case.loop["inverter_lag"])[:, None, None]
         else:
             for i, name in enumerate(inputs):
                 if name in parts.simulated:
@@ -97,18 +100,19 @@ class ExactLoop:
         """Air-gap torques (f, k, 2k + r) for flange torques, rotor speeds, simulated torques; lags included."""
         parts, loop, k = self.parts, self.parts.case.loop, len(self.parts.dynamometers)
         s = np.asarray(s, complex)
-        error = loop["proportional_gain"] + loop["integral_gain"] / s
-        reference = (error + s * loop["acceleration_feed_forward"])[:, None, None]
-        wanted = np.zeros((len(s), k, k + len(parts.simulated)), complex)
         sources = [*(cut.torque for cut in parts.cuts), *parts.simulated]
+        count = len(sources) + k  # columns: flange torques (k), rotor speeds (k), simulated torques (r)
+        reference = np.zeros((len(s), k, count), complex)
+        columns = [*range(k), *range(2 * k, count)]
         for part in parts.residual:
             H, space = part.response(s), part.space
             for j, cut in enumerate(parts.cuts):
-                for i, name in enumerate(sources):
+                for column, name in zip(columns, sources, strict=True):
                     if cut.speed in space.outputs and name in space.inputs:
-                        wanted[:, j, i] = H[:, space.outputs.index(cut.speed), space.inputs.index(name)]
-        torque = reference * wanted[:, :, :k] - loop["torque_feed_forward"] * np.eye(k)
-        speed = -error[:, None, None] * np.eye(k)
-        lead = (1 + s * loop["lead_time"]) / (1 + s * loop["lead_time"] / LEAD_SPREAD)
-        act = lead * np.exp(-s * self.dead_time) / (1 + s * loop["inverter_lag"])
-        return act[:, None, None] * np.concatenate([torque, speed, reference * wanted[:, :, k:]], axis=2)
+                        reference[:, j, column] = H[:, space.outputs.index(cut.speed), space.inputs.index(name)]
+        signals = np.eye(2 * k, count)
+        law = loop.structure.commands(
+            loop.values, s[:, None], [reference[:, j] for j in range(k)], list(signals[k:]), list(signals[:k])
+        )
+        act = np.exp(-s * self.dead_time) / (1 + s * loop["inverter_lag"])
+        return act[:, None, None] * np.stack(law, axis=1)

@@ -12,7 +12,7 @@ from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.pade import good_up_to
 from matching.frequency.loop.parts import Parts
 from matching.frequency.loop.poles import ORDERS, TRUSTED, closed_matrix
-from modelling.bed.model_based import Twin
+from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import ResidualVehicle
 from modelling.modal.modes import Mode
 from modelling.modal.symmetry import labels
@@ -29,8 +29,8 @@ class LoopMode:
     frequency, damping_ratio : float
         |λ|/2π in Hz and −Re λ/|λ|; a rigid motion stands at 0.0 with damping ratio 0.
     answers : str
-        ``announced`` for modes of the twin, which torques the controller is told of show, ``feedback`` for those of the
-        feedback loop, which any other torque shows.
+        ``announced`` for modes of the model-based feed-forward, which measured torques show, ``feedback`` for those of
+        the feedback loop, which any other torque shows.
     symmetry : str
     kinetic, potential : dict
         Energy shares of the rig (``inertias.NAME``) and the emulated vehicle (``residual_vehicle.inertias.NAME``); each
@@ -71,14 +71,15 @@ def feedback_modes(parts: Parts, order: int = ORDERS[-1]) -> tuple[LoopMode, ...
     return tuple(_listed(parts, parts.residual, eigenvalues, vectors, start, limit, "feedback"))
 
 
-def twin_modes(parts: Parts, twin: Twin, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
-    """Modes of the twin's loop, up to 0.45 of its sampling frequency; it follows the residual vehicle ``reference``."""
-    z, vectors = np.linalg.eig(twin.A - twin.B @ twin.F)
+def feed_forward_modes(parts: Parts, feed_forward: FeedForward, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
+    """Modes of the feed-forward's model, which follows ``reference``, up to 0.45 of its sampling frequency."""
+    z, vectors = np.linalg.eig(feed_forward.A - feed_forward.B @ feed_forward.F)
     alive = np.abs(z) > 1e-6
-    eigenvalues = np.log(z[alive].astype(complex)) / twin.sample_time
+    eigenvalues = np.log(z[alive].astype(complex)) / feed_forward.sample_time
     residual = tuple(body(part) for part in reference.parts)
     start = len(parts.bed.A)
-    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, 0.45 / twin.sample_time, "announced"))
+    limit = 0.45 / feed_forward.sample_time
+    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, "announced"))
 
 
 def _listed(

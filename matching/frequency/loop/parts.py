@@ -13,13 +13,11 @@ from scipy.linalg import block_diag
 
 from matching.frequency.case.case import Case
 from matching.frequency.loop.linear_body import Body, body
-from modelling.bed.loop import LEAD_SPREAD, Dynamometer
+from modelling.bed.loop import Dynamometer
 from modelling.bed.residual_vehicle import Interface
 from modelling.linear.state_space import StateSpace
 from modelling.model.components import Sensor
 from modelling.model.system import System
-
-STATIC = 1e-6  # s: a lead this short does nothing below 100 kHz
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,11 @@ class Parts:
         return tuple(name for name in self.rig.space.inputs if name not in driven)
 
     @property
-    def announced(self) -> tuple[str, ...]:
-        """Inputs whose torque the controller is told: none in the structure ``pi``."""
+    def measured(self) -> tuple[str, ...]:
+        """Inputs whose torque the feed-forward takes as measured: none in the structure ``pi``."""
         loop = self.case.loop
-        if loop.structure != "model_based":
-            return ()
-        return (*(name for name in self.drives if name in loop.knows), *self.simulated)
+        on_rig = [name for name in self.drives if name in loop.measured]
+        return loop.structure.measured_inputs(on_rig, self.simulated)
 
     @cached_property
     def bed(self) -> StateSpace:
@@ -96,43 +93,31 @@ class Parts:
         return StateSpace(A, B, C, np.zeros((3 * k, B.shape[1])), (*names, *self.drives), outputs)
 
     @cached_property
-    def controller(self) -> StateSpace:
-        """Residual vehicle, speed controller, feed-forwards and lead.
-
-        Inputs [signed flange torques (k), rotor speeds (k), :attr:`simulated`], outputs torque commands (k). States
-        [residual vehicle, integrals of the speed errors (k), leads (k)]; integrals or leads that do nothing have none.
-        """
-        loop, k, count = self.case.loop, len(self.dynamometers), len(self.simulated)
-        vehicle = block_diag(*(part.space.A for part in self.residual))
-        size = len(vehicle)
-        drive, wanted = np.zeros((size, 2 * k + count)), np.zeros((k, size))
+    def residual_space(self) -> StateSpace:
+        """All of the residual vehicle: inputs [interface torques (k), :attr:`simulated`], outputs reference speeds."""
+        A = block_diag(*(part.space.A for part in self.residual))
+        sources = [*(cut.torque for cut in self.cuts), *self.simulated]
+        B, C = np.zeros((len(A), len(sources))), np.zeros((len(self.cuts), len(A)))
         starts = np.cumsum([0, *(len(part.space.A) for part in self.residual)])
         for part, a, b in zip(self.residual, starts[:-1], starts[1:], strict=True):
-            for j, cut in enumerate(self.cuts):
-                if cut.torque in part.space.inputs:
-                    drive[a:b, j] = part.space.input(cut.torque)
-                    wanted[j, a:b] = part.space.output(cut.speed)
-            for i, name in enumerate(self.simulated, 2 * k):
+            for i, name in enumerate(sources):
                 if name in part.space.inputs:
-                    drive[a:b, i] = part.space.input(name)
-        measured = np.eye(k, 2 * k + count)
-        error = wanted, -np.eye(k, 2 * k + count, k)
-        ahead = loop["acceleration_feed_forward"]
-        A, B = vehicle, drive
-        C = loop["proportional_gain"] * error[0] + ahead * wanted @ vehicle
-        D = loop["proportional_gain"] * error[1] + ahead * wanted @ drive - loop["torque_feed_forward"] * measured
-        if loop["integral_gain"]:
-            A = np.block([[A, np.zeros((size, k))], [error[0], np.zeros((k, k))]])
-            B = np.vstack([B, error[1]])
-            C = np.hstack([C, loop["integral_gain"] * np.eye(k)])
-        if loop["lead_time"] > STATIC:
-            rate = LEAD_SPREAD / loop["lead_time"]
-            A = np.block([[A, np.zeros((len(A), k))], [rate * C, -rate * np.eye(k)]])
-            B = np.vstack([B, rate * D])
-            C, D = np.hstack([LEAD_SPREAD * C, (1 - LEAD_SPREAD) * np.eye(k)]), LEAD_SPREAD * D
-        names = [dyno.name for dyno in self.dynamometers]
-        inputs = (*(f"{name} torque" for name in names), *(f"{name} speed" for name in names), *self.simulated)
-        return StateSpace(A, B, C, D, inputs, tuple(names))
+                    B[a:b, i] = part.space.input(name)
+            for j, cut in enumerate(self.cuts):
+                if cut.speed in part.space.outputs:
+                    C[j, a:b] = part.space.output(cut.speed)
+        speeds = tuple(cut.speed for cut in self.cuts)
+        return StateSpace(A, B, C, np.zeros((len(C), len(sources))), tuple(sources), speeds)
+
+    @cached_property
+    def controller(self) -> StateSpace:
+        """The control structure's feedback law in continuous time, see :meth:`ControlStructure.controller`."""
+        return self.case.loop.structure.controller(self.case.loop, self.residual_space, self.case.rig)
+
+    @cached_property
+    def sampled_controller(self) -> StateSpace:
+        """The feedback law as it runs, from sample to sample, see :meth:`ControlStructure.sampled`."""
+        return self.case.loop.structure.sampled(self.case.loop, self.residual_space, self.case.rig)
 
 
 def parts_of(case: Case, rig: System | None = None, untuned: System | None = None) -> Parts:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from matching.frequency.loop.motion import LinearMotion
 from matching.frequency.loop.pade import good_up_to, parallel, phase_error
@@ -98,11 +97,11 @@ def sampled_poles(parts: Parts) -> np.ndarray:
     The line is half a sample shorter than the dead time, which counts the hold, as in the simulation.
     """
     step, k = parts.case.loop["sample_time"], len(parts.dynamometers)
-    bed, own = parts.bed, parts.controller
+    bed, law = parts.bed, parts.sampled_controller
     delay = max(parts.case.loop["dead_time"] - step / 2, 0.0)
     motion = LinearMotion(bed.A, bed.B, k, step, [delay])
-    A, B, C, D = cont2discrete((own.A, own.B[:, : 2 * k], own.C, own.D[:, : 2 * k]), step, "bilinear")[:4]
-    n, c, oldest = len(bed.A), len(own.A), max(i for i, _ in motion.lines[0])
+    A, B, C, D = law.A, law.B[:, : 2 * k], law.C, law.D[:, : 2 * k]
+    n, c, oldest = len(bed.A), len(law.A), max(i for i, _ in motion.lines[0])
     y = bed.C[: 2 * k]
     closed = np.zeros((n + c + oldest * k,) * 2)
     issue = np.zeros((k, len(closed)))  # the command of this sample

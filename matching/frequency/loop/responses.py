@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.signal import cont2discrete
@@ -12,10 +11,8 @@ from matching.frequency.case.case import Case
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import Body, body, transfer
 from matching.frequency.loop.parts import Parts, parts_of
-from modelling.bed.model_based import Twin, twin
+from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import cut
-
-POINTS = 80  # log-spaced frequencies of the response error
 
 
 @dataclass(frozen=True)
@@ -26,12 +23,12 @@ class Responses:
     ----------
     vehicle : ndarray (f, h)
     reference : ndarray (f, h)
-        What ``matched`` is to equal: the vehicle; where the twin answers, the vehicle sampled and held as the twin is.
+        What ``matched`` is to equal: the vehicle; for measured torques sampled and held as the feed-forward is.
     rig : ndarray (f, h)
         The free rig before tuning, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
     matched : ndarray (f, h)
-        The tuned rig: the twin where the torque is announced, else the feedback loop.
-    unannounced : ndarray (f, h)
+        The tuned rig: feed-forward where the torque is measured, else the feedback loop.
+    unmeasured : ndarray (f, h)
         The feedback loop alone.
     """
 
@@ -41,27 +38,12 @@ class Responses:
     reference: np.ndarray
     rig: np.ndarray
     matched: np.ndarray
-    unannounced: np.ndarray
+    unmeasured: np.ndarray
 
 
-@dataclass(frozen=True)
-class ErrorFigures:
-    """Root mean squares over band and functions of |log(H_rig/H_vehicle)|, principal value; None without a function.
-
-    ``before`` free rig; ``after`` matched; ``after_like_before`` matched over the functions of ``before``;
-    ``unannounced`` feedback alone. ``unwrapped`` is the same with the phase followed along the frequency, as a check.
-    """
-
-    band: tuple[float, float]
-    before: float | None
-    after: float
-    after_like_before: float | None
-    unannounced: float
-    functions: tuple[dict[str, Any], ...]
-    unwrapped: dict[str, float | None]
-
-
-def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, told: Twin | None = None) -> Responses:
+def responses(
+    case: Case, frequencies: np.ndarray, parts: Parts | None = None, feed_forward: FeedForward | None = None
+) -> Responses:
     """Responses of the compared functions.
 
     Parameters
@@ -72,13 +54,13 @@ def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, t
         Hz, above 0 and below half the loop's sampling frequency.
     parts : Parts, optional
         The case's own, with the untuned rig for comparison; else the tuned one is that.
-    told : Twin, optional
+    feed_forward : FeedForward, optional
         The case's own if given already.
 
     Raises
     ------
     InputError
-        If a model cannot be made linear or the twin has no solution.
+        If a model cannot be made linear or the feed-forward has no solution.
     """
     parts = parts_of(case) if parts is None else parts
     f = np.asarray(frequencies, float)
@@ -101,11 +83,13 @@ def responses(case: Case, frequencies: np.ndarray, parts: Parts | None = None, t
     free = picked(rig.response(s), rig.space.outputs, rig.space.inputs)
     alone = picked(ExactLoop(parts).response(s, inputs, sensors), sensors, inputs)
     matched, reference = alone.copy(), own.copy()
-    if parts.announced:
-        told = twin(case.rig, cut(case.vehicle, case.rig), case.loop) if told is None else told
-        known = [source in parts.announced for source, _ in pairs]
-        matched[:, known] = picked(told.response(f), told.outputs, told.announced)[:, known]
-        held = picked(sampled(vehicle, told.sample_time, f), vehicle.space.outputs, vehicle.space.inputs)
+    if parts.measured:
+        if feed_forward is None:
+            feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
+        assert feed_forward is not None, "what takes measured torques has a feed-forward"
+        known = [source in parts.measured for source, _ in pairs]
+        matched[:, known] = picked(feed_forward.response(f), feed_forward.outputs, feed_forward.measured)[:, known]
+        held = picked(sampled(vehicle, feed_forward.sample_time, f), vehicle.space.outputs, vehicle.space.inputs)
         reference[:, known] = held[:, known]
     return Responses(f, pairs, own, reference, free, matched, alone)
 
@@ -115,68 +99,3 @@ def sampled(own: Body, step: float, frequencies: np.ndarray) -> np.ndarray:
     space = own.space
     A, B, C, D, _ = cont2discrete((space.A, space.B, space.C, space.D), step)
     return transfer(A, B, C, D, np.exp(2j * np.pi * frequencies * step))
-
-
-def response_error(rig: np.ndarray, vehicle: np.ndarray) -> float:
-    """Root mean square of |log(H_rig/H_vehicle)|, complex logarithm, principal value; arrays of one shape."""
-    return float(np.sqrt(np.mean(_squares(rig, vehicle))))
-
-
-def error_figures(case: Case, parts: Parts | None = None, told: Twin | None = None) -> ErrorFigures:
-    """Response errors over the band of a case, at 80 log-spaced frequencies."""
-    parts = parts_of(case) if parts is None else parts
-    points = np.geomspace(*case.band, POINTS)
-    fine, where = _fine(points, case, parts)
-    found = responses(case, fine, parts, told)
-    both = [
-        {
-            "before": followed(found.rig, found.vehicle)[where],
-            "after": followed(found.matched, found.reference)[where],
-            "unannounced": followed(found.unannounced, found.vehicle)[where],
-        }
-        for followed in (_squares, _unwrapped_squares)
-    ]
-    functions = []
-    for h, (source, sensor) in enumerate(found.pairs):
-        functions.append(
-            {"input": source, "sensor": sensor} | {key: _root(value[:, h]) for key, value in both[0].items()}
-        )
-    path = ~np.isnan(found.rig[0])
-    pooled = []
-    for squares in both:
-        one = {key: _root(value if key != "before" else value[:, path]) for key, value in squares.items()}
-        pooled.append(one | {"after_like_before": _root(squares["after"][:, path])})
-    main = pooled[0]
-    return ErrorFigures(
-        case.band,
-        main["before"],
-        float(main["after"] or 0.0),
-        main["after_like_before"],
-        float(main["unannounced"] or 0.0),
-        tuple(functions),
-        pooled[1],
-    )
-
-
-def _fine(points: np.ndarray, case: Case, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-    """The points with more about every resonance, where the phase turns fast; and where the points stand among them."""
-    rates = np.concatenate([np.linalg.eigvals(parts.rig.space.A), np.linalg.eigvals(body(case.vehicle).space.A)])
-    centres = np.abs(rates[rates.imag > 0]) / (2 * np.pi)
-    near = np.concatenate([centre * (1 + np.linspace(-0.15, 0.15, 31)) for centre in centres])
-    near = near[(near > points[0]) & (near < points[-1])]
-    fine = np.unique(np.concatenate([points, near]))
-    return fine, np.searchsorted(fine, points)
-
-
-def _squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
-    return np.abs(np.log(rig / vehicle)) ** 2
-
-
-def _unwrapped_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
-    """As :func:`_squares`, the phase followed along the first axis from its principal value at the start."""
-    ratio = rig / vehicle
-    return np.log(np.abs(ratio)) ** 2 + np.unwrap(np.angle(ratio), axis=0) ** 2
-
-
-def _root(squares: np.ndarray) -> float | None:
-    return None if not squares.size or np.isnan(squares).any() else float(np.sqrt(squares.mean()))

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case, Compared
-from modelling.bed.loop import LEAD_SPREAD, Dynamometer
+from modelling.bed.loop import ControlStructure, Dynamometer
 from modelling.bed.residual_vehicle import Interface
 from modelling.common.errors import unknown
 from modelling.equations.compiled import Model, compiled
@@ -81,6 +81,7 @@ class _Structure:
     compared: tuple[Compared, ...]
     names: tuple[str, ...]
     known: tuple[float | None, ...]
+    control: ControlStructure
     moving: tuple[tuple[str, ...], ...]
 
     @property
@@ -96,7 +97,7 @@ class _Structure:
 
 
 def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoop:
-    """Build the loop of a case; ``knows`` and the twin are left out: this is what feedback alone does.
+    """Build the loop of a case; The model-based feed-forward is left out: this is what feedback alone does.
 
     Parameters
     ----------
@@ -131,6 +132,7 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
         tuple(case.compared),
         names,
         tuple(float(value) if value in (0.0, 1.0) else None for _, value in values),
+        case.loop.structure,
         tuple(groups),
     )
     kept = np.array([values[names.index(group[0])][1] for group in groups])
@@ -241,30 +243,29 @@ def _close(
 ) -> tuple[list[Complex], list[list[Complex]]]:
     dynos = own.dynamometers
     lag = 1 / (1 + s * loop["torque_sensor_lag"])
-    lead = (1 + s * loop["lead_time"]) / (1 + s * (loop["lead_time"] / LEAD_SPREAD))
-    actuator = exp(-(s * loop["dead_time"])) / (1 + s * loop["inverter_lag"]) * lead
-    speed_error = Complex(loop["proportional_gain"]) + Complex(loop["integral_gain"]) / s
-    reference = speed_error + s * loop["acceleration_feed_forward"]
+    actuator = exp(-(s * loop["dead_time"])) / (1 + s * loop["inverter_lag"])
 
-    def command(j: int, torques: list[Complex], speed: Complex, roads: Complex) -> Complex:
-        """Air-gap torque of dynamometer j for measured torques, its speed and what the roads do to its reference."""
+    def commands(torques: list[Complex], speeds: list[Complex], roads: list[Complex]) -> list[Complex]:
+        """Air-gap torques for flange torques, rotor speeds and what the roads do to the reference speeds."""
         measured = [torque * lag for torque in torques]
-        wanted = roads
-        for k, other in enumerate(dynos):
-            wanted = wanted + _residual(own, parts, dynos[j], other) * measured[k]
-        return actuator * (reference * wanted - speed_error * speed - measured[j] * loop["torque_feed_forward"])
+        wanted = [
+            sum((_residual(own, parts, dyno, other) * measured[k] for k, other in enumerate(dynos)), roads[j])
+            for j, dyno in enumerate(dynos)
+        ]
+        return [actuator * command for command in own.control.commands(loop, s, wanted, speeds, measured)]
 
     toward = [sensor_sign(own.rig, dyno) for dyno in dynos]
     size = len(dynos)
     torques = [rig.responses(dyno.torque_sensor) * toward[k] for k, dyno in enumerate(dynos)]
-    answers = [command(j, torques, rig.responses(dyno.speed_sensor), Complex(0.0)) for j, dyno in enumerate(dynos)]
+    still = [Complex(0.0)] * size
+    answers = commands(torques, [rig.responses(dyno.speed_sensor) for dyno in dynos], still)
     drives = [rig.inputs.index(dyno.torque_input) for dyno in dynos]
     difference = [[(1 if j == c else 0) - answers[j][drives[c]] for c in range(size)] for j in range(size)]
 
     def commanded(j: int, source: str) -> Complex:
         if source in rig.inputs:
             return answers[j][rig.inputs.index(source)]
-        return command(j, [Complex(0.0)] * size, Complex(0.0), _road(own, parts, dynos[j], source))
+        return commands(still, still, [_road(own, parts, dyno, source) for dyno in dynos])[j]
 
     sources = list(dict.fromkeys(pair.input for pair in own.compared))
     right = [joined([commanded(j, source) for source in sources]) for j in range(size)]

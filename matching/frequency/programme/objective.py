@@ -7,7 +7,7 @@ end at 1.5 times the band's upper edge with a cosine taper from there down to th
 window is the manoeuvre's first four seconds at most, torques counted from their first value. An unstable loop grows in
 it as it would on the bed. :class:`modelling.fidelity.objective.SmoothFidelity` makes R of the signals, differentiable
 everywhere; its delay is the projected one. R_MU does not depend on what may move and is left out. It is the feedback
-that is tuned: what the twin of ``model_based`` does with announced torques does not count here.
+that is tuned: what a model-based feed-forward does with measured torques does not count here.
 
 What it does not do: where feedback alone damps the vehicle's modes too much, signals differ in shape, not by a delay.
 The projected delay is then near 0 while the estimator of the report finds some milliseconds, or none that fits, so the

@@ -176,14 +176,10 @@ def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], enough: 
     loop = tuned.loop
     if loop.torqueless or not any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
-    if not enough and loop.structure == "pi":
+    cure = loop.structure.cure(case.limits["modulus_margin"])
+    if not enough and cure:
         least = 1e3 * loop["sample_time"]
-        cure = (
-            f"down to one sample of {least:.3g} ms no shorter one would do: the sensitivity of feedback peaks at an "
-            "emulated mode the more the less it is damped, which a modulus margin of "
-            f"{case.limits['modulus_margin']:g} does not allow; "
-            'structure = "model_based" takes announced torques out of the feedback'
-        )
+        cure = f"down to one sample of {least:.3g} ms no shorter one would do: {cure}"
     else:
         cure = f"{1e3 * enough:.2g} ms would do" if enough else ""
     found = []

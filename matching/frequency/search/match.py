@@ -13,15 +13,17 @@ from matching.frequency.case.demands import demands
 from matching.frequency.case.targets import target_modes
 from matching.frequency.case.weights import FREEZE_BELOW, counterparts, price, shares_of
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.responses import error_figures, responses
+from matching.frequency.loop.response_error import error_figures
+from matching.frequency.loop.responses import responses
 from matching.frequency.search.attempt import attempt
 from matching.frequency.search.infeasible_limits import sufficient_dead_time
 from matching.frequency.search.limits import limits
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.solve import Near, Solution, Task
 from matching.frequency.verification.verify import Verification
-from modelling.bed.model_based import dead_time_bound
+from modelling.bed.feed_forward_design import dead_time_lower_bound
 from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures.model_based import ModelBased
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import Mode, modes
 
@@ -112,7 +114,7 @@ def match(
 
 def _feedback_alone(case: Case, solution: Solution) -> bool:
     """Whether a shorter dead time is worth a try: feedback has to show the targets, and there is a loop that works."""
-    return case.loop.structure == "pi" and not case.loop.torqueless and solution.feasible
+    return not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.feasible
 
 
 def _notes(task: Task, solution: Solution, thawed: Mapping[str, str], limited: bool) -> list[str]:
@@ -169,24 +171,24 @@ def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
         before=own.before,
         after=own.after,
         after_like_before=own.after_like_before,
-        unannounced=own.unannounced,
+        unmeasured=own.unmeasured,
         bound=_bound(tuned, 1),
         bound_unsampled=_bound(tuned, 8),
-        functions=tuple(own.functions),
+        functions=own.functions,
     )
 
 
 def _bound(case: Case, refinement: int) -> float:
-    """Response error of the best causal controller, see :func:`modelling.bed.model_based.dead_time_bound`."""
+    """Response error of the best causal controller, see :func:`modelling.bed.feed_forward.dead_time_lower_bound`."""
     reference = cut(case.vehicle, case.rig)
-    ideal = dead_time_bound(case.rig, reference, case.loop, refinement)
-    told = dataclasses.replace(
-        case, loop=dataclasses.replace(case.loop, structure="model_based", knows=_all_known(case))
+    ideal = dead_time_lower_bound(case.rig, reference, case.loop, refinement)
+    all_measured = dataclasses.replace(
+        case, loop=dataclasses.replace(case.loop, structure=ModelBased(), measured=_all_torques(case))
     )
-    return float(error_figures(told, parts_of(told), ideal).after)
+    return float(error_figures(all_measured, parts_of(all_measured), ideal).after)
 
 
-def _all_known(case: Case) -> tuple[str, ...]:
+def _all_torques(case: Case) -> tuple[str, ...]:
     driven = {dyno.torque_input for dyno in case.loop.dynamometers}
     return tuple(part.name for part in case.rig.inputs if part.name not in driven)
 
@@ -195,4 +197,4 @@ def _curves(case: Case, tuned: Case) -> Curves:
     top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
     f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
     found = responses(tuned, f, parts_of(tuned, untuned=case.rig))
-    return Curves(f, found.vehicle, found.rig, found.matched, found.unannounced)
+    return Curves(f, found.vehicle, found.rig, found.matched, found.unmeasured)

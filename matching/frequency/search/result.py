@@ -10,6 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.response_error import FunctionError
 from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
 from modelling.common.display import Displayed
 from modelling.modal.modes import Mode
@@ -76,8 +77,8 @@ class ResponseError:
     """Root mean square over band and compared functions of |log(H_rig/H_vehicle)|.
 
     ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
-    ones, ``after_like_before`` over those of ``before``; ``unannounced`` what the feedback alone does, to torques
-    nobody announces; ``bound`` what the dead time leaves (:func:`modelling.bed.model_based.dead_time_bound`), at the
+    ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to unmeasured
+    torques; ``bound`` what the dead time leaves (:func:`modelling.bed.feed_forward.dead_time_lower_bound`), at the
     loop's
     sample time, and ``bound_unsampled`` without sampling. ``functions`` holds the same for every compared function.
     """
@@ -86,17 +87,22 @@ class ResponseError:
     before: float | None
     after: float
     after_like_before: float | None
-    unannounced: float
+    unmeasured: float
     bound: float
     bound_unsampled: float
-    functions: tuple[dict[str, Any], ...] = ()
+    functions: tuple[FunctionError, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("before", "after", "after_like_before", "unannounced", "bound", "bound_unsampled")
-        return (
-            {"band": list(self.band)} | {key: getattr(self, key) for key in keys} | {"functions": list(self.functions)}
-        )
+        keys = ("before", "after", "after_like_before", "bound", "bound_unsampled")
+        return {
+            "band": list(self.band),
+            **{key: getattr(self, key) for key in keys},
+            "unannounced": self.unmeasured,
+            "unmeasured_before": self.before,
+            "unmeasured_after": self.unmeasured,
+            "functions": [function.to_dict() for function in self.functions],
+        }
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ class Curves:
     vehicle: np.ndarray
     rig: np.ndarray
     matched: np.ndarray
-    unannounced: np.ndarray
+    unmeasured: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -165,7 +171,7 @@ class MatchResult(Displayed):
             "limits": list(self.limits),
             "notes": list(self.notes),
             "title": self.case.title,
-            "structure": self.case.loop.structure,
+            "structure": self.case.loop.structure.name,
             "vehicle": {"modes": [mode.to_dict() for mode in self.vehicle_modes]},
             "rig": {"modes": [mode.to_dict() for mode in self.rig_modes]},
             "matched": {"modes": list(self.matched_modes)},

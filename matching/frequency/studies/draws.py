@@ -13,10 +13,9 @@ from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.loop.parts import Parts, parts_of, watched
-from matching.frequency.loop.responses import response_error
+from matching.frequency.loop.response_error import response_error
 from matching.frequency.studies.drawn_loops import Loops
 from matching.frequency.verification.robustness import compared
-from modelling.bed.model_based import Twin, twin
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 
@@ -55,9 +54,9 @@ class Prepared(Loops):
         self.margin = float(self.margins(center[None])[0][0])
         near = self._goals()
         self.targets, self.goals = list(near), list(near.values())
-        self.told: Twin | None = None
-        if self.case.loop.structure == "model_based":
-            self.told = twin(self.case.rig, cut(self.case.vehicle, self.case.rig), self.case.loop)
+        loop = self.case.loop
+        reference = cut(self.case.vehicle, self.case.rig)
+        self.feed_forward = loop.structure.feed_forward(self.case.rig, reference, loop)
         self.vehicle = body(self.case.vehicle)
 
     def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
@@ -89,8 +88,8 @@ class Prepared(Loops):
         vehicle = body(self.case.vehicle.with_values(shared)) if shared else self.vehicle
         loop = ExactLoop(self.true(x), self.dead_time(x))
         frequencies = np.geomspace(*self.case.band, POINTS)
-        told = [self.told, None] if self.told is not None else [None]
-        return [response_error(*compared(loop, one, vehicle, frequencies)) for one in told]
+        feed_forward = [self.feed_forward, None] if self.feed_forward is not None else [None]
+        return [response_error(*compared(loop, one, vehicle, frequencies)) for one in feed_forward]
 
     def _goals(self) -> dict[int, complex]:
         """Modes of the nominal feedback loop near the targets, as far as it has any, by the target's mode number."""

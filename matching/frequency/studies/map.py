@@ -34,7 +34,7 @@ class Map(Displayed):
     points: tuple[tuple[Point, ...], ...]
 
     def errors(self, which: str = "error") -> np.ndarray:
-        """Response errors (y, x), or ``unannounced`` or ``bound``; NaN where there is none."""
+        """Response errors (y, x), or ``unmeasured`` or ``bound``; NaN where there is none."""
         found = [[getattr(own, which) for own in row] for row in self.points]
         return np.array([[np.nan if own is None else own for own in row] for row in found])
 

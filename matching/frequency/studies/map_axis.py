@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 
 from matching.frequency.case.case import Case, movable
-from modelling.bed.loop import HARDWARE, KNOBS
 from modelling.common.errors import InputError, unknown
 from modelling.units import to_si
 
@@ -109,7 +108,7 @@ def _usual(case: Case, name: str, here: float) -> tuple[float, float]:
 def _check(case: Case, name: str, low: float, high: float, where: str) -> None:
     lower, upper = 0.0, np.inf
     if name.startswith("loop."):
-        knob = (HARDWARE | KNOBS[case.loop.structure])[name.removeprefix("loop.")]
+        knob = case.loop.quantities[name.removeprefix("loop.")]
         lower, upper = knob.lower, knob.upper
     if low < lower or high > upper or (low <= 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
         raise InputError(where, f"{low:g} … {high:g} of {name} is not possible", f"{lower:g} … {upper:g} is")

@@ -27,8 +27,8 @@ class Point:
     status : str
         ``matched`` or ``limited``; ``impossible`` where no match could be tried, with the reason in ``limits`` and no
         errors.
-    error, unannounced, bound : float or None
-        As :class:`matching.frequency.search.result.ResponseError` has them: ``after``, ``unannounced``, ``bound``.
+    error, unmeasured, bound : float or None
+        As :class:`matching.frequency.search.result.ResponseError` has them: ``after``, ``unmeasured``, ``bound``.
     limited_by : tuple of str
         What stands in the way, by name: ``stability``, ``targets``, or the limits of the case that are broken.
     objective, first : float or None
@@ -45,7 +45,7 @@ class Point:
     y: float
     status: str
     error: float | None
-    unannounced: float | None
+    unmeasured: float | None
     bound: float | None
     stable: bool
     modulus_margin: float | None
@@ -63,7 +63,8 @@ class Point:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``map.json`` holds it."""
-        return {key: own for key, own in vars(self).items() if key != "pairs"}
+        keys = {"unmeasured": "unannounced"}  # map.json was fixed before the words were
+        return {keys.get(key, key): value for key, value in vars(self).items() if key != "pairs"}
 
     def beats(self, other: Point) -> bool:
         """Whether it is matched where the other is not, stable where the other is not, or of a smaller objective."""
@@ -119,7 +120,7 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         y=y,
         status=result.status,
         error=_finite(error.after),
-        unannounced=_finite(error.unannounced),
+        unmeasured=_finite(error.unmeasured),
         bound=_finite(error.bound),
         stable=bool(seen.stable),
         modulus_margin=_finite(seen.modulus_margin),

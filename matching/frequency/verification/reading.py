@@ -12,8 +12,8 @@ from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
 from matching.frequency.verification.simulation import Traces, simulate_case
+from modelling.bed.feed_forward import FeedForward
 from modelling.bed.manoeuvres import Kick
-from modelling.bed.model_based import Twin
 from modelling.modal.modes import Mode, modes
 
 PERIODS = 8.0  # that an excitation of its own is watched for
@@ -56,7 +56,7 @@ def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
     return {name: np.concatenate([own[0] * rise, own]) for name, own in torques.items()}, len(rise)
 
 
-def seen_modes(parts: Parts, told: Twin | None, traces: Traces) -> tuple[Seen, ...]:
+def seen_modes(parts: Parts, feed_forward: FeedForward | None, traces: Traces) -> tuple[Seen, ...]:
     """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
 
     Raises
@@ -77,7 +77,7 @@ def seen_modes(parts: Parts, told: Twin | None, traces: Traces) -> tuple[Seen, .
             kicked = _kick(parts, vehicle, mode, shape)
             if kicked is not None:
                 by, torques = kicked
-                own, rig = _read(parts, vehicle, simulate_case(parts, told, torques), [shape], top)[0]
+                own, rig = _read(parts, vehicle, simulate_case(parts, feed_forward, torques), [shape], top)[0]
         found.append(Seen(mode.number, own, rig, by))
     return tuple(found)
 
@@ -117,7 +117,7 @@ def _read(
 
 def _kick(parts: Parts, vehicle: Body, mode: Mode, shape: np.ndarray) -> tuple[str, Mapping[str, np.ndarray]] | None:
     """A one-sided pulse, half a period long, on the input that moves the mode most."""
-    known = parts.announced or (*parts.drives, *parts.simulated)  # a torque nobody announces shows the feedback's modes
+    known = parts.measured or (*parts.drives, *parts.simulated)  # a torque nobody announces shows the feedback's modes
     inputs = [name for name in known if name in vehicle.space.inputs]
     on = {own.name: f"inertias.{own.on}" for own in vehicle.system.inputs}
     push = {name: abs(mode.shape[on[name]]) for name in dict.fromkeys(inputs)}

@@ -2,8 +2,9 @@
 
 The controller runs at the loop's sample time. The dead time is counted from the sample to the middle of what it causes
 for the feedback: its hold lags half a sample, so its line is half a sample shorter than the dead time (not below 0).
-The twin counts it as its model does: its commands begin to act one dead time after the sample and are then held.
-Torques of the manoeuvre are demands that arrive and are held at the same samples, for vehicle and rig alike.
+The model-based feed-forward counts it as its model does: its commands begin to act one dead time after the sample and
+are then held. Torques of the manoeuvre are demands that arrive and are held at the same samples, for vehicle and rig
+alike.
 """
 
 from __future__ import annotations
@@ -12,13 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from matching.frequency.loop.emulated import emulated
 from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
 from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
-from modelling.bed.model_based import Twin
+from modelling.bed.feed_forward import FeedForward
 from modelling.equations.compiled import compiled
 from modelling.linear.elements import elements
 from modelling.model.system import System
@@ -43,12 +43,14 @@ class Traces:
     matched: dict[str, np.ndarray] = field(repr=False)
 
 
-def simulate_case(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
+def simulate_case(
+    parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], settle: int = 0
+) -> Traces:
     """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
 
     Parameters
     ----------
-    told : Twin or None
+    feed_forward : FeedForward or None
         None in the structure ``pi``.
     settle : int
         Samples at the beginning that are left out of the traces.
@@ -65,10 +67,10 @@ def simulate_case(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndar
     found = (
         free_motion(vehicle, parts, torques, step),
         free_motion(parts.free.system, parts, torques, step, parts.free),
-        matched_motion(parts, told, torques),
+        matched_motion(parts, feed_forward, torques),
     )
     found[1].update(emulated(parts, found[1], torques, tuned=False))
-    found[2].update(emulated(parts, found[2], torques, tuned=told is None))
+    found[2].update(emulated(parts, found[2], torques, tuned=feed_forward is None))
     cut_off = [{name: trace[settle:] for name, trace in one.items()} for one in found]
     return Traces(time[settle:], {name: np.asarray(own)[settle:] for name, own in torques.items()}, *cut_off)
 
@@ -94,7 +96,9 @@ def free_motion(
     return _readings(system, parts, own, motion, states, drives)
 
 
-def matched_motion(parts: Parts, told: Twin | None, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def matched_motion(
+    parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Traces of the rig with its loop closed."""
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
     step = loop["sample_time"]
@@ -109,12 +113,12 @@ def matched_motion(parts: Parts, told: Twin | None, torques: Mapping[str, np.nda
     )
     drives = _stacked(torques, parts.drives, count)
     feedback = _Sampled(parts, step)
-    twin = None if told is None else _RunningTwin(parts, told, count)
-    roads = _stacked(torques if told is None else {}, parts.simulated, count)
+    running = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
+    roads = _stacked(torques if feed_forward is None else {}, parts.simulated, count)
     news = (
         None
-        if told is None
-        else _stacked({name: torques[name] for name in parts.announced if name in torques}, told.announced, count)
+        if feed_forward is None
+        else _stacked({name: torques[name] for name in parts.measured if name in torques}, feed_forward.measured, count)
     )
     issued = np.zeros((2, count, k_dynos))
     states = np.empty((count, len(motion.start)))
@@ -122,8 +126,8 @@ def matched_motion(parts: Parts, told: Twin | None, torques: Mapping[str, np.nda
     for k in range(count):
         states[k] = x
         seen = bed.C[: 2 * k_dynos] @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
-        if twin is not None and news is not None:
-            issued[0, k], expected = twin.command(k, news[k])
+        if running is not None and news is not None:
+            issued[0, k], expected = running.command(k, news[k])
             seen = seen - expected
         issued[1, k] = feedback.command(np.concatenate([seen, roads[k]]))
         x = motion.advance(x, drives[k], (issued[0], issued[1]), k)
@@ -146,11 +150,11 @@ def matched_motion(parts: Parts, told: Twin | None, torques: Mapping[str, np.nda
 
 
 class _Sampled:
-    """The feedback controller by Tustin's rule."""
+    """The feedback controller as it runs from sample to sample."""
 
     def __init__(self, parts: Parts, step: float):
-        own = parts.controller
-        self._A, self._B, self._C, self._D = cont2discrete((own.A, own.B, own.C, own.D), step, "bilinear")[:4]
+        law = parts.sampled_controller
+        self._A, self._B, self._C, self._D = law.A, law.B, law.C, law.D
         self._x = np.zeros(len(self._A))
 
     def command(self, seen: np.ndarray) -> np.ndarray:
@@ -159,30 +163,30 @@ class _Sampled:
         return out
 
 
-class _RunningTwin:
-    """The twin as the controller runs it: predicts, commands, and tells what the sensors should read."""
+class _RunningFeedForward:
+    """The feed-forward as the controller runs it: predicts, commands, and states what the sensors should read."""
 
-    def __init__(self, parts: Parts, told: Twin, count: int):
+    def __init__(self, parts: Parts, feed_forward: FeedForward, count: int):
         names = [dyno.name for dyno in parts.dynamometers]
-        rows = [told.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
+        rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
         sign = np.concatenate([parts.toward, np.ones(len(names))])
-        self._C, self._D = sign[:, None] * told.C[rows], sign[:, None] * told.D[rows]
-        self._twin, self._state = told, np.zeros(len(told.A))
-        # prediction across the dead time in one product: state, commands on their way (oldest first), announced torques
-        powers = [np.eye(len(told.A))]
-        for _ in range(told.delay):
-            powers.append(told.A @ powers[-1])
-        pending = [power @ told.B for power in reversed(powers[:-1])]
-        held = sum((power @ told.W for power in powers[:-1]), np.zeros_like(told.W))
-        self._from = -told.F @ np.hstack([powers[-1], *pending, held])
-        self._sent = np.zeros((count + told.delay, len(names)))  # begins with a dead time of silence
+        self._C, self._D = sign[:, None] * feed_forward.C[rows], sign[:, None] * feed_forward.D[rows]
+        self._model, self._state = feed_forward, np.zeros(len(feed_forward.A))
+        # prediction across the dead time in one product: state, commands on their way (oldest first), measured torques
+        powers = [np.eye(len(feed_forward.A))]
+        for _ in range(feed_forward.delay):
+            powers.append(feed_forward.A @ powers[-1])
+        pending = [power @ feed_forward.B for power in reversed(powers[:-1])]
+        held = sum((power @ feed_forward.W for power in powers[:-1]), np.zeros_like(feed_forward.W))
+        self._from = -feed_forward.F @ np.hstack([powers[-1], *pending, held])
+        self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
 
-    def command(self, k: int, announced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own = self._twin
-        expected = self._C @ self._state + self._D @ announced
-        known = np.concatenate([self._state, self._sent[k : k + own.delay].ravel(), announced])
+    def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own = self._model
+        expected = self._C @ self._state + self._D @ measured
+        known = np.concatenate([self._state, self._sent[k : k + own.delay].ravel(), measured])
         self._sent[k + own.delay] = self._from @ known
-        self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ announced
+        self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ measured
         return self._sent[k + own.delay], expected
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.loop.encirclements import Encirclements, encirclements
-from matching.frequency.loop.loop_modes import LoopMode, feedback_modes, match_mode, twin_modes
+from matching.frequency.loop.loop_modes import LoopMode, feed_forward_modes, feedback_modes, match_mode
 from matching.frequency.loop.motion import is_linear
 from matching.frequency.loop.pade import phase_error
 from matching.frequency.loop.parts import parts_of
@@ -22,12 +22,11 @@ from matching.frequency.loop.poles import (
     resting_and_right,
     sampled_poles,
 )
-from matching.frequency.loop.responses import ErrorFigures, error_figures
+from matching.frequency.loop.response_error import ErrorFigures, error_figures
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
 from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
-from modelling.bed.model_based import twin
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 from modelling.model.system import System
@@ -41,12 +40,12 @@ class Verification:
     Attributes
     ----------
     stable : bool
-        Poles, encirclements, poles of the sampled loop, the twin's poles and the simulation all say so.
+        Poles, encirclements, poles of the sampled loop, the feed-forward's poles and the simulation all say so.
     checks : dict of str to bool
         Each of them.
     spectral_abscissa : float
-        1/s, largest real part of all poles: feedback loop (highest order) and, with ``model_based``, the twin. A rigid
-        motion that drag alone slows counts with its slow decay.
+        1/s, largest real part of all poles: feedback loop (highest order) and feed-forward. A rigid motion that drag
+        alone slows counts with its slow decay.
     modulus_margin, margin_frequency : float
         Least singular value of I + L, and where, Hz.
     winding : Encirclements
@@ -54,13 +53,13 @@ class Verification:
         Poles of the feedback loop by order of the dead time's approximation.
     sampled : ndarray
         Poles z of the feedback loop as it is sampled.
-    twin_poles : ndarray
-        rad/s; empty in the structure ``pi``. Announced torques do not go round the feedback and the feedback does not
-        reach the twin, so the poles of both together are the poles of each.
+    feed_forward_poles : ndarray
+        rad/s; empty without a model-based feed-forward. Measured torques do not go round the feedback and the feedback
+        does not reach the feed-forward, so the poles of both together are the poles of each.
     modes : tuple of LoopMode
-        Of the twin (``announced``), then of the feedback loop.
+        Of the feed-forward (``announced``), then of the feedback loop.
     targets : tuple of (vehicle mode number, LoopMode or None, likeness)
-        The mode that each target became: in ``model_based`` among the twin's.
+        The mode that each target became: with a feed-forward among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
     seen : tuple of Seen
@@ -86,7 +85,7 @@ class Verification:
     winding: Encirclements
     approximations: tuple[Approximation, ...]
     sampled: np.ndarray = field(repr=False)
-    twin_poles: np.ndarray = field(repr=False)
+    feed_forward_poles: np.ndarray = field(repr=False)
     modes: tuple[LoopMode, ...] = field(repr=False)
     targets: tuple[tuple[int, LoopMode | None, float], ...]
     least_damping: tuple[float, float]
@@ -119,7 +118,7 @@ class Verification:
                 for own in self.approximations
             ],
             "sampled_largest": float(np.abs(self.sampled).max()),
-            "twin_spectral_abscissa": float(self.twin_poles.real.max()) if len(self.twin_poles) else None,
+            "twin_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
             "targets": [
                 {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": likeness}
@@ -146,11 +145,11 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     Raises
     ------
     InputError
-        If a model cannot be made linear or the twin has no solution.
+        If a model cannot be made linear or the feed-forward has no solution.
     """
     parts = parts_of(case, untuned=untuned)
     reference = cut(case.vehicle, case.rig)
-    told = twin(case.rig, reference, case.loop) if case.loop.structure == "model_based" else None
+    feed_forward = case.loop.structure.feed_forward(case.rig, reference, case.loop)
     neutral = neutral_motions(parts)
     notes: list[str] = []
     winding, sampled, delay = encirclements(parts), sampled_poles(parts), case.loop["dead_time"]
@@ -159,18 +158,18 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     checks = {f"poles, order {own.order}": own.unstable(neutral) == 0 for own in counted}
     checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
     checks["sampled loop"] = _inside(sampled, neutral)
-    twin_poles = np.zeros(0, complex) if told is None else told.poles
-    if told is not None:
-        checks["twin"] = resting_and_right(twin_poles, neutral)[1] == 0
+    feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
+    if feed_forward is not None:
+        checks["twin"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
     traces, seen = None, tuple(Seen(target.mode, None, None, "nothing") for target in case.targets)
     try:
-        traces = simulate_case(parts, told, *manoeuvre_torques(parts))
-        seen = seen_modes(parts, told, traces)
+        traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+        seen = seen_modes(parts, feed_forward, traces)
         checks["simulation"] = True
     except SimulationError as fault:
         checks["simulation"] = False
         notes.append(f"simulation: {fault.wrong}")
-    found = () if told is None else twin_modes(parts, told, reference)
+    found = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
     every = (*found, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
@@ -183,10 +182,11 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
     return Verification(
         all(checks.values()), checks,
-        float(max(orders[-1].abscissa, *twin_poles.real) if len(twin_poles) else orders[-1].abscissa),
-        margin, winding.margin_frequency, winding, orders, sampled, twin_poles, every,
+        float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
+        margin, winding.margin_frequency, winding, orders, sampled, feed_forward_poles, every,
         _targets(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
-        error_figures(case, parts, told), robustness(parts, told) if deviations else (), traces, tuple(notes),
+        error_figures(case, parts, feed_forward),
+        robustness(parts, feed_forward) if deviations else (), traces, tuple(notes),
     )  # fmt: skip
 
 

@@ -11,11 +11,11 @@ LINES: dict[str, dict[str, Any]] = {
     "vehicle": {"color": VEHICLE, "linewidth": 4.6, "linestyle": "-", "label": "vehicle", "zorder": 2.0, "alpha": 0.4},
     "rig": {"color": RIG, "linewidth": 1.2, "linestyle": (0, (6, 2)), "label": "free rig", "zorder": 2.1},
     "matched": {"color": MATCHED, "linewidth": 1.4, "linestyle": "-", "label": "matched rig", "zorder": 2.3},
-    "unannounced": {
+    "unmeasured": {
         "color": MATCHED,
         "linewidth": 1.0,
         "linestyle": (0, (2, 2)),
-        "label": "matched rig, torque not announced",
+        "label": "matched rig, torque not measured",
         "zorder": 2.2,
     },
 }

@@ -26,7 +26,7 @@ SHADES = (0.04, 0.66)  # of the colour map: light enough for black lines and hat
 def map_figure(found: Map) -> Figure:
     """Contours of the response error, fields hatched by what is not met, the case's own place marked.
 
-    Where announced and unannounced torques meet different errors, each has a panel. Small maps show fields with the
+    Where measured and unmeasured torques meet different errors, each has a panel. Small maps show fields with the
     errors written out in place of contours.
     """
     panels = _panels(found)
@@ -51,14 +51,14 @@ def map_figure(found: Map) -> Figure:
 
 
 def _panels(found: Map) -> list[tuple[str, np.ndarray]]:
-    """Titles and errors (y, x): one panel where torques nobody announces meet the same errors as announced ones."""
-    announced, other = found.errors(), found.errors("unannounced")
-    known = np.isfinite(announced) & np.isfinite(other)
-    if np.allclose(announced[known], other[known], rtol=SAME, atol=0):
-        return [("Response error that a match reaches", announced)]
+    """Titles and errors (y, x): one panel where unmeasured torques meet the same errors as measured ones."""
+    measured, other = found.errors(), found.errors("unmeasured")
+    known = np.isfinite(measured) & np.isfinite(other)
+    if np.allclose(measured[known], other[known], rtol=SAME, atol=0):
+        return [("Response error that a match reaches", measured)]
     return [
-        ("Response error to announced torques", announced),
-        ("Response error to torques nobody announces", other),
+        ("Response error to measured torques", measured),
+        ("Response error to unmeasured torques", other),
     ]
 
 

@@ -134,7 +134,7 @@ def _said(name: str, seen: Any) -> tuple[str, str]:
             f"largest amount {number(max(abs(seen.sampled)), 5)}, below 1 is stable",
         )
     if name == "twin":
-        return "Poles of the twin's own loop", f"rightmost at {number(max(seen.twin_poles.real), 3)} 1/s"
+        return "Poles of the twin's own loop", f"rightmost at {number(max(seen.feed_forward_poles.real), 3)} 1/s"
     if name == "simulation":
         outcome = "runs away" if seen.traces is None else "stays bounded"
         return "Simulated manoeuvre, true delay line, sampled controller", outcome

@@ -22,9 +22,9 @@ def match_modes_figure(result: MatchResult) -> Figure:
 
 def columns(result: MatchResult) -> list[Column]:
     """Vehicle, free rig and matched rig with the target modes to show; a system without modes is left out."""
-    # what a driver demands is announced; those modes are what the matched rig shows
-    announced = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
-    matched = [mode_of(entry) for entry in announced or result.matched_modes]
+    # modes of the feed-forward: what the matched rig shows for measured torques
+    measured = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
+    matched = [mode_of(entry) for entry in measured or result.matched_modes]
     found = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),

@@ -42,10 +42,10 @@ def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
 def _telling(result: MatchResult) -> list[int]:
     """The function whose rig is farthest off, and one without a path on the free rig, or the next."""
     rows = result.response_error.functions
-    far = max(range(len(rows)), key=lambda i: rows[i].get("before") or 0.0)
+    far = max(range(len(rows)), key=lambda i: rows[i].before or 0.0)
     others = [i for i in range(len(rows)) if i != far]
     blind = [i for i in others if "rig" not in curves_of(result, i)]
-    ranked = sorted(blind or others, key=lambda i: -rows[i]["after"])
+    ranked = sorted(blind or others, key=lambda i: -rows[i].after)
     return [far, *ranked[:1]]
 
 

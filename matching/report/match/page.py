@@ -16,13 +16,13 @@ from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
 from matching.report.match.text import answer, content
 from matching.report.modes.animation import ModeAnimation
-from modelling.bed.loop import HARDWARE, KNOBS
+from modelling.bed.loop import HARDWARE
 from modelling.model.system import System
 
 DEAD_TIME = (
     "Whatever a controller commands acts one dead time later, so it can only answer what it foresees for that long; a "
     "torque that steps at an unforeseeable moment is answered late by anyone. The bound is the error of the best "
-    "command that knows every state and every announced torque but nothing of the future."
+    "command that knows every state and every measured torque but nothing of the future."
 )
 
 
@@ -61,7 +61,7 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         "targets": result.targets,
         "error": error,
         "band": f"{number(error.band[0])}–{number(error.band[1])} Hz",
-        "announced_note": _announced_note(result),
+        "measured_note": _measured_note(result),
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "honest": [*_honest(result), DEAD_TIME],
         "adapters": [
@@ -71,8 +71,8 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         ],
         "needs": needs(result),
         "manoeuvre": sentence([_manoeuvre(name, own) for name, own in tuned.manoeuvre.items()]),
-        "structure": tuned.loop.structure,
-        "twin": tuned.loop.structure == "model_based",
+        "structure": tuned.loop.structure.name,
+        "twin": tuned.loop.structure.has_feed_forward,
         **_loop(result),
         "residual": _residual(result),
         "frozen": [own for own in result.parameters if own.frozen],
@@ -96,35 +96,30 @@ def _swinging(result: MatchResult) -> list[str]:
     return drawn
 
 
-def _announced(result: MatchResult) -> list[str]:
-    """Compared inputs the controller is told of."""
+def _measured(result: MatchResult) -> list[str]:
+    """Compared inputs whose torque the feed-forward takes as measured."""
     loop = result.tuned.loop
-    if loop.structure != "model_based":
-        return []
-    simulated = {own.name for part in result.tuned.residual_vehicle.parts for own in part.inputs}
+    simulated = [own.name for part in result.tuned.residual_vehicle.parts for own in part.inputs]
+    measured = loop.structure.measured_inputs(loop.measured, simulated)
     compared = dict.fromkeys(pair.input for pair in result.case.compared)
-    return [name for name in compared if name in loop.knows or name in simulated]
+    return [name for name in compared if name in measured]
 
 
-def _announced_note(result: MatchResult) -> str:
-    names = _announced(result)
-    return (
-        f"{sentence([name.replace('_', ' ') for name in names])} announced to the controller"
-        if names
-        else "feedback alone"
-    )
+def _measured_note(result: MatchResult) -> str:
+    names = _measured(result)
+    return f"{sentence([name.replace('_', ' ') for name in names])} measured" if names else "feedback alone"
 
 
 def _honest(result: MatchResult) -> list[str]:
-    names = _announced(result)
+    names = _measured(result)
     error = result.response_error
     if not names:
-        return ["No torque is announced to the controller: all of this is done by feedback alone."]
+        return ["No torque is measured for feed-forward: all of this is done by feedback alone."]
     return [
-        f"Torques the controller is told of ({sentence([name.replace('_', ' ') for name in names])}) are answered by "
-        f"the twin, a model of rig and vehicle that looks ahead across the dead time: error {number(error.after, 3)}. "
-        "A torque nobody announces, such as a brake on the shaft or a torque the model lacks, is answered by the "
-        f"feedback alone: error {number(error.unannounced, 3)}. Both are true of this rig; which one counts depends on "
+        f"Measured torques ({sentence([name.replace('_', ' ') for name in names])}) reach the feed-forward, "
+        f"a model of rig and vehicle that predicts across the dead time: error {number(error.after, 3)}. "
+        "To an unmeasured torque, such as a brake on the shaft or a torque the model lacks, the rig reacts by "
+        f"feedback alone: error {number(error.unmeasured, 3)}. Both are true of this rig; which one counts depends on "
         "where the torque comes from."
     ]
 
@@ -138,7 +133,7 @@ def _loop(result: MatchResult) -> dict[str, Any]:
             for name, knob in table.items()
         ]
 
-    return {"knobs": rows(KNOBS[loop.structure]), "hardware": rows(HARDWARE)}
+    return {"knobs": rows(loop.structure.quantities), "hardware": rows(HARDWARE)}
 
 
 def _residual(result: MatchResult) -> list[dict[str, Any]]:

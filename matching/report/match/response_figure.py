@@ -46,8 +46,8 @@ def response_figure(result: MatchResult) -> Figure:
 def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
     """Responses (f,) of a compared function by what answers; without those that have no path."""
     named = {name: getattr(result.curves, name)[:, index] for name in LINES}
-    if np.array_equal(named["unannounced"], named["matched"]):
-        del named["unannounced"]  # no twin: all torques are answered alike
+    if np.array_equal(named["unmeasured"], named["matched"]):
+        del named["unmeasured"]  # without feed-forward the rig reacts to all torques alike
     return {name: values for name, values in named.items() if np.isfinite(values).all()}
 
 
@@ -99,11 +99,11 @@ def magnitude_label(result: MatchResult, pair: Compared) -> str:
 
 def _error(result: MatchResult, index: int) -> str:
     own = result.response_error.functions[index]
-    parts = [f"error {number(own['after'], 2)}"]
-    if own.get("before") is not None:
-        parts.append(f"free rig {number(own['before'], 2)}")
-    if "unannounced" in curves_of(result, index) and own.get("unannounced") is not None:
-        parts.append(f"not announced {number(own['unannounced'], 2)}")
+    parts = [f"error {number(own.after, 2)}"]
+    if own.before is not None:
+        parts.append(f"free rig {number(own.before, 2)}")
+    if "unmeasured" in curves_of(result, index):
+        parts.append(f"not measured {number(own.unmeasured, 2)}")
     return "\n".join(parts)
 
 

@@ -10,6 +10,7 @@ from matching.frequency.search.result import MatchResult
 from matching.report.common.wording import change, handy, hertz, number, plain, sentence, unit
 from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
+from modelling.bed.structures import STRUCTURES
 
 MOST = 20
 
@@ -45,8 +46,8 @@ def summary(result: Mapping[str, Any]) -> str:
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     body = [_target(target) for target in result["targets"][:4]]
     free = "" if error["before"] is None else f", free rig {number(error['before'], 3)}"
-    alone = f"; {number(error['unannounced'], 3)} for a torque nobody announces"
-    if result.get("structure") == "pi":  # feedback answers all torques alike
+    alone = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
+    if not STRUCTURES[result["structure"]].has_feed_forward:  # feedback answers all torques alike
         alone = ""
     body.append(
         f"error {_band(error)}: {number(error['after'], 3)} matched{free}{alone}; "

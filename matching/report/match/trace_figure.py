@@ -26,7 +26,7 @@ class Signal:
     time : ndarray (t,)
         s.
     curves : mapping of str to ndarray (t,)
-        By what answers: ``vehicle``, ``rig``, ``matched``, ``unannounced``.
+        By what answers: ``vehicle``, ``rig``, ``matched``, ``unmeasured``.
     limit : float, optional
         Largest amount allowed.
     """

@@ -1,0 +1,94 @@
+"""Design of the model-based feed-forward: H2-optimal commands across a dead time.
+
+The residual vehicle is driven by the torque of the cut shaft; the dynamometers have to make the rig's end of that
+shaft turn as the residual vehicle does. Minimising the squared speed difference over all frequencies, with a weight
+on the commands, is an H2 problem; for torques that step at unforeseeable moments its optimum across a dead time is
+state feedback on the state predicted with the measured torques held (Kwakernaak and Sivan, Linear Optimal Control
+Systems, 1972; Mirkin and Raskin, Automatica 39 (2003) 1747, for the dead time). It is solved in discrete time at the
+sample time of the controller, with dead times that are no multiple of it taken exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_are
+
+from modelling.bed.bed_model import bed_model
+from modelling.bed.feed_forward import FeedForward
+from modelling.bed.loop import Loop
+from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.common.errors import InputError
+from modelling.model.system import System
+
+COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)²: with this weight the commands are practically free
+STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
+WHOLE_SAMPLE = 1e-9  # of a sample: dead times this little short of a whole number of samples count as whole
+
+
+def design_feed_forward(
+    rig: System,
+    residual: ResidualVehicle,
+    loop: Loop,
+    sample_time: float | None = None,
+    command_weight: float = COMMAND_WEIGHT,
+) -> FeedForward:
+    """Solve the H2 problem of a rig, a residual vehicle and a loop.
+
+    Parameters
+    ----------
+    rig : System
+    residual : ResidualVehicle
+        As cut out of the vehicle: the reference, not what was tuned for the feedback.
+    loop : Loop
+        Dead time, inverter lag, torque-sensor lag and sample time are used.
+    sample_time : float, optional
+        s; that of the loop unless given.
+    command_weight : float
+        (rad/s per N·m)².
+
+    Raises
+    ------
+    InputError
+        If the H2 problem has no stabilising solution.
+    """
+    step = loop["sample_time"] if sample_time is None else sample_time
+    model, k = bed_model(rig, residual, loop), len(loop.dynamometers)
+    plant, size = model.space, len(model.space.A)
+    delay = int(np.floor(loop["dead_time"] / step + WHOLE_SAMPLE))
+    late = max(loop["dead_time"] - delay * step, 0.0)  # of a sample: for so long the command before still acts
+    whole, both = _held(plant.A, plant.B, step)
+    after, new = _held(plant.A, plant.B[:, :k], step - late)
+    old = after @ _held(plant.A, plant.B[:, :k], late)[1]
+    A = np.vstack([np.hstack([whole, old]), np.zeros((k, size + k))])
+    B = np.vstack([new, np.eye(k)])
+    W = np.vstack([both[:, k:], np.zeros((k, len(model.measured)))])
+    E = np.hstack([model.speed_error, np.zeros((k, k))])
+    R = command_weight * np.eye(k)
+    try:
+        X = solve_discrete_are(A, B, E.T @ E + STATE_WEIGHT * np.eye(len(A)), R)
+    except (np.linalg.LinAlgError, ValueError) as fault:
+        raise InputError(
+            "loop",
+            f"no stabilising command exists for this rig and vehicle ({fault})",
+            "check that each dynamometer reaches its cut",
+        ) from None
+    F = np.linalg.solve(B.T @ X @ B + R, B.T @ X @ A)
+    C = np.hstack([plant.C, np.zeros((len(plant.C), k))])
+    return FeedForward(A, B, W, C, plant.D[:, k:], F, delay, step, model.measured, plant.outputs)
+
+
+def dead_time_lower_bound(rig: System, residual: ResidualVehicle, loop: Loop, refinement: int = 8) -> FeedForward:
+    """The lower bound set by the dead time: the same H2 problem with free commands, sampled finely.
+
+    Every torque is measured and every state known, so whatever a controller does with less, it responds later or
+    worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
+    a controller may do a little better, at the cost of what lies outside.
+    """
+    return design_feed_forward(rig, residual, loop, loop["sample_time"] / refinement)
+
+
+def _held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Exact discretisation (x, x), (x, u) over a step (s) with inputs held."""
+    n, m = len(A), B.shape[1]
+    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
+    return block[:n, :n], block[:n, n:]
