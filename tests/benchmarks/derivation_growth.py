@@ -9,7 +9,7 @@ import sympy.physics.mechanics as me
 from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 from modelling.model.system import System
-from tests.benchmarks.row import row
+from tests.benchmarks.row import peer_runs, row
 
 LENGTHS = (10, 30, 100, 300)
 
@@ -50,7 +50,9 @@ def lagranges_method(count: int) -> float:
 def main() -> None:
     seconds(5)  # imports and warm-up
     times = {count: seconds(count) for count in LENGTHS}
-    print(row("equations and functions of 30 inertias", times[30], lagranges_method(30), "–"))
+    what = "equations and functions of 30 inertias"
+    with peer_runs(what):
+        print(row(what, times[30], lagranges_method(30), "–"))
     for count, took in times.items():
         print(f"  chain of {count:3}: {took:6.2f} s")
     growth = math.log(times[300] / times[10]) / math.log(30)

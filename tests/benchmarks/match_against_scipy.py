@@ -49,7 +49,7 @@ from matching.frequency.programme.terms import MEET
 from matching.frequency.search import solve as solving
 from matching.frequency.search.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
 from tests.benchmarks.numpy_loop import NumpyLoop
-from tests.benchmarks.row import row
+from tests.benchmarks.row import peer_runs, row
 from tests.match.programme import programme_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -61,6 +61,7 @@ PENALTIES = (30.0, 300.0, 3000.0)  # of a relative violation squared, one after 
 POOR = 1.5  # times the best value: an end at the lightest penalty that is not followed any further
 LOOSE = 1e-4  # tolerances of the peer's whole match: it then ends to three or four digits
 NEXT = 1e-7  # relative step of a root after which the next one would be lost in rounding
+BESIDE = 1 + 1e-12  # times a root that makes the matrix singular, far less than a step that counts
 SLACK = 2e-3  # relative violation forgiven
 
 
@@ -135,7 +136,10 @@ class Reduced:
 
         def at(s: complex) -> tuple[complex, np.ndarray]:
             re, im = self.problem.loop.difference(s.real, s.imag, p)
-            x = np.linalg.solve((re.full() + 1j * im.full()).reshape(k, k), pattern)
+            try:
+                x = np.linalg.solve((re.full() + 1j * im.full()).reshape(k, k), pattern)
+            except np.linalg.LinAlgError:  # the root, hit exactly: just beside it
+                return at(s * BESIDE)
             return 1 / (pattern @ x), x / (pattern @ x)
 
         before, (value, x) = s * (1 + 1e-4), at(s)
@@ -218,7 +222,10 @@ class Plain(Reduced):
 
         def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             patterns = np.tile(self.patterns, (len(s) // len(self.patterns), 1))
-            x = np.linalg.solve(self.loop.at(s, p, 0)[1], patterns[:, :, None])[:, :, 0]
+            try:
+                x = np.linalg.solve(self.loop.at(s, p, 0)[1], patterns[:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:  # as there
+                return at(s * BESIDE)
             share = np.sum(patterns * x, axis=1)
             return 1 / share, x / share[:, None]
 
@@ -409,20 +416,25 @@ def main() -> None:
         spent = clock() - began
         if abs(own.objective / found.objective - 1) > NEAR - 1:
             raise SystemExit(f"seed {seed}: our match ends at {own.objective}, not {found.objective}")
-        theirs, value, starts = whole(task, found, seed)
-        runs.append((spent, theirs))
-        told = (
-            f"{spent:.3g} s, {len(own.starts)} starts, {own.objective:.5f}; peer {theirs:.3g} s, {starts}, {value:.5f}"
-        )
-        print(f"  whole match, seed {seed}: {told}", flush=True)
-    spent, theirs = (float(np.median(own)) for own in zip(*runs, strict=True))
-    print(row("a whole match against least_squares, NumPy, medians", spent, theirs, ">= 20"), flush=True)
+        print(f"  whole match, seed {seed}: {spent:.3g} s, {len(own.starts)} starts, {own.objective:.5f}", flush=True)
+        with peer_runs(f"  whole match by least_squares, NumPy, seed {seed}"):
+            theirs, value, starts = whole(task, found, seed)
+            runs.append((spent, theirs))
+            print(f"  the same by least_squares, NumPy: {theirs:.3g} s, {starts} starts, {value:.5f}", flush=True)
+    if runs:
+        spent, theirs = (float(np.median(own)) for own in zip(*runs, strict=True))
+        note = f">= 20; {len(runs)} of {SEEDS} ran"
+        print(row("a whole match against least_squares, NumPy, medians", spent, theirs, note), flush=True)
     ours = {seed: watched(task, found, seed) for seed in range(SEEDS)}
     print("ours: " + ", ".join(f"{own:.3f} s" for own in ours.values()))
     for by in PEERS:
         runs = []
         for seed, own in ours.items():
-            run = peer(task, found, BUDGET * own, by, seed)
+            run = None
+            with peer_runs(f"  {by}, seed {seed}"):
+                run = peer(task, found, BUDGET * own, by, seed)
+            if run is None:
+                continue
             spent = clock() - run.began
             runs.append((spent / own, own, spent, run))
             reached = (
@@ -432,6 +444,8 @@ def main() -> None:
             print(
                 f"  {by}, seed {seed}: {reached} after {spent / own:.1f} times ours, {run.evaluations} x {each:.2f} ms"
             )
+        if not runs:
+            continue
         own, spent = (float(np.median([one[i] for one in runs])) for i in (1, 2))
         arrived = sum(one[3].arrived for one in runs)
         note = f">= 20; {arrived} of {len(runs)} arrived"

@@ -60,7 +60,7 @@ def main() -> None:
         text=True,
     )
     if peer.returncode:
-        print(f"modes against openTorsion: skipped, it does not run ({peer.stderr.strip().splitlines()[-1:]})")
+        print(f"modes against openTorsion: the peer failed: {(peer.stderr.strip().splitlines() or ['no word'])[-1]}")
         return
     answer = json.loads(peer.stdout)
     after, _ = ours(system, values, names)

@@ -25,6 +25,7 @@ from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.files import from_dict
 from modelling.simulation.integrator.c_library import compiler
 from modelling.simulation.simulate import sensitivities, simulate_batch
+from tests.benchmarks.row import peer_runs
 
 CHAIN = """
 inertias.motor = { J = 4.98, drag = 0.5 }
@@ -131,8 +132,9 @@ def main() -> dict[str, float]:
     def error(readings: np.ndarray) -> float:
         return float((np.sqrt(np.mean((readings - reference) ** 2, axis=0)) / np.ptp(reference, axis=0)).max())
 
-    check, seconds = by_scipy(model, time, u, "DOP853", 1e-9)
-    print(f"the reference differs from DOP853 at 1e-9 ({seconds:.0f} s) by {error(check):.1e}")
+    with peer_runs("DOP853 at 1e-9"):
+        check, seconds = by_scipy(model, time, u, "DOP853", 1e-9)
+        print(f"the reference differs from DOP853 at 1e-9 ({seconds:.0f} s) by {error(check):.1e}")
     own: dict[str, tuple[float, float]] = {}
     for name, compile_it, times in (("compiled", None, 20), ("virtual machine", False, 3)):
         if compile_it is None and not compiler():
@@ -146,11 +148,12 @@ def main() -> dict[str, float]:
         print(f"{name}: {shortest * 1e3:.2f} ms, error {own[name][0]:.1e}, {steps:.0f} steps a second")
     peers = []
     for tolerance in TOLERANCES:
-        readings, seconds = by_scipy(model, time, u, "LSODA", tolerance)
-        peers.append((error(readings), seconds))
-        print(f"LSODA at {tolerance:g}: {seconds:.2f} s, error {peers[-1][0]:.1e}")
+        with peer_runs(f"LSODA at {tolerance:g}"):
+            readings, seconds = by_scipy(model, time, u, "LSODA", tolerance)
+            peers.append((error(readings), seconds))
+            print(f"LSODA at {tolerance:g}: {seconds:.2f} s, error {peers[-1][0]:.1e}")
     ratios = {}
-    for name, (wrong, shortest) in own.items():
+    for name, (wrong, shortest) in own.items() if peers else ():
         equal = seconds_at(wrong, peers)
         ratios[name] = equal / shortest
         print(f"{name}: {ratios[name]:.0f} times as fast as LSODA at equal error (goal {GOALS[name]:g})")

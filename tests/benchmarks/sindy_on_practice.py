@@ -11,6 +11,7 @@ from pathlib import Path
 from matching.diagnosis.diagnosis import diagnose
 from modelling.measurement.recording import read_recording
 from modelling.model.files import load
+from tests.benchmarks.row import peer_runs
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
 HEAD = (
@@ -40,7 +41,11 @@ def main() -> None:
         began = time.perf_counter()
         found = diagnose(system, [recording])
         between = time.perf_counter()
-        peer = run(system, recording)
+        peer = None
+        with peer_runs(f"{answer['kind']} {answer['at']}"):
+            peer = run(system, recording)
+        if peer is None:
+            continue
         after = time.perf_counter()
         speeds = [sensor.name for sensor in system.sensors if sensor.measures == "speed"]
         error = max((found.errors[name]["after_holdout"] or 0) / (found.errors[name]["noise"] or 1) for name in speeds)
