@@ -45,7 +45,7 @@ def load(path: File) -> System:
 
 def load_case(path: File) -> Case:
     """A case file with all that it names."""
-    from matching.frequency.case.case import load_case as read
+    from matching.frequency.case.load import load_case as read
 
     return read(Path(path))
 

@@ -5,7 +5,7 @@ python examples/compact_bev/run.py
 
 from pathlib import Path
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 from matching.frequency.search.result import MatchResult
 

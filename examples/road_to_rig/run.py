@@ -6,7 +6,7 @@ python examples/road_to_rig/run.py
 from dataclasses import replace
 from pathlib import Path
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.response_error import error_figures
 from matching.frequency.search.match import match

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _quantities(arguments: argparse.Namespace) -> list[str]:
-    from matching.frequency.case.case import load_case
+    from matching.frequency.case.load import load_case
     from matching.frequency.studies.map_axis import quantities
 
     return list(quantities(load_case(arguments.case)))
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import cores, progress
-    from matching.frequency.case.case import load_case
+    from matching.frequency.case.load import load_case
     from matching.frequency.studies.map import map_case
     from matching.frequency.studies.map_axis import axis
     from matching.report.common.style import image

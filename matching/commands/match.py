@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
     from matching.arguments import cores, steps
-    from matching.frequency.case.case import load_case
     from matching.frequency.case.case_file import case_files
+    from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
     from matching.report.common.style import image
     from matching.report.match.figures import figures

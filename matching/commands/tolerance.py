@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import cores, progress
-    from matching.frequency.case.case import load_case
+    from matching.frequency.case.load import load_case
     from matching.frequency.studies.tolerance import tolerance
     from matching.report.common.style import image
     from matching.report.tolerance.view import plot

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from matching.frequency.case.case import Case, load_case
+from matching.frequency.case.case import Case
+from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.common.errors import InputError, unknown

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from matching.frequency.case.case import Case, load_case
+from matching.frequency.case.case import Case
+from matching.frequency.case.load import load_case
 from matching.frequency.search.match import _errors, match
 from matching.frequency.verification import error_figures
 from modelling.bed.structures import STRUCTURES

@@ -32,7 +32,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.programme.closed_loop import _expressions
 from matching.frequency.programme.problem import (
     EIGEN,

@@ -9,8 +9,8 @@ from fmpy.validation import validate_fmu
 from needs import compiles
 
 from matching.cli import main
-from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
 from modelling.fmu.units import exponents
 from modelling.simulation.integrator import c_library as build
 

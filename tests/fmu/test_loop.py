@@ -10,8 +10,8 @@ from needs import compiles
 from scipy.signal import cont2discrete
 
 from matching.fmu.given import acceleration
-from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification import simulation

@@ -7,7 +7,7 @@ from fmu.slave import slave
 from needs import compiles
 
 from matching.fmu.given import given
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from modelling.bed.manoeuvres import TipIn
 from modelling.equations.compiled import compiled
 from modelling.model.files import load

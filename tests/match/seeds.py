@@ -6,7 +6,7 @@ python tests/match/seeds.py [how many]
 import sys
 from pathlib import Path
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

@@ -8,7 +8,8 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from matching.frequency.case.case import Case, load_case
+from matching.frequency.case.case import Case
+from matching.frequency.case.load import load_case
 from matching.frequency.case.targets import target_modes
 from modelling.common.errors import InputError
 
@@ -57,7 +58,7 @@ BAD = {
     "dead time NaN": (("loop", "dead_time"), float("nan"), "loop.dead_time"),
     "dead time a list": (("loop", "dead_time"), [0.003], "loop.dead_time"),
     "dead time true": (("loop", "dead_time"), True, "loop.dead_time"),
-    "knows no list": (("loop", "knows"), "motor_torque", "is no list of names"),
+    "knows no list": (("loop", "knows"), "motor_torque", "loop.knows: is no list of names"),
     "knows a stranger": (("loop", "knows"), ["motor_torqe"], "motor_torque"),
     "no targets": (("targets",), [], "the case has none"),
     "target no number": (("targets", 0, "mode"), "shuffle", "is no mode number"),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from needs import compiles
 
-from matching.frequency.case.case import load_case
 from matching.frequency.case.demands import demands
+from matching.frequency.case.load import load_case
 from matching.frequency.case.targets import goals, target_modes
 from matching.frequency.loop.responses import responses
 from matching.frequency.programme.evaluators import _REMEMBERED

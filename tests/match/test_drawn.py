@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from match import drawn, independent
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 from modelling.bed.residual_vehicle import cut
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.programme.problem import OSCILLATING, eigenpairs
 from matching.frequency.search.solve import Task, _follows, _led, _one
 from tests.match.programme import programme_of

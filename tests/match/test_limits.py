@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case.case import load_case
 from matching.frequency.case.demands import demands
+from matching.frequency.case.load import load_case
 from matching.frequency.search.infeasible_limits import unkept
 from matching.frequency.search.match import match
 from modelling.bed.structures import STRUCTURES

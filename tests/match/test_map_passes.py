@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 from matching.frequency.search.solve import AGREE, Near
 from matching.frequency.studies import map as maps

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from match import independent
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.response_error import error_figures
 from matching.frequency.search.match import match

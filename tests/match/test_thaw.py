@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case.case import load_case
 from matching.frequency.case.demands import demands
+from matching.frequency.case.load import load_case
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
 from matching.frequency.search.match import NOTHING_MOVED, match
 from matching.report.match.text import content, summary

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.simulation import simulate_case

@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_text
+from matching.frequency.case.load import load_case
 from matching.frequency.loop.emulated import PLACE
 from matching.frequency.programme.closed_loop import closed_loop
 from matching.frequency.programme.objective import fidelity_aim

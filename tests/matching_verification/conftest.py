@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from modelling.bed.structures import STRUCTURES
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.loop.responses import responses
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.verification import verify

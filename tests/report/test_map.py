@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
 from matching.frequency.studies.map import Map, map_case
 from matching.frequency.studies.map_axis import Axis, axis, quantities
 from matching.frequency.studies.map_point import Point, held_at

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from matching.cli import main
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import sympy as sm
 
-from matching.frequency.case.case import load_case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
 from matching.report.common.mathml import equations
 from matching.report.common.style import MATCHED, RIG, VEHICLE, image
 from matching.report.match.checks import checks, needs, signals

@@ -10,7 +10,7 @@ import pytest
 
 import rigmatch as rm
 from matching.cli import main
-from matching.frequency.case.case import load_case
+from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes

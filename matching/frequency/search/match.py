@@ -44,7 +44,7 @@ def match(
     Parameters
     ----------
     case : Case
-        From :func:`matching.frequency.case.case.load_case`.
+        From :func:`matching.frequency.case.load.load_case`.
     seed : int
         Of the random starts.
     starts : int

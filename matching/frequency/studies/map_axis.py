@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from matching.frequency.case.case import Case, movable
+from matching.frequency.case.case import Case
+from matching.frequency.case.load_moves import movable
 from modelling.common.errors import InputError, unknown
 from modelling.units import to_si
 

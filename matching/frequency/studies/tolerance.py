@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from matching.frequency.case.case import Case, movable
+from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load_moves import movable
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of

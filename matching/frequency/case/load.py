@@ -1,0 +1,179 @@
+"""Reading case files; every complaint is one line that names file and key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matching.frequency.case.case import OBJECTIVES, Case, Compared, Target
+from matching.frequency.case.load_loop import read_loop
+from matching.frequency.case.load_moves import read_moves
+from matching.frequency.case.tables import table_of, text_of
+from modelling.bed.loop import Loop
+from modelling.bed.manoeuvres import Manoeuvre, from_table
+from modelling.bed.residual_vehicle import ResidualVehicle, cut
+from modelling.common.errors import InputError, unknown
+from modelling.common.tables import read_toml
+from modelling.model.files import load
+from modelling.model.system import System
+from modelling.units import to_si
+
+DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
+_TOP = {"title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move"}
+
+
+def load_case(path: str | Path) -> Case:
+    """Read a case file and the model files it names.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    data = read_toml(path)
+    where = str(path)
+    for key in data:
+        if key not in _TOP:
+            raise unknown(key, sorted(_TOP), where)
+    vehicle, rig = (load(Path(path).parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
+    try:
+        residual = cut(vehicle, rig)
+    except InputError as fault:
+        raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
+    loop = read_loop(data, rig, residual, where)
+    band = _band(data, where)
+    return Case(
+        vehicle,
+        rig,
+        residual,
+        loop,
+        _targets(data, where),
+        band,
+        _compared(data, vehicle, rig, residual, where),
+        _manoeuvre(data, rig, residual, loop, where),
+        _limits(data, rig, where),
+        read_moves(data, rig, residual, loop, where),
+        text_of(data, "title", where) if "title" in data else "",
+        where,
+        _objective(data, where),
+    )
+
+
+def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
+    table = table_of(data, "response", where, {"band", "compare", "objective"})
+    band = table.get("band", [0.5, 30.0])
+    if not isinstance(band, list) or len(band) != 2:
+        raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
+    low, high = (to_si(edge, "Hz", f"{where}: response.band") for edge in band)
+    if not 0 < low < high:
+        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
+    return low, high
+
+
+def _objective(data: Mapping[str, Any], where: str) -> str:
+    name = table_of(data, "response", where).get("objective", OBJECTIVES[0])
+    if name not in OBJECTIVES:
+        raise unknown(str(name), list(OBJECTIVES), f"{where}: response.objective")
+    return name
+
+
+def _compared(
+    data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str
+) -> tuple[Compared, ...]:
+    entries = table_of(data, "response", where).get("compare")
+    if (
+        not isinstance(entries, list)
+        or not entries
+        or not all(isinstance(pair, dict) and set(pair) == {"input", "sensor"} for pair in entries)
+    ):
+        raise InputError(
+            f"{where}: response.compare",
+            "is no list of transfer functions",
+            'write compare = [{ input = "…", sensor = "…" }]',
+        )
+    simulated = [part.name for system in residual.parts for part in system.inputs]
+    inputs = [
+        part.name
+        for part in vehicle.inputs
+        if part.name in {driven.name for driven in rig.inputs} or part.name in simulated
+    ]
+    sensors = [part.name for part in vehicle.sensors if part.name in {sensor.name for sensor in rig.sensors}]
+    made = []
+    for number, pair in enumerate(entries, 1):
+        for key, known in (("input", inputs), ("sensor", sensors)):
+            if pair[key] not in known:
+                raise unknown(pair[key], known, f"{where}: response.compare[{number}].{key}")
+        made.append(Compared(pair["input"], pair["sensor"]))
+    return tuple(made)
+
+
+def _manoeuvre(
+    data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
+) -> dict[str, Manoeuvre]:
+    tables = table_of(data, "manoeuvre", where)
+    driven = {dyno.torque_input for dyno in loop.dynamometers} | {cut.torque for cut in residual.interfaces}
+    known = [part.name for system in (rig, *residual.parts) for part in system.inputs if part.name not in driven]
+    if not tables:
+        raise InputError(
+            f"{where}: manoeuvre",
+            "the case has none",
+            'write [manoeuvre.motor_torque] with kind = "tip_in" and amplitude',
+        )
+    for name in tables:
+        if name not in known:
+            raise unknown(name, known, f"{where}: manoeuvre")
+    return {name: from_table(table, f"{where}: manoeuvre.{name}") for name, table in tables.items()}
+
+
+def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
+    entries = data.get("targets", [])
+    if not isinstance(entries, list) or not entries or not all(isinstance(table, dict) for table in entries):
+        raise InputError(
+            f"{where}: targets", "the case has none", "write [[targets]] with mode = NUMBER of the vehicle mode"
+        )
+    made = []
+    for number, table in enumerate(entries, 1):
+        place = f"{where}: targets[{number}]"
+        for key in table:
+            if key not in ("mode", "frequency_tolerance", "damping_tolerance"):
+                raise unknown(key, ["mode", "frequency_tolerance", "damping_tolerance"], place)
+        mode = table.get("mode")
+        if not isinstance(mode, int) or isinstance(mode, bool) or mode < 1:
+            raise InputError(
+                f"{place}.mode", "is no mode number", "write the number that 'rigmatch modes' gives the vehicle mode"
+            )
+        tolerances = {key: to_si(table[key], "1", f"{place}.{key}") for key in table if key != "mode"}
+        for key, value in tolerances.items():
+            if not value > 0:
+                raise InputError(f"{place}.{key}", f"{value:g} is not possible", "greater than 0 is needed")
+        made.append(Target(mode, **tolerances))
+    return tuple(made)
+
+
+def _limits(data: Mapping[str, Any], rig: System, where: str) -> dict[str, float]:
+    table = table_of(data, "limits", where)
+    units = {
+        "modulus_margin": "1",
+        "damping_ratio": "1",
+        "dynamometer_torque": "N*m",
+        "dynamometer_speed": "rad/s",
+        "dynamometer_power": "W",
+    }
+    units |= {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts} | {
+        f"shafts.{part.name}.twist": "rad" for part in rig.shafts
+    }
+    limits = dict(DEFAULT_LIMITS)
+    for key, value in table.items():
+        if key not in units:
+            raise unknown(key, list(units), f"{where}: limits")
+        limits[key] = to_si(value, units[key], f"{where}: limits.{key}")
+        if not limits[key] > 0:
+            raise InputError(f"{where}: limits.{key}", f"{limits[key]:g} is not possible", "greater than 0 is needed")
+    if limits["modulus_margin"] >= 1:
+        raise InputError(
+            f"{where}: limits.modulus_margin",
+            f"{limits['modulus_margin']:g} cannot be reached",
+            "less than 1 is needed; 0.5 is usual",
+        )
+    return limits

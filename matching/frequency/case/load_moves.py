@@ -1,0 +1,89 @@
+"""Which quantities of a case may move, and reading which of them do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matching.frequency.case.case import Move
+from matching.frequency.case.tables import table_of
+from modelling.bed.loop import Loop
+from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.common.errors import InputError, unknown
+from modelling.model.mirror import mirror_image
+from modelling.model.quantity import Quantity
+from modelling.model.system import System
+from modelling.units import to_si
+
+
+def read_moves(
+    data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
+) -> tuple[Move, ...]:
+    """What may move, each quantity with its mirror image.
+
+    Raises
+    ------
+    InputError
+        Naming file and key.
+    """
+    table = table_of(data, "move", where)
+    places = movable(rig, residual, loop)
+    made: list[Move] = []
+    for name, entry in table.items():
+        place = f"{where}: move.{name!r}"
+        if name not in places:
+            raise unknown(name, list(places), place)
+        start, unit, together = places[name]
+        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= {"start", "lower", "upper"}:
+            raise InputError(
+                place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
+            )
+        low, high = (to_si(entry[key], unit, f"{place}.{key}") for key in ("lower", "upper"))
+        begin = to_si(entry["start"], unit, f"{place}.start") if "start" in entry else min(max(start, low), high)
+        if not low < high or not low <= begin <= high:
+            raise InputError(
+                place,
+                f"bounds {low:g} … {high:g} with start {begin:g} cross",
+                "lower ≤ start ≤ upper and lower < upper is needed",
+            )
+        if low < _floor(name, loop) or (low == 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
+            raise InputError(f"{place}.lower", f"{low:g} is not possible", "a physical bound is needed")
+        taken = {other for move in made for other in move.together}
+        if name in taken:
+            raise InputError(place, "moves already with its mirror image", "name one of the pair")
+        made.append(Move(name, together, begin, low, high, unit))
+    return tuple(made)
+
+
+def _floor(name: str, loop: Loop) -> float:
+    if name.startswith("loop."):
+        return loop.quantities[name.removeprefix("loop.")].lower
+    return 0.0
+
+
+def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, tuple[float, str, tuple[str, ...]]]:
+    """Every quantity that may move: start, unit and the names that move together (itself and its mirror image).
+
+    What the rig shares with the vehicle is the specimen and does not move.
+    """
+    shared = {cut.shaft for cut in residual.interfaces}
+    vehicle_side: dict[str, Quantity] = {}
+    units: dict[str, str] = {}
+    for part in residual.parts:
+        vehicle_side |= part.parameters
+        units |= part.units
+    quantities: dict[str, tuple[float, str, tuple[str, ...]]] = {}
+    mirrors = {name: mirror_image(name, residual.vehicle) for name in vehicle_side}
+    for name, value in vehicle_side.items():
+        full = f"residual_vehicle.{name}"
+        image = mirrors[name]
+        quantities[full] = (value.value, units[name], (full,) if image == name else (full, f"residual_vehicle.{image}"))
+    specimen = set(residual.vehicle.parameters) | {f"shafts.{name}" for name in shared}
+    for name, value in rig.parameters.items():
+        if name in specimen:
+            continue
+        full, image = f"rig.{name}", mirror_image(name, rig)
+        quantities[full] = (value.value, rig.units[name], (full,) if image == name else (full, f"rig.{image}"))
+    for name, spec in loop.quantities.items():
+        quantities[f"loop.{name}"] = (loop.values[name], spec.unit, (f"loop.{name}",))
+    return quantities
