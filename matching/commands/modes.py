@@ -95,9 +95,10 @@ def _changes(given: list[str], system: "System") -> dict[str, float]:
 
 def summary(result: dict[str, Any]) -> str:
     """The mode table, and reduced values where asked for."""
-    from matching.report.modes.figures import mode_table, table_text
+    from matching.report.common.table import aligned
+    from matching.report.modes.figures import mode_table
 
-    lines = [table_text(mode_table(result["modes"]))]
+    lines = [aligned(mode_table(result["modes"]))]
     if "what_if" in result:
         rows = [
             {
@@ -110,7 +111,11 @@ def summary(result: dict[str, Any]) -> str:
             }
             for row in result["what_if"]["modes"]
         ]
-        lines += ["", "changed; Eq. 8 is first order, what is true is the exact solution:", table_text(rows)]
+        lines += [
+            "",
+            "with the changes (Eq. 8 is a first-order prediction; the exact solution is the true value):",
+            aligned(rows),
+        ]
     if "reduced" in result:
         lines += ["", f"reduced to {result['reference']}:"]
         lines += [f"  {name:40} {value:.5g}" for name, value in result["reduced"].items() if value]

@@ -29,6 +29,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write files; the result object tells what was run, and the misfit by sensor."""
     import numpy as np
 
+    from matching.report.common.style import image
+    from matching.report.simulation.view import simulation_figure
     from modelling.common.output import write_all
     from modelling.equations.compiled import compiled
     from modelling.measurement.channels import read_channels
@@ -54,7 +56,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         misfit[name] = {"rms": rms, "unit": done.units[name], "of_range": rms / spread if spread else None}
     files: dict[str, str | bytes] = {"simulated.csv": csv_text(done.time, done.readings, done.units)}
     if done.readings:
-        files["simulated.svg"] = _picture(done, recording)
+        measured = {name: recording[name] for name in done.readings if name in recording.channels}
+        files["simulated.svg"] = image(simulation_figure(done, measured))
     write_all(arguments.out, files)
     return {
         "model": arguments.model,
@@ -79,24 +82,3 @@ def summary(result: dict[str, Any]) -> str:
         lines.append(f"  {name}: root mean square of the difference {one['rms']:.4g} {one['unit']}{share}")
     lines += [f"note: {note}" for note in result["notes"]]
     return "\n".join([*lines, f"written: {', '.join(result['files'])}"])
-
-
-def _picture(done: Any, recording: Any) -> bytes:
-    """Every reading over time, the recorded one behind it."""
-    from matching.report.common.style import LIMIT, VEHICLE, figure, image, styled
-
-    names = list(done.readings)
-    with styled():
-        drawn = figure(7.0, 1.0 + 1.5 * len(names))
-        axes = drawn.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-        for one, name in zip(axes, names, strict=True):
-            if name in recording.channels:
-                one.plot(recording.time, recording[name], color=LIMIT, linewidth=3.2, alpha=0.35, label="recorded")
-            one.plot(done.time, done[name], color=VEHICLE, linewidth=0.8, label="simulated")
-            one.set_ylabel(f"{name.replace('_', ' ')}\nin {done.units[name].replace('*', '·').replace('^2', '²')}")
-            one.margins(x=0)
-        named = max((one.get_legend_handles_labels() for one in axes), key=lambda own: len(own[0]))
-        drawn.legend(*named, loc="outside upper right", ncols=2)
-        axes[-1].set_xlabel("time in s")
-        drawn.align_ylabels(axes)
-        return image(drawn)

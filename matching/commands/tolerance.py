@@ -55,9 +55,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """Spread, yield and drivers in a few lines."""
-    from matching.report.tolerance.view import text
+    from matching.report.tolerance.view import summary as lines
 
-    return text(result)
+    return lines(result)
 
 
 def _tolerance(given: str) -> tuple[str, float]:

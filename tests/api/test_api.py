@@ -136,6 +136,6 @@ def test_figures_keep_to_the_colours_of_the_house():
 
     responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
     curves = responses.plot().axes[0].lines
-    assert {line.get_color() for line in curves} <= set(style.CURVES)
+    assert {line.get_color() for line in curves} <= set(style.CURVE_COLOURS)
     looks = [tuple(style.curve(place).values()) for place in range(32)]
     assert len(set(looks)) == 32

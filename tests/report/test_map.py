@@ -129,8 +129,8 @@ def test_a_small_map_shows_its_errors_and_hatches_what_holds_it_up(case):
     assert said == [
         "no stable loop found",
         "target mode not met",
-        "shaft twist beyond its limit",
-        "the case as it stands",
+        "shaft twist above its limit",
+        "the case as it is",
     ]
     none = Point(1e-3, 1e5, "impossible", None, None, None, False, None, ("so",))
     nothing = replace(found, points=((none, none), (none, none)))

@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 
-from matching.report.common.style import DPI, figure, image, styled
+from matching.report.common.style import DOTS_PER_INCH, figure, image, styled
 
 
 def _drawn():
@@ -21,7 +21,7 @@ def _drawn():
 def test_a_figure_is_written_as_matplotlib_itself_writes_it_and_left_as_it_was() -> None:
     buffer, drawn = io.BytesIO(), _drawn()
     with styled():
-        _drawn().savefig(buffer, format="svg", dpi=DPI, metadata={"Date": None})
+        _drawn().savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None})
     before = drawn.canvas, drawn.dpi, type(drawn.get_layout_engine())
     assert image(drawn) == buffer.getvalue()
     assert (drawn.canvas, drawn.dpi, type(drawn.get_layout_engine())) == before

@@ -6,14 +6,20 @@ import base64
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from matching.report.common.wording import handy, hertz, number, plain, unit
+from matching.report.common.wording import component, hertz, number, practical, unit
 
 
 def environment() -> Environment:
-    """Templates of this package with the filters for numbers and units."""
-    made = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
-    made.filters |= {"number": number, "unit": unit, "handy": handy, "hertz": hertz, "plain": plain}
-    return made
+    """Templates of this package with the filters for numbers, units and names."""
+    templates = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
+    templates.filters |= {
+        "number": number,
+        "unit": unit,
+        "practical": practical,
+        "hertz": hertz,
+        "component": component,
+    }
+    return templates
 
 
 def embedded(content: bytes) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from typing import Any
 
 from matplotlib import rc_context
@@ -10,18 +11,20 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+# Colours of Okabe and Ito (2008), which colour-blind readers tell apart.
 VEHICLE = "#0072B2"
 RIG = "#D55E00"
 MATCHED = "#009E73"
-LIMIT = "#666666"
 NOISE = "#CC79A7"
+LIMIT = "#666666"
 BAND = "#E6E6E6"
+INK = "#222222"  # outlines and marks
 
-# Many curves of one kind: colours of Okabe and Ito, and strokes, so that neighbours differ in grey too.
-CURVES = (VEHICLE, RIG, MATCHED, NOISE, "#000000", "#E69F00", "#56B4E9", LIMIT)
-STROKES = ("-", "--", ":", "-.")
+# Many curves of one kind: colour and stroke, so that neighbours differ in grey too.
+CURVE_COLOURS = (VEHICLE, RIG, MATCHED, NOISE, "#000000", "#E69F00", "#56B4E9", LIMIT)
+CURVE_STROKES = ("-", "--", ":", "-.")
 
-DPI = 150  # of what is kept as pixels
+DOTS_PER_INCH = 150  # of PNG files and of what SVG files hold as pixels
 
 SETTINGS: Any = {
     "font.size": 9,
@@ -31,7 +34,7 @@ SETTINGS: Any = {
     "grid.color": "#DDDDDD",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
-    "axes.prop_cycle": f"cycler('color', {list(CURVES)})",
+    "axes.prop_cycle": f"cycler('color', {list(CURVE_COLOURS)})",
     "legend.frameon": False,
     "svg.hashsalt": "rigmatch",  # the same figure gives the same file
 }
@@ -39,44 +42,61 @@ SETTINGS: Any = {
 
 def curve(place: int) -> dict[str, Any]:
     """Colour and stroke of one of many curves, by its place."""
-    turn = place // len(CURVES)
-    return {"color": CURVES[place % len(CURVES)], "linestyle": STROKES[(place + turn) % len(STROKES)]}
+    lap = place // len(CURVE_COLOURS)
+    return {
+        "color": CURVE_COLOURS[place % len(CURVE_COLOURS)],
+        "linestyle": CURVE_STROKES[(place + lap) % len(CURVE_STROKES)],
+    }
 
 
 def figure(width: float = 6.4, height: float = 4.0) -> Figure:
-    """An empty figure (width and height in inches) that is laid out by itself; draw on it inside ``styled()``."""
-    made = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(made)
-    return made
+    """An empty figure with automatic layout; draw on it inside ``styled()``.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+    """
+    empty = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(empty)
+    return empty
 
 
 def styled() -> Any:
-    """A context in which axes take the house's look."""
+    """A context in which axes are made with the settings of this module."""
     return rc_context(SETTINGS)
 
 
-def image(drawn: Figure, kind: str = "svg") -> bytes:
-    """The figure as file content of a kind (``svg``, ``png`` or ``pdf``), without a date in it."""
+def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = None) -> bytes:
+    """The content of an image file, without a date in it.
+
+    Parameters
+    ----------
+    fig : Figure
+    kind : {"svg", "png", "pdf"}
+    metadata : mapping of str to str, optional
+        Entries by Matplotlib's names for the kind of file (``Title``, ``Source``, … for SVG; any for PNG).
+    """
     buffer = io.BytesIO()
     with styled():
         if kind == "svg":
-            _write_svg(drawn, buffer)
+            _write_svg(fig, buffer, {"Date": None, **(metadata or {})})
         else:
-            drawn.savefig(buffer, format=kind, dpi=DPI)
+            fig.savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=dict(metadata) if metadata else None)
     return buffer.getvalue()
 
 
-def _write_svg(drawn: Figure, buffer: io.BytesIO) -> None:
-    """What ``savefig`` writes too, without drawing all of it once before for the sake of the layout alone."""
-    canvas, dpi, engine = drawn.canvas, drawn.dpi, drawn.get_layout_engine()
-    own = FigureCanvasSVG(drawn)
+def _write_svg(fig: Figure, buffer: io.BytesIO, metadata: Mapping[str, str | None]) -> None:
+    """The same as ``savefig`` but draws once: ``savefig`` draws the whole figure a first time for the layout alone."""
+    canvas, dpi, engine = fig.canvas, fig.dpi, fig.get_layout_engine()
+    svg_canvas = FigureCanvasSVG(fig)
     try:
         if engine is not None:
-            engine.execute(drawn)
-            drawn.set_layout_engine("none")
-        drawn.dpi = DPI
-        own.print_svg(buffer, metadata={"Date": None})
+            engine.execute(fig)
+            fig.set_layout_engine("none")
+        fig.dpi = DOTS_PER_INCH
+        svg_canvas.print_svg(buffer, metadata=dict(metadata))
     finally:
-        drawn.dpi = dpi
-        drawn.set_layout_engine(engine)
-        drawn.set_canvas(canvas)
+        fig.dpi = dpi
+        fig.set_layout_engine(engine)
+        fig.set_canvas(canvas)

@@ -23,10 +23,10 @@ def aligned(rows: Sequence[Mapping[str, Any]], title: str = "") -> str:
     """Rows that share their keys, in columns of text."""
     cells = [[*rows[0]], *([str(cell) for cell in row.values()] for row in rows)] if rows else []
     widths = [max(map(len, column)) for column in zip(*cells)]
-    said = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in cells]
-    return "\n".join([title, *said] if title else said)
+    text = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in cells]
+    return "\n".join([title, *text] if title else text)
 
 
-def lines(text: str) -> str:
+def preformatted(text: str) -> str:
     """HTML of text that is set in columns."""
     return environment().from_string("<pre>{{ text }}</pre>").render(text=text)

@@ -1,37 +1,48 @@
-"""Numbers and units as a reader expects them: kW, 1/min, degrees and ms for the eye; SI where values are entered."""
+"""Numbers, units and names as a reader expects them; every number can be copied into a calculator or a file."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_SIGNS = {"kg*m^2": "kg·m²", "rad/s^2": "rad/s²", "1": ""}
+ABSENT = "–"
+_UNIT_SIGNS = {"kg*m^2": "kg·m²", "rad/s^2": "rad/s²", "1": ""}
+_PRACTICAL_UNITS = {  # factor and unit by SI unit
+    "s": (1e3, "ms"),
+    "rad": (180 / math.pi, "°"),
+    "rad/s": (30 / math.pi, "1/min"),
+    "W": (1e-3, "kW"),
+}
+_PLAIN_POWERS = range(-4, 7)  # powers of ten that are written without exponent
+UNCHANGED_PERCENT = 0.05  # a smaller change would be printed as 0.0 %
 
 
 def number(value: float | None, digits: int = 4) -> str:
     """A number with so many significant digits; ``–`` where there is none."""
     if value is None or not math.isfinite(value):
-        return "–"
+        return ABSENT
     text = f"{value:.{digits}g}"
-    if "e" in text:
-        mantissa, power = text.split("e")
-        if not -4 < int(power) < 7:
-            return f"{mantissa}·10{str(int(power)).translate(_SUPERSCRIPTS)}".replace("-", "−")
-        text = f"{float(text):.0f}" if int(power) > 0 else f"{value:.{digits - 1 - int(power)}f}"
-    if abs(value) >= 1e4:
-        text = f"{float(text):_.0f}".replace("_", "\u202f")
-    return text.replace("-", "−")
+    if "e" not in text:
+        return text
+    mantissa, power = text.split("e")
+    if int(power) not in _PLAIN_POWERS:
+        return f"{mantissa}e{int(power)}"
+    return f"{float(text):.0f}" if int(power) > 0 else f"{value:.{digits - 1 - int(power)}f}"
 
 
 def hertz(value: float | None) -> str:
     """A frequency with four digits, zeros kept so that columns compare."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:#.4g}".rstrip(".")
+    return ABSENT if value is None or not math.isfinite(value) else f"{value:#.4g}".rstrip(".")
+
+
+def percent(share: float | None, digits: int = 2) -> str:
+    """A share as a percentage with so many decimals; ``–`` where there is none."""
+    return ABSENT if share is None else f"{100 * share:.{digits}f} %"
 
 
 def unit(si: str) -> str:
     """A unit of the files as it is printed."""
-    return _SIGNS.get(si, si.replace("*", "·").replace("^2", "²").replace("^3", "³"))
+    return _UNIT_SIGNS.get(si, si.replace("*", "·").replace("^2", "²").replace("^3", "³"))
 
 
 def amount(value: float | None, si: str, digits: int = 4) -> str:
@@ -39,32 +50,40 @@ def amount(value: float | None, si: str, digits: int = 4) -> str:
     return f"{number(value, digits)} {unit(si)}".rstrip()
 
 
-def handy(value: float | None, si: str, digits: int = 3) -> str:
-    """The same in the unit that test beds use: ms, °, 1/min, kW."""
-    factor, shown = {
-        "s": (1e3, "ms"),
-        "rad": (180 / math.pi, "°"),
-        "rad/s": (30 / math.pi, "1/min"),
-        "W": (1e-3, "kW"),
-    }.get(si, (1.0, unit(si)))
-    return f"{number(None if value is None else factor * value, digits)} {shown}".rstrip()
+def practical(value: float | None, si: str, digits: int = 3) -> str:
+    """The same in the unit that test benches use: ms, °, 1/min, kW.
+
+    Parameters
+    ----------
+    value : float or None
+        SI.
+    si : str
+        Its unit.
+    """
+    factor, shown_unit = _PRACTICAL_UNITS.get(si, (1.0, unit(si)))
+    return f"{number(None if value is None else factor * value, digits)} {shown_unit}".rstrip()
 
 
 def change(before: float, after: float) -> str:
-    """A relative change in %, or ``unchanged``."""
+    """A relative change in %, as a factor where it is large, or ``unchanged``."""
     if before == 0 or after == 0 or not math.isfinite(after / before):
         return ""
     if not 1 / 3 < after / before < 3:
         return f"× {number(after / before, 3)}"
     relative = 100 * (after / before - 1)
-    return "unchanged" if abs(relative) < 0.05 else f"{relative:+.3g} %".replace("-", "−")
+    return "unchanged" if abs(relative) < UNCHANGED_PERCENT else f"{relative:+.3g} %"
 
 
-def plain(name: str) -> str:
-    """``shafts.side_left.stiffness`` as a reader says it: side left, stiffness."""
+def spaced(name: str) -> str:
+    """A name of a file without underscores."""
+    return name.replace("_", " ")
+
+
+def component(name: str) -> str:
+    """``shafts.side_left.stiffness`` in words: side left, stiffness."""
     name = name.replace("dynamometers.dynamometer", "dynamometer").replace("dynamometers.", "dynamometer ")
-    parts = [part for part in name.split(".") if part not in ("inertias", "shafts", "gears", "rig", "residual_vehicle")]
-    return ", ".join(part.replace("_", " ") for part in parts)
+    left_out = ("inertias", "shafts", "gears", "rig", "residual_vehicle")
+    return ", ".join(spaced(part) for part in name.split(".") if part not in left_out)
 
 
 def sentence(parts: Sequence[str]) -> str:

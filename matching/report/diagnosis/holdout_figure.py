@@ -1,4 +1,4 @@
-"""Before and after on data that no fit saw."""
+"""Figures of the base model and of the extended model on held-out data."""
 
 from __future__ import annotations
 
@@ -18,30 +18,32 @@ from matching.report.diagnosis.axes import (
     MEASURED,
     SMOOTH,
     View,
-    broken,
     label,
     legend,
     line,
     noise_band,
-    told_apart,
+    styled_residuals,
+    with_gaps,
 )
 
-CLOSE = 120  # samples to either side of the worst moment
+WINDOW = 120  # samples to either side of the largest error
+MEAN_OVER = 25  # samples of the running mean by which the largest error is located
+BAR_OFFSET = 0.17  # of a bar from its sensor's line
 
 
-def errors_figure(found: Diagnosis) -> Figure:
-    """Errors on unseen data in times the noise, sensor by sensor."""
-    names = list(found.errors)[::-1]
-    keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, 0.17)}
-    keys["after_holdout"] = (AFTER | {"hatch": None}, -0.17)
-    if all(own["before_holdout"] == own["after_holdout"] for own in found.errors.values()):
+def errors_figure(diagnosis: Diagnosis) -> Figure:
+    """Errors on held-out data in times the noise, by sensor."""
+    names = list(diagnosis.errors)[::-1]
+    keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, BAR_OFFSET)}
+    keys["after_holdout"] = (AFTER | {"hatch": None}, -BAR_OFFSET)
+    if all(error["before_holdout"] == error["after_holdout"] for error in diagnosis.errors.values()):
         keys = {"before_holdout": (keys["before_holdout"][0], 0.0)}
     with styled():
-        drawn = figure(7.2, 1.1 + 0.42 * len(names))
-        axes = drawn.subplots()
-        most = 2.0
+        fig = figure(7.2, 1.1 + 0.42 * len(names))
+        axes = fig.subplots()
+        largest = 2.0
         for key, (look, shift) in keys.items():
-            rows = [(i, found.errors[name][key], found.errors[name]["noise"]) for i, name in enumerate(names)]
+            rows = [(i, diagnosis.errors[name][key], diagnosis.errors[name]["noise"]) for i, name in enumerate(names)]
             known = [(i, value / noise) for i, value, noise in rows if value is not None and noise]
             places, ratios = [i + shift for i, _ in known], [ratio for _, ratio in known]
             axes.barh(
@@ -50,50 +52,50 @@ def errors_figure(found: Diagnosis) -> Figure:
             )  # fmt: skip
             for place, ratio in zip(places, ratios, strict=True):
                 axes.annotate(f" {number(ratio, 3)}", (max(ratio, 1.0), place), va="center", fontsize=8)
-            most = max([most, *ratios])
+            largest = max([largest, *ratios])
         axes.axvline(1.0, color=NOISE, linewidth=1.6, label="noise")
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        if most < 10:
+        if largest < 10:
             axes.xaxis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
             axes.xaxis.set_minor_formatter(StrMethodFormatter("{x:g}"))
-        axes.set_xlim(0.5, 2.2 * most)
+        axes.set_xlim(0.5, 2.2 * largest)
         axes.set_yticks(range(len(names)), names)
         axes.grid(axis="y", visible=False)
-        axes.set_xlabel("Root mean square error on unseen data, in times the noise")
-        legend(drawn, axes)
-    return drawn
+        axes.set_xlabel("Root mean square error on held-out data, in times the noise")
+        legend(fig, axes)
+    return fig
 
 
-def unseen_figure(found: Diagnosis, shown: list[View]) -> Figure:
-    """Traces about the worst moment, and what is left over the whole."""
-    data = found.plot_data.holdout
+def holdout_figure(diagnosis: Diagnosis, sensor_views: list[View]) -> Figure:
+    """Traces around the largest error of the base model, and the residuals of all held-out data."""
+    data = diagnosis.plot_data.holdout
     with styled():
-        drawn = figure(11, 0.9 + 1.75 * len(shown))
-        rows = drawn.subplots(len(shown), 2, squeeze=False, width_ratios=[1, 1.3])
-        for (close, whole), view in zip(rows, shown, strict=True):
+        fig = figure(11, 0.9 + 1.75 * len(sensor_views))
+        rows = fig.subplots(len(sensor_views), 2, squeeze=False, width_ratios=[1, 1.3])
+        for (close, whole), view in zip(rows, sensor_views, strict=True):
             _traces(close, data, view)
-            for residual, look in told_apart(data.before, data.after):
-                x, y = broken(data.time, data.parts, residual[:, view.index] / data.noise[view.index])
+            for residual, look in styled_residuals(data.before, data.after):
+                x, y = with_gaps(data.time, data.parts, residual[:, view.index] / data.noise[view.index])
                 line(whole, x, y, look)
             noise_band([whole])
             whole.set_ylabel("error in times\nthe noise")
         for axes in rows[-1]:
             axes.set_xlabel("Time in s")
-        legend(drawn, rows[0, 0])
-    return drawn
+        legend(fig, rows[0, 0])
+    return fig
 
 
 def _traces(axes: Any, data: HoldoutData, view: View) -> None:
     j = view.index
-    off = np.abs(np.nan_to_num(data.before[:, j]))
-    smooth = np.convolve(off, np.ones(25) / 25, "same")
+    error = np.abs(np.nan_to_num(data.before[:, j]))
+    smooth = np.convolve(error, np.ones(MEAN_OVER) / MEAN_OVER, "same")
     worst = int(np.argmax(smooth))
     part = next(part for part in data.parts if part.start <= worst < part.stop)
-    cut = slice(max(worst - CLOSE, part.start), min(worst + CLOSE, part.stop))
+    cut = slice(max(worst - WINDOW, part.start), min(worst + WINDOW, part.stop))
     measured = data.measured[cut, j]
     line(axes, data.time[cut], measured, MEASURED)
     axes.locator_params(axis="x", nbins=5)
-    for residual, look in told_apart(data.before, data.after):
+    for residual, look in styled_residuals(data.before, data.after):
         line(axes, data.time[cut], measured - residual[cut, j], look | SMOOTH[look["label"]] | {"linewidth": 1.3})
     axes.set_ylabel(label(view.sensor))

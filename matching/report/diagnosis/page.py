@@ -5,72 +5,87 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.environment import embedded, environment
-from matching.report.common.wording import number
+from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.figures import CAPTIONS
-from matching.report.diagnosis.sentences import answer, measured
-from matching.report.match.fidelity_rows import percent
+from matching.report.diagnosis.sentences import answer, measured, not_identifiable
 
 MEANING = {
     "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
-    "explained": "The causes named bring every sensor's residual to white noise of its stated uncertainty, "
-    "and unseen data are met as well as fitted ones.",
-    "unexplained": "More than noise is left. Causes named take part of it; what stays fits nothing in the vocabulary "
-    "well enough, so treat their values with care.",
+    "explained": "With the named causes every sensor's residual is white noise of its stated uncertainty, on fitted "
+    "and on held-out data.",
+    "unexplained": "More than noise remains. The named causes explain part of it; no known effect explains the rest "
+    "well enough, so treat the values of the causes with care.",
 }
-NONE_NAMED = "More than noise is left, and nothing in the vocabulary takes enough of it to be named."
+NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 
 
-def content(found: Any) -> dict[str, Any]:
+def content(diagnosis: Diagnosis) -> dict[str, Any]:
     """The content of ``diagnosis.json``: the answer in a sentence first, then the diagnosis."""
-    result = found.to_dict()
+    result = diagnosis.to_dict()
     return {"answer": answer(result), **result}
 
 
-def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], drawn: Mapping[str, bytes]) -> str:
-    """The page.
+def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes]) -> str:
+    """The page as HTML.
 
     Parameters
     ----------
     result : mapping
         The content of ``diagnosis.json``.
+    title : str
+        Of the model; may be empty.
     units : dict of str to str
         SI unit of every sensor.
-    drawn : mapping of str to bytes
+    images : mapping of str to bytes
         Figures by the names of :func:`matching.report.diagnosis.figures.figures`.
     """
+    verdict, causes = result["verdict"], result["causes"]
     values = {
         "title": f"Diagnosis: {title}" if title else "Diagnosis of a model",
-        "verdict": result["verdict"],
+        "verdict": verdict,
         "answer": result["answer"],
-        "meaning": MEANING[result["verdict"]] if result["causes"] or result["verdict"] != "unexplained" else NONE_NAMED,
-        "causes": [_cause(cause) for cause in result["causes"]],
-        "errors": [_error(name, units[name], own) for name, own in result["errors"].items()],
+        "meaning": NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict],
+        "to_do": _to_do(result),
+        "causes": [_cause(cause) for cause in causes],
+        "errors": [_error(name, units[name], error) for name, error in result["errors"].items()],
         "gain": result["gain"],
         "fidelity": _fidelity(result["fidelity"]) if result["fidelity"] else None,
         "rest": result["rest"],
         "rivals": _rivals(result["candidates"]),
         "quantities": [
-            {"name": name, "value": measured(own), "note": own.get("note", "")}
-            for name, own in result["parameters"].items()
+            {"name": name, "value": measured(estimate), "note": estimate.get("note", "")}
+            for name, estimate in result["parameters"].items()
         ],
-        "next": result["next_recording"] or _nothing_to_tell_apart(result["verdict"]),
         "notes": result["notes"],
-        "figures": {name: embedded(own) for name, own in drawn.items()},
+        "figures": {name: embedded(image) for name, image in images.items()},
         "captions": CAPTIONS,
     }
-    made = environment()
-    made.filters["share"] = _share
-    return made.get_template("diagnosis.html").render(values)
+    templates = environment()
+    templates.filters["share"] = _share
+    return templates.get_template("diagnosis.html").render(values)
 
 
-def _nothing_to_tell_apart(verdict: str) -> str:
-    if verdict == "unexplained":
-        return (
-            "No rival of a named cause is left to tell apart. What stays may need a sensor nearer to where it sits, "
-            "or a law that the vocabulary lacks; see where it is largest."
+def _to_do(result: Mapping[str, Any]) -> list[str]:
+    """What the reader should do, in sentences."""
+    steps = []
+    if result["causes"]:
+        steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
+    if result["next_recording"]:
+        words = result["next_recording"]
+        steps.append(f"{words[:1].upper()}{words[1:]}.")
+    elif result["verdict"] == "unexplained":
+        steps.append(
+            "Add a sensor near the component where the remaining error is largest, or look for an effect that the "
+            "program does not know: no rival of a named cause is left that another recording could separate."
         )
-    return "Nothing: no rival is left that a further recording would have to rule out."
+    unidentified = not_identifiable(result)
+    if unidentified:
+        steps.append(
+            f"Do not rely on the fitted values of {', '.join(unidentified)}: these data do not determine them."
+        )
+    return steps or ["Nothing: the model can be used, and no further recording is needed."]
 
 
 def _share(value: float | None) -> str:
@@ -78,70 +93,75 @@ def _share(value: float | None) -> str:
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    estimates = cause["parameters"].items()
     return {
-        "kind": cause["kind"].replace("_", " "),
+        "kind": spaced(cause["kind"]),
         "at": cause["at"],
-        "values": [(key.replace("_", " "), measured(own)) for key, own in cause["parameters"].items()],
+        "values": [(spaced(key), measured(estimate)) for key, estimate in estimates],
         "confidence": f"{cause['confidence']:.2f}",
         "gain": number(cause["gain"], 3),
         "evidence": cause["evidence"],
-        "notes": [
-            f"{key.replace('_', ' ')}: {own['note']}" for key, own in cause["parameters"].items() if "note" in own
-        ],
+        "notes": [f"{spaced(key)}: {estimate['note']}" for key, estimate in estimates if "note" in estimate],
     }
 
 
-def _error(name: str, unit: str, own: Mapping[str, Any]) -> dict[str, Any]:
-    after = own["after_holdout"]
-    return {"name": name, "unit": unit, **own, "ratio": None if after is None else after / own["noise"]}
+def _error(name: str, unit: str, error: Mapping[str, Any]) -> dict[str, Any]:
+    after = error["after_holdout"]
+    return {"name": name, "unit": unit, **error, "ratio": None if after is None else after / error["noise"]}
 
 
 def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Candidates by the cause whose place they take, with runner-up and margin in words."""
+    """Candidates by the cause that they could replace, with the second best in words."""
     groups: dict[str, list[dict[str, Any]]] = {}
-    for one in candidates:
-        groups.setdefault(one["instead_of"], []).append(one)
+    for candidate in candidates:
+        groups.setdefault(candidate["instead_of"], []).append(candidate)
     out = []
     for cause, rows in groups.items():
-        named = next(row["chi_square"] for row in rows if f"{row['kind']} at {row['at']}" == cause)
-        shown = [
-            row | {"kind": row["kind"].replace("_", " "), "margin": row["chi_square"] - named,
+        named = next(row["chi_square"] for row in rows if _label(row) == cause)
+        table = [
+            row | {"kind": spaced(row["kind"]), "margin": row["chi_square"] - named,
                    "confidence": f"{row['confidence']:.2g}"}
             for row in rows
         ]  # fmt: skip
-        others = [row for row in rows if f"{row['kind']} at {row['at']}" != cause]
+        others = [row for row in rows if _label(row) != cause]
         words = "No other candidate was worth a fit."
         if others:
-            runner = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
-            margin = number(runner["chi_square"] - named, 3)
+            second = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
             words = (
-                f"Runner-up: {runner['kind'].replace('_', ' ')} at {runner['at']}, which leaves "
-                f"{number(runner['misfit'], 3)} times the noise; the χ² of its fit less that of the cause is {margin}."
+                f"Second best: {spaced(second['kind'])} at {second['at']}, whose residual is "
+                f"{number(second['misfit'], 3)} times the noise; the χ² of its fit minus that of the cause is "
+                f"{number(second['chi_square'] - named, 3)}."
             )
-        out.append({"cause": cause, "rows": shown, "words": words})
+        out.append({"cause": cause, "rows": table, "words": words})
     return out
 
 
-def _fidelity(own: Mapping[str, Any]) -> dict[str, Any]:
-    before, after = own["before"], own["after"]
+def _label(candidate: Mapping[str, Any]) -> str:
+    return f"{candidate['kind']} at {candidate['at']}"
+
+
+def _fidelity(fidelity: Mapping[str, Any]) -> dict[str, Any]:
+    before, after = fidelity["before"], fidelity["after"]
     rows = []
-    for one, other in zip(before["signals"], after["signals"], strict=True):
-        name, late = f"<code>{one['name']}</code>", f"{_delay(one)} as given, {_delay(other)} extended"
+    for base, extended in zip(before["signals"], after["signals"], strict=True):
+        name = f"<code>{base['name']}</code>"
+        delays = f"delay: {_delay(base)} base model, {_delay(extended)} extended"
         rows.append({"name": f"{name}, R<sub>NRMSE</sub>", "what": "deviation over the range of the measurement",
-                     "before": percent(one["R_NRMSE"]), "after": percent(other["R_NRMSE"])})  # fmt: skip
-        rows.append({"name": f"{name}, R<sub>τ</sub>", "what": f"delay: {late}",
-                     "before": percent(one["R_tau"]), "after": percent(other["R_tau"])})  # fmt: skip
+                     "before": percent(base["R_NRMSE"]), "after": percent(extended["R_NRMSE"])})  # fmt: skip
+        rows.append({"name": f"{name}, R<sub>τ</sub>", "what": delays,
+                     "before": percent(base["R_tau"]), "after": percent(extended["R_tau"])})  # fmt: skip
     for name, u, what in (
         ("R_RVM", "R_RVM_standard_uncertainty", "the model's simulation against the measurement, all sensors (Eq. 21)"),
         ("R_MU", None, "uncertainty of the sensors over the range of the measurement (Eqs. 22, 23)"),
         ("R_XiL", "standard_uncertainty", "both, without R_SD, which needs a test bed (Eq. 16)"),
     ):
-        shown = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
-        rows.append({"name": f"<b>R<sub>{name[2:]}</sub></b>", "before": shown[0], "after": shown[1], "what": what})
-    return {"rows": rows, "f_max": own["f_max"], "notes": own["notes"], "floor": percent(own["noise_floor"]["R_RVM"])}
+        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
+        rows.append({"name": f"<b>R<sub>{name[2:]}</sub></b>", "before": cells[0], "after": cells[1], "what": what})
+    floor = percent(fidelity["noise_floor"]["R_RVM"])
+    return {"rows": rows, "f_max": fidelity["f_max"], "notes": fidelity["notes"], "floor": floor}
 
 
-def _delay(one: Mapping[str, Any]) -> str:
-    if one["delay"] is None:
-        return f"not determined ({one['delay_undetermined']})"
-    return f"{number(1e3 * one['delay'], 3)} ± {number(1e3 * one['delay_standard_uncertainty'], 2)} ms"
+def _delay(signal: Mapping[str, Any]) -> str:
+    if signal["delay"] is None:
+        return f"not determined ({signal['delay_undetermined']})"
+    return f"{number(1e3 * signal['delay'], 3)} ± {number(1e3 * signal['delay_standard_uncertainty'], 2)} ms"

@@ -1,4 +1,4 @@
-"""A diagnosis: measured and simulated on unseen data, and the answer in words."""
+"""Views of a diagnosis: measured and simulated on held-out data, and the answer in words."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from matplotlib.figure import Figure
 
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.style import styled
-from matching.report.common.table import lines
+from matching.report.common.table import preformatted
 from matching.report.diagnosis.axes import views
-from matching.report.diagnosis.holdout_figure import unseen_figure
+from matching.report.diagnosis.holdout_figure import holdout_figure
 from matching.report.diagnosis.page import content
 from matching.report.diagnosis.sentences import summary
 from modelling.common import display
 
 
 @display.plot.register
-def plot(found: Diagnosis) -> Figure:
-    """What was measured and what the model answers before and after, on data the fit never saw."""
+def plot(diagnosis: Diagnosis) -> Figure:
+    """Measurement, base model and extended model on data that no fit used."""
     with styled():
-        return unseen_figure(found, views(found.extended, found.plot_data))
+        return holdout_figure(diagnosis, views(diagnosis.extended, diagnosis.plot_data))
 
 
 @display.text.register
-def said(found: Diagnosis) -> str:
-    """The answer in a sentence, then errors and causes."""
-    return summary(content(found))
+def as_text(diagnosis: Diagnosis) -> str:
+    """The answer in a sentence, what to do, causes and errors."""
+    return summary(content(diagnosis))
 
 
 @display.html.register
-def html(found: Diagnosis) -> str:
+def as_html(diagnosis: Diagnosis) -> str:
     """The same for a notebook."""
-    return lines(said(found))
+    return preformatted(as_text(diagnosis))

@@ -1,4 +1,4 @@
-"""Figures of a fidelity case: the delay's curve (Fig. 6), what is lost to what, and where in frequency."""
+"""Figures of a fidelity case: fidelity over delay (Fig. 6), what is lost to which cause, and at which frequencies."""
 
 from __future__ import annotations
 
@@ -8,54 +8,62 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.report.common import style
+from matching.report.common.wording import spaced
 from modelling.fidelity.measures import delay_fidelity
 
+LARGEST = 15  # causes in the bar chart
 COLOURS = {"dynamics": style.RIG, "model": style.VEHICLE, "measurement": style.NOISE}
 HATCHES = {"dynamics": "", "model": "///", "measurement": "..."}
 MARKS = {"system_dynamics": ("o", style.RIG), "residual_vehicle_model": ("s", style.VEHICLE)}
 
 
 def delay_curve(answer: dict[str, Any]) -> Figure:
-    """R_τ over the delay for f_max (Fig. 6), with the case's signals on it. ``answer`` is ``fidelity.json``."""
+    """R_τ over the delay for f_max (Fig. 6) with the case's signals on it.
+
+    Parameters
+    ----------
+    answer : dict
+        The content of ``fidelity.json``.
+    """
     f_max = answer["f_max"]
     points = [
-        (domain, one)
+        (domain, signal)
         for domain, members in answer["signals"].items()
-        for one in members
-        if one["nearest_delay"] is not None
+        for signal in members
+        if signal["nearest_delay"] is not None
     ]
-    longest = max([4 / (6 * f_max), *(1.15 * abs(one["nearest_delay"]) for _, one in points)])
+    half_delay = 1 / (6 * f_max)  # s, where R_τ is ½ (Eq. 20)
+    longest = max([4 * half_delay, *(1.15 * abs(signal["nearest_delay"]) for _, signal in points)])
     delays = np.linspace(0, longest, 400)
     with style.styled():
-        drawn = style.figure(6.0, 3.6)
-        axes = drawn.add_subplot()
+        fig = style.figure(6.0, 3.6)
+        axes = fig.add_subplot()
         axes.plot(1000 * delays, delay_fidelity(delays, f_max), color="black")
-        half = 1000 / (6 * f_max)
         axes.plot(
-            [half, half, 0],
+            [1000 * half_delay, 1000 * half_delay, 0],
             [0, 0.5, 0.5],
             color=style.LIMIT,
             linestyle="--",
             lw=1,
-            label=f"½ at 1/(6·f_max) = {half:.2f} ms",
+            label=f"½ at 1/(6·f_max) = {1000 * half_delay:.2f} ms",
         )
         for domain, (mark, colour) in MARKS.items():
-            own = [one for name, one in points if name == domain]
-            if own:
+            members = [signal for name, signal in points if name == domain]
+            if members:
                 axes.plot(
-                    [1000 * abs(one["nearest_delay"]) for one in own],
-                    [one["R_tau"] for one in own],
+                    [1000 * abs(signal["nearest_delay"]) for signal in members],
+                    [signal["R_tau"] for signal in members],
                     mark,
                     color=colour,
                     clip_on=False,
                     zorder=3,
-                    label=domain.replace("_", " "),
+                    label=spaced(domain),
                 )
-            for number, one in enumerate(sorted(own, key=lambda one: abs(one["nearest_delay"]))):
+            for place, signal in enumerate(sorted(members, key=lambda member: abs(member["nearest_delay"]))):
                 axes.annotate(
-                    one["name"],
-                    (1000 * abs(one["nearest_delay"]), one["R_tau"]),
-                    (6, 5 if number % 2 else -12),  # neighbours' names stay apart
+                    signal["name"],
+                    (1000 * abs(signal["nearest_delay"]), signal["R_tau"]),
+                    (6, 5 if place % 2 else -12),  # points; above and below in turn, so that names do not overlap
                     textcoords="offset points",
                     fontsize=8,
                 )
@@ -65,15 +73,15 @@ def delay_curve(answer: dict[str, Any]) -> Figure:
         axes.set_xlim(left=0)
         axes.set_title(f"Fidelity of a delay, f_max = {f_max:g} Hz (Eqs. 19, 20)", fontsize=9)
         axes.legend(loc="upper right")
-    return drawn
+    return fig
 
 
 def attribution(answer: dict[str, Any]) -> Figure:
-    """What R_XiL would rise by if one cause alone were put right, largest first."""
-    losses = answer["attribution"]["ranked"][:15]
+    """Gain in R_XiL if a single cause were removed, largest first."""
+    losses = answer["attribution"]["ranked"][:LARGEST]
     with style.styled():
-        drawn = style.figure(8.2, 1.2 + 0.3 * max(len(losses), 2))
-        axes = drawn.add_subplot()
+        fig = style.figure(8.2, 1.2 + 0.3 * max(len(losses), 2))
+        axes = fig.add_subplot()
         axes.grid(visible=False, axis="y")
         for place, loss in enumerate(losses):
             bar = axes.barh(place, 100 * loss["gain"], **_look(loss["origin"]))
@@ -81,16 +89,17 @@ def attribution(answer: dict[str, Any]) -> Figure:
         axes.set_yticks(range(len(losses)), [f"{loss['signal']}: {loss['cause']}" for loss in losses])
         axes.invert_yaxis()
         axes.margins(x=0.1)
-        axes.set_xlabel(f"gain in R_XiL in percentage points if put right alone (now {100 * answer['R_XiL']:.2f} %)")
+        now = f"now {100 * answer['R_XiL']:.2f} %"
+        axes.set_xlabel(f"gain in R_XiL in percentage points if this cause alone were removed ({now})")
         present = {loss["origin"] for loss in losses}
         shares = answer["attribution"]["by_origin"]
         handles: Any = [axes.barh(0, 0, **_look(origin)) for origin in COLOURS if origin in present]
-        drawn.legend(
+        fig.legend(
             handles,
             [f"{origin}: {100 * shares[origin]:.3g} % of the loss" for origin in COLOURS if origin in present],
             loc="outside right center",
         )
-    return drawn
+    return fig
 
 
 def _look(origin: str) -> dict[str, Any]:
@@ -98,14 +107,14 @@ def _look(origin: str) -> dict[str, Any]:
 
 
 def bands(answer: dict[str, Any]) -> Figure:
-    """For each signal, its deviation over frequency: height is the band's root mean square over the range."""
-    panels = [(domain, name, found) for domain, signals in answer["bands"].items() for name, found in signals.items()]
+    """Deviation of each signal over frequency: height is the root mean square in the band over the signal's range."""
+    panels = [(domain, name, rows) for domain, signals in answer["bands"].items() for name, rows in signals.items()]
     with style.styled():
-        drawn = style.figure(6.4, 0.6 + 1.8 * len(panels))
-        for place, (domain, name, found) in enumerate(panels):
-            axes = drawn.add_subplot(len(panels), 1, place + 1)
-            last = found[-1]["low"]
-            for number, band in enumerate(found):
+        fig = style.figure(6.4, 0.6 + 1.8 * len(panels))
+        for place, (domain, name, rows) in enumerate(panels):
+            axes = fig.add_subplot(len(panels), 1, place + 1)
+            last = rows[-1]["low"]
+            for number, band in enumerate(rows):
                 high = band["high"] if band["high"] is not None else 1.15 * last
                 height = 100 * (1 - band["nrmse"])
                 for share, floor, hatch in (
@@ -125,8 +134,8 @@ def bands(answer: dict[str, Any]) -> Figure:
             axes.axvspan(last, 1.18 * last, color=style.BAND, zorder=0)
             axes.set_xlim(0, 1.18 * last)
             axes.set_ylabel("deviation in % of range")
-            axes.set_title(f"{domain.replace('_', ' ')}: {name}", fontsize=9)
-        axes.set_xlabel("frequency in Hz (grey: all above f_max)")
+            axes.set_title(f"{spaced(domain)}: {name}", fontsize=9)
+        axes.set_xlabel("frequency in Hz (grey: everything above f_max)")
         if panels:
-            drawn.legend(loc="outside upper right", ncols=2)
-    return drawn
+            fig.legend(loc="outside upper right", ncols=2)
+    return fig

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
+RANKED = 8  # causes that are listed
+
 
 def summary(answer: dict[str, Any]) -> str:
-    """The partial fidelities and what follows from them, for a reader."""
-    lines = [answer["title"], "", f"{'':44} {'R_NRMSE':>9} {'R_τ':>9}   delay"]
-    for domain, members in answer["signals"].items():
-        lines += [
-            f"{domain + '.' + one['name']:44} {_percent(one['R_NRMSE'])} {_percent(one['R_tau'])}   {_delay(one)}"
-            for one in members
-        ]
-    lines += [
-        f"{'measurement_uncertainty.' + one['name']:44} {_percent(one['fidelity'])}   (1 - U/range)"
-        for one in answer["sensors"]
-    ]
-    lines.append("")
-    for name, value in [*answer["domains"].items(), ("R_XiL", answer["R_XiL"])]:
+    """Total and partial fidelities, then every signal and sensor, then what is lost to which cause."""
+    lines = [answer["title"], *_fidelities(answer), "", f"{'':44} {'R_NRMSE':>9} {'R_τ':>9}   delay"]
+    for domain, signals in answer["signals"].items():
+        for signal in signals:
+            name = f"{domain}.{signal['name']}"
+            lines.append(f"{name:44} {_percent(signal['R_NRMSE'])} {_percent(signal['R_tau'])}   {_delay(signal)}")
+    for sensor in answer["sensors"]:
+        lines.append(f"{'measurement_uncertainty.' + sensor['name']:44} {_percent(sensor['fidelity'])}   (1 - U/range)")
+    if "attribution" in answer:
+        lines += ["", *_losses(answer["attribution"])]
+    return "\n".join([*lines, *(f"note: {note}" for note in answer["notes"])]) + "\n"
+
+
+def _fidelities(answer: dict[str, Any]) -> list[str]:
+    lines = []
+    for name, value in [("R_XiL", answer["R_XiL"]), *answer["domains"].items()]:
         spread = answer["uncertainty"]["total" if name == "R_XiL" else name]
         low, high = spread["interval"]
         weight = f"weight {answer['weights'][name]:g}" if name in answer["weights"] else "total"
@@ -26,26 +31,24 @@ def summary(answer: dict[str, Any]) -> str:
             f"{name:44} {_percent(value)}   u = {100 * spread['standard_uncertainty']:.2f} %, "
             f"{100 * low:.2f} ... {100 * high:.2f} %   {weight}"
         )
-    if "attribution" in answer:
-        lines += [
-            "",
-            "lost to "
-            + ", ".join(f"{origin} {100 * part:.1f} %" for origin, part in answer["attribution"]["by_origin"].items()),
-        ]
-        lines += [
-            f"  {loss['origin']:12} {loss['signal']:24} {loss['cause']:12} R_XiL would rise by "
-            f"{100 * loss['gain']:.2f} %"
-            for loss in answer["attribution"]["ranked"][:8]
-        ]
-    return "\n".join([*lines, *(f"note: {note}" for note in answer["notes"])]) + "\n"
+    return lines
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:7.2f} %"
+def _losses(attribution: dict[str, Any]) -> list[str]:
+    shares = ", ".join(f"{origin} {100 * share:.1f} %" for origin, share in attribution["by_origin"].items())
+    return [f"lost to {shares}"] + [
+        f"  {loss['origin']:12} {loss['signal']:24} {loss['cause']:12} "
+        f"R_XiL would rise by {100 * loss['gain']:.2f} percentage points"
+        for loss in attribution["ranked"][:RANKED]
+    ]
 
 
-def _delay(one: dict[str, Any]) -> str:
-    if one["delay"] is None:
-        return f"undetermined: {one['delay_undetermined']}"
-    doubt = one["delay_standard_uncertainty"]
-    return f"{1000 * one['delay']:.3f} ms" + (f" (u = {1000 * doubt:.3f} ms)" if doubt else "")
+def _percent(share: float) -> str:
+    return f"{100 * share:7.2f} %"
+
+
+def _delay(signal: dict[str, Any]) -> str:
+    if signal["delay"] is None:
+        return f"undetermined: {signal['delay_undetermined']}"
+    uncertainty = signal["delay_standard_uncertainty"]
+    return f"{1000 * signal['delay']:.3f} ms" + (f" (u = {1000 * uncertainty:.3f} ms)" if uncertainty else "")

@@ -1,10 +1,10 @@
-"""A fidelity: what is lost where, and the table."""
+"""Views of an XiL fidelity: what is lost and to what, and the table."""
 
 from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from matching.report.common.table import lines
+from matching.report.common.table import preformatted
 from matching.report.fidelity.figures import attribution, delay_curve
 from matching.report.fidelity.text import summary
 from matching.validity.answers import XilFidelity
@@ -12,18 +12,19 @@ from modelling.common import display
 
 
 @display.plot.register
-def plot(found: XilFidelity) -> Figure:
-    """What is lost to what, ranked; the delay curve where nothing can be attributed."""
-    return attribution(found.content) if "attribution" in found.content else delay_curve(found.content)
+def plot(fidelity: XilFidelity) -> Figure:
+    """What is lost to what, ranked; the delay curve where the case names values instead of signals."""
+    content = fidelity.content
+    return attribution(content) if "attribution" in content else delay_curve(content)
 
 
 @display.text.register
-def said(found: XilFidelity) -> str:
-    """The partial fidelities and what follows from them."""
-    return summary(found.content)
+def as_text(fidelity: XilFidelity) -> str:
+    """Total and partial fidelities with their uncertainty."""
+    return summary(fidelity.content)
 
 
 @display.html.register
-def html(found: XilFidelity) -> str:
+def as_html(fidelity: XilFidelity) -> str:
     """The same for a notebook."""
-    return lines(said(found))
+    return preformatted(as_text(fidelity))

@@ -1,4 +1,4 @@
-"""A map: the achievable error over two quantities."""
+"""Views of a map: the response error that a match reaches over two quantities."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from modelling.common import display
 
 
 @display.plot.register
-def plot(found: Map) -> Figure:
+def plot(result: Map) -> Figure:
     """Response error over both quantities."""
-    return map_figure(found)
+    return map_figure(result)
 
 
 @display.text.register
-def said(found: Map) -> str:
-    """Response errors, one row a value of the upright axis."""
-    return aligned(_rows(found), found.title)
+def as_text(result: Map) -> str:
+    """Response errors, one row for each value of y."""
+    return aligned(_rows(result), result.title)
 
 
 @display.html.register
-def html(found: Map) -> str:
+def as_html(result: Map) -> str:
     """The same for a notebook."""
-    return table(_rows(found), found.title)
+    return table(_rows(result), result.title)
 
 
-def _rows(found: Map) -> list[dict[str, str]]:
+def _rows(result: Map) -> list[dict[str, str]]:
     rows = []
-    for y, errors in zip(found.y.values, found.errors(), strict=True):
-        rows.append({f"{found.y.name} \\ {found.x.name}": f"{y:.4g} {found.y.unit}"})
-        rows[-1] |= {f"{x:.4g} {found.x.unit}": f"{own:.3g}" for x, own in zip(found.x.values, errors, strict=True)}
+    for y, errors in zip(result.y.values, result.errors(), strict=True):
+        cells = zip(result.x.values, errors, strict=True)
+        rows.append({f"{result.y.name} \\ {result.x.name}": f"{y:.4g} {result.y.unit}"})
+        rows[-1] |= {f"{x:.4g} {result.x.unit}": f"{error:.3g}" for x, error in cells}
     return rows

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from matching.frequency.search.result import MatchResult
-from matching.report.common.wording import handy, hertz, number, unit
+from matching.report.common.wording import hertz, number, practical, unit
 from matching.report.match.robustness_figure import Wrong
 from matching.report.match.trace_figure import Signal
 
@@ -108,7 +108,7 @@ def checks(result: MatchResult) -> list[Check]:
     broken = [own for own in seen.violations if own.limit not in ("modulus_margin", "damping_ratio")]
     for own in broken:
         si = PEAK_UNITS[own.where.rsplit(".", 1)[1]]
-        outcome = f"{handy(own.value, si)}, {handy(own.allowed, si)} allowed"
+        outcome = f"{practical(own.value, si)}, {practical(own.allowed, si)} allowed"
         found.append(Check(f"Limit of {own.where}", outcome, False))
     if not broken:
         found.append(Check("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
@@ -142,5 +142,5 @@ def _said(name: str, seen: Any) -> tuple[str, str]:
 
 
 def _off(own: Any) -> str:
-    shown = handy(own.change, "s", 2) if own.name == "loop.dead_time" else f"{number(100 * own.change, 2)} %"
+    shown = practical(own.change, "s", 2) if own.name == "loop.dead_time" else f"{number(100 * own.change, 2)} %"
     return f"+{shown}" if own.change > 0 else shown

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.frequency.search.result import MatchResult, TargetResult
-from matching.report.common.strokes import LINES, legend_above
+from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import MATCHED, RIG, VEHICLE, figure, styled
 from matching.report.common.wording import hertz
 from matching.report.match.response_figure import curves_of, magnitude, magnitude_label

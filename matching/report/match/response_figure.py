@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
 from matching.frequency.case.case import Compared
 from matching.frequency.search.result import MatchResult
-from matching.report.common.strokes import LINES, legend_above
+from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import BAND, figure, styled
 from matching.report.common.wording import number, unit
 from modelling.units import SENSOR_UNITS

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from matching.frequency.search.result import MatchResult
-from matching.report.common.wording import change, handy, hertz, number, plain, sentence, unit
+from matching.report.common.wording import change, component, hertz, number, practical, sentence, unit
 from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
 from modelling.bed.structures import STRUCTURES
@@ -62,7 +62,7 @@ def summary(result: Mapping[str, Any]) -> str:
     )
     body += _needed(result.get("needs", []))[:4]
     tail = [f"also: {limit}" for limit in result["limits"][1:3]]
-    frozen = [plain(own["name"]) for own in result["parameters"] if own["frozen"]]
+    frozen = [component(own["name"]) for own in result["parameters"] if own["frozen"]]
     if frozen:
         more = f" and {len(frozen) - 3} more" if len(frozen) > 3 else ""
         tail.append(f"needs no identification: {'; '.join(frozen[:3])}{more}")
@@ -82,9 +82,9 @@ def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
     """One line for each dynamometer and shaft."""
     by_place: dict[str, list[str]] = {}
     for need in rows:
-        allowed = f" of {handy(need['limit'], need['unit'])}" if need["limit"] else ""
-        place = plain(need["what"].rsplit(".", 1)[0])
-        by_place.setdefault(place, []).append(f"{handy(need['peak'], need['unit'])}{allowed}")
+        allowed = f" of {practical(need['limit'], need['unit'])}" if need["limit"] else ""
+        place = component(need["what"].rsplit(".", 1)[0])
+        by_place.setdefault(place, []).append(f"{practical(need['peak'], need['unit'])}{allowed}")
     return [f"{place} needs {sentence(parts)}" for place, parts in by_place.items()]
 
 

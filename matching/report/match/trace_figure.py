@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.report.common.strokes import LINES, legend_above
+from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import LIMIT, figure, styled
 
 CLOSE = 1.2  # s after the beginning: some periods of a shuffle

@@ -1,4 +1,4 @@
-"""A model in a notebook: its equations."""
+"""Views of a model and of its equations in a notebook: energies and equations of motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modes for the eye: frequencies and energy shares as in the paper's Fig. 3, and all shares at a glance."""
+"""Figures of modes: frequencies and energy shares as in the paper's Fig. 3, and all shares in one table."""
 
 from __future__ import annotations
 
@@ -12,24 +12,31 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from matching.report.common.style import figure, styled
+from matching.report.common.wording import ABSENT, spaced
 from modelling.modal.modes import Mode, Modes
 
-_TINTS = (1.0, 0.45, 0.2)  # of the colour, for the first, second and third mode shown
+_TINTS = (1.0, 0.45, 0.2)  # strength of the colour of the first, second and third mode in the figure
+_NO_TINT = "#D9D9D9"
+_EDGE = "#333333"
+FLOOR_HZ = 0.3  # lower end of the frequency axis, and height of the bar of a rigid-body mode
+COMPONENTS_PER_AXIS = 24  # more names would overlap
+TABLE_MODES, TABLE_COMPONENTS = 40, 30  # rows and columns of the table of shares
+LEAST_SHARE_PRINTED = 0.005  # 0.5 %, which rounds to 1 %
 
 
 @dataclass(frozen=True)
 class Column:
-    """One system in a figure: its title, its fixed colour, its modes, and the numbers of up to three modes to show."""
+    """One system in a figure: its title, colour and modes, and the numbers of up to three modes to emphasise."""
 
     title: str
     colour: str
     modes: Sequence[Mode] | Modes
-    shown: tuple[int, ...] = ()
+    emphasised: tuple[int, ...] = ()
 
     @property
     def chosen(self) -> list[Mode]:
-        """The modes to show; the first two that are not rigid if none are named."""
-        numbers = self.shown or tuple(mode.number for mode in self.modes if mode.frequency > 0)[:2]
+        """The modes to emphasise; the first two that are not rigid-body modes if none are named."""
+        numbers = self.emphasised or tuple(mode.number for mode in self.modes if mode.frequency > 0)[:2]
         by_number = {mode.number: mode for mode in self.modes}
         return [by_number[number] for number in numbers[: len(_TINTS)]]
 
@@ -37,8 +44,8 @@ class Column:
 def energy_figure(columns: Sequence[Column]) -> Figure:
     """Frequencies on top, kinetic shares in the middle, potential shares at the bottom, one column a system."""
     with styled():
-        drawn = figure(min(1.2 + 4.6 * len(columns), 12.4), 7.4)
-        rows = drawn.subplots(3, len(columns), squeeze=False)
+        fig = figure(min(1.2 + 4.6 * len(columns), 12.4), 7.4)
+        rows = fig.subplots(3, len(columns), squeeze=False)
         top = max(mode.frequency for column in columns for mode in column.modes)
         for (first, middle, last), column in zip(rows.T, columns, strict=True):
             _frequencies(first, column, top)
@@ -47,16 +54,15 @@ def energy_figure(columns: Sequence[Column]) -> Figure:
         rows[0, 0].set_ylabel("Frequency in Hz")
         rows[1, 0].set_ylabel("Share of kinetic\nenergy in %")
         rows[2, 0].set_ylabel("Share of potential\nenergy in %")
-    return drawn
+    return fig
 
 
 def _frequencies(axes: Any, column: Column, top: float) -> None:
     chosen = {mode.number: tint for mode, tint in zip(column.chosen, _TINTS)}
-    floor = 0.3
     for mode in column.modes:
-        height = max(mode.frequency, floor)
-        colour = _tint(column.colour, chosen[mode.number]) if mode.number in chosen else "#D9D9D9"
-        axes.bar(mode.number, height, width=0.7, color=colour, edgecolor="#333333", linewidth=0.6)
+        height = max(mode.frequency, FLOOR_HZ)
+        colour = _tint(column.colour, chosen[mode.number]) if mode.number in chosen else _NO_TINT
+        axes.bar(mode.number, height, width=0.7, color=colour, edgecolor=_EDGE, linewidth=0.6)
         mark = {"symmetric": " s", "antisymmetric": " a"}.get(mode.symmetry, "")
         axes.annotate(
             f"{mode.frequency:.3g}{mark}",
@@ -69,7 +75,7 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
         )
     axes.set_yscale("log")
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(floor, 3 * max(top, 1.0))
+    axes.set_ylim(FLOOR_HZ, 3 * max(top, 1.0))
     axes.set_xticks([mode.number for mode in column.modes])
     axes.grid(False, axis="x")
     axes.set_xlabel("Mode number (s symmetric, a antisymmetric left to right)" if _labelled(column) else "Mode number")
@@ -82,16 +88,15 @@ def _labelled(column: Column) -> bool:
 
 def _shares(axes: Any, column: Column, energy: str) -> None:
     chosen = column.chosen
-    named = _named(chosen or column.modes, energy)
-    names = _most([[getattr(mode, energy).get(name, 0.0) for name in named] for mode in chosen], named, 24)
+    candidates = _components(chosen or column.modes, energy)
+    shares = [[getattr(mode, energy).get(name, 0.0) for name in candidates] for mode in chosen]
+    names = _largest_shares(shares, candidates, COMPONENTS_PER_AXIS)
     width = 0.8 / max(len(chosen), 1)
     for i, (mode, tint) in enumerate(zip(chosen, _TINTS)):
         values = 100 * np.array([getattr(mode, energy).get(name, 0.0) for name in names])
         place = np.arange(len(names)) + (i - (len(chosen) - 1) / 2) * width
         label = f"mode {mode.number}, {mode.frequency:.4g} Hz"
-        axes.bar(
-            place, values, width, color=_tint(column.colour, tint), edgecolor="#333333", linewidth=0.6, label=label
-        )
+        axes.bar(place, values, width, color=_tint(column.colour, tint), edgecolor=_EDGE, linewidth=0.6, label=label)
     axes.set_xticks(
         range(len(names)), [_short(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
     )
@@ -104,29 +109,32 @@ def _shares(axes: Any, column: Column, energy: str) -> None:
 def shares_figure(modes: Modes, title: str = "") -> Figure:
     """All energy shares in %: one row a mode, one column a component, kinetic left and potential right.
 
-    Of large models the first 40 modes, and the 30 components that hold most of them.
+    Of large models the first 40 modes, and the 30 components with the largest shares.
     """
     with styled():
-        rows = min(len(modes), 40)
+        rows = min(len(modes), TABLE_MODES)
         kinetic, potential = modes.kinetic[:rows], modes.potential[:rows]
-        masses, springs = _most(kinetic, modes.masses, 30), _most(potential, modes.springs, 30)
-        drawn = figure(2.6 + 0.42 * (len(masses) + max(len(springs), 3)), 1.9 + 0.3 * rows)
-        left, right = drawn.subplots(1, 2, sharey=True, width_ratios=[len(masses), max(len(springs), 3)])
-        _map(left, 100 * kinetic[:, [modes.masses.index(name) for name in masses]], masses, "Kinetic energy in %")
-        _map(
+        masses = _largest_shares(kinetic, modes.masses, TABLE_COMPONENTS)
+        springs = _largest_shares(potential, modes.springs, TABLE_COMPONENTS)
+        fig = figure(2.6 + 0.42 * (len(masses) + max(len(springs), 3)), 1.9 + 0.3 * rows)
+        left, right = fig.subplots(1, 2, sharey=True, width_ratios=[len(masses), max(len(springs), 3)])
+        _share_table(
+            left, 100 * kinetic[:, [modes.masses.index(name) for name in masses]], masses, "Kinetic energy in %"
+        )
+        _share_table(
             right, 100 * potential[:, [modes.springs.index(name) for name in springs]], springs, "Potential energy in %"
         )
         left.set_yticks(range(rows), [f"{number + 1}:  {modes.frequencies[number]:.4g} Hz" for number in range(rows)])
         left.set_ylabel("Mode")
         if title:
-            drawn.suptitle(title, fontsize=10)
-    return drawn
+            fig.suptitle(title, fontsize=10)
+    return fig
 
 
-def _map(axes: Any, shares: np.ndarray, names: Sequence[str], title: str) -> None:
+def _share_table(axes: Any, shares: np.ndarray, names: Sequence[str], title: str) -> None:
     if shares.size:
         axes.imshow(shares, cmap="Greys", vmin=0, vmax=130, aspect="auto", interpolation="nearest")
-    for row, column in np.argwhere(shares >= 0.5):
+    for row, column in np.argwhere(shares >= 100 * LEAST_SHARE_PRINTED):
         value = shares[row, column]
         axes.text(
             column,
@@ -146,50 +154,41 @@ def _map(axes: Any, shares: np.ndarray, names: Sequence[str], title: str) -> Non
     axes.tick_params(length=0)
 
 
-def mode_table(modes: Sequence[dict[str, Any]], most: int = 3) -> list[dict[str, str]]:
-    """Rows of the mode table from the entries of ``modes.json``, with where most of the energy sits."""
+def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dict[str, str]]:
+    """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy."""
     return [
         {
             "mode": str(mode["number"]),
             "frequency [Hz]": f"{mode['frequency']:.4g}",
             "damping ratio": f"{mode['damping_ratio']:.4f}",
             "symmetry": mode["symmetry"],
-            "kinetic energy": _largest(mode["kinetic"], most),
-            "potential energy": _largest(mode["potential"], most),
+            "kinetic energy": _largest(mode["kinetic"], components),
+            "potential energy": _largest(mode["potential"], components),
         }
         for mode in modes
     ]
 
 
-def table_text(rows: Sequence[dict[str, str]]) -> str:
-    """Rows as aligned text."""
-    if not rows:
-        return ""
-    lines = [list(rows[0])] + [list(row.values()) for row in rows]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines)
+def _largest(shares: dict[str, float], count: int) -> str:
+    ranked = sorted(shares.items(), key=lambda item: -round(item[1], 6))[:count]  # equal ones in the model's order
+    return ", ".join(f"{_short(name)} {100 * share:.0f} %" for name, share in ranked if share >= 0.05) or ABSENT
 
 
-def _largest(shares: dict[str, float], most: int) -> str:
-    ranked = sorted(shares.items(), key=lambda item: -round(item[1], 6))[:most]  # equal ones in the model's order
-    return ", ".join(f"{_short(name)} {100 * share:.0f} %" for name, share in ranked if share >= 0.05) or "–"
-
-
-def _named(modes: Iterable[Mode], energy: str) -> list[str]:
-    """Components that hold any energy of the modes, in the model's order; a rigid mode may know none."""
+def _components(modes: Iterable[Mode], energy: str) -> list[str]:
+    """Components with energy in the modes, in the model's order; a rigid-body mode may have none."""
     return list(dict.fromkeys(name for mode in modes for name in getattr(mode, energy)))
 
 
-def _most(shares: Any, names: Sequence[str], most: int) -> list[str]:
-    """The components with the largest shares (rows of modes), at most so many, in the model's order."""
-    if len(names) <= most or not len(shares):
-        return list(names)[:most]
-    ranked = np.argsort(-np.max(np.asarray(shares), axis=0), kind="stable")[:most]
+def _largest_shares(shares: Any, names: Sequence[str], count: int) -> list[str]:
+    """The components with the largest shares (m, components), at most so many, in the model's order."""
+    if len(names) <= count or not len(shares):
+        return list(names)[:count]
+    ranked = np.argsort(-np.max(np.asarray(shares), axis=0), kind="stable")[:count]
     return [names[i] for i in sorted(ranked)]
 
 
 def _short(name: str) -> str:
-    return name.rsplit(".", 1)[1].replace("_", " ")
+    return spaced(name.rsplit(".", 1)[1])
 
 
 def _tint(colour: str, strength: float) -> tuple[float, ...]:

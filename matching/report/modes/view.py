@@ -1,4 +1,4 @@
-"""Modes: energy shares as a picture, the mode table."""
+"""Views of modes: energy shares as a figure, the mode table."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def plot(modes: Modes) -> Figure:
 
 
 @display.text.register
-def said(modes: Modes) -> str:
+def as_text(modes: Modes) -> str:
     """The mode table."""
     return aligned(mode_table(modes.to_dict()["modes"]))
 
 
 @display.html.register
-def html(modes: Modes) -> str:
+def as_html(modes: Modes) -> str:
     """The mode table for a notebook."""
     return table(mode_table(modes.to_dict()["modes"]))

@@ -1,48 +1,80 @@
-"""A simulation: every reading over time."""
+"""Views of a simulation: every sensor reading over time, with the measured one behind it if there is one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
 from matplotlib.figure import Figure
 
-from matching.report.common.style import VEHICLE, figure, styled
+from matching.report.common.style import LIMIT, VEHICLE, figure, styled
 from matching.report.common.table import aligned, table
+from matching.report.common.wording import spaced, unit
 from modelling.common import display
 from modelling.simulation.result import Simulation
 
+ROW_HEIGHT = 1.5  # inches
+
+
+def simulation_figure(simulation: Simulation, measured: Mapping[str, np.ndarray] | None = None) -> Figure:
+    """Every reading over time, a row each.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    measured : mapping of str to ndarray (t,), optional
+        Recorded readings by sensor, at the times of the simulation.
+    """
+    measured = measured or {}
+    count = max(1, len(simulation.readings))
+    with styled():
+        fig = figure(7.0, 1.0 + ROW_HEIGHT * count)
+        rows = fig.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (name, values) in zip(rows, simulation.readings.items()):
+            if name in measured:
+                axes.plot(
+                    simulation.time, measured[name], color=LIMIT, linewidth=3.2, alpha=0.35, label="recorded"
+                )  # fmt: skip
+            axes.plot(simulation.time, values, color=VEHICLE, linewidth=0.8, label="simulated")
+            axes.set_ylabel(f"{spaced(name)}\nin {unit(simulation.units[name])}")
+            axes.margins(x=0)
+        rows[-1].set_xlabel("time in s")
+        if measured:
+            entries = max((axes.get_legend_handles_labels() for axes in rows), key=lambda entry: len(entry[0]))
+            fig.legend(*entries, loc="outside upper right", ncols=2)
+        fig.align_ylabels(rows)
+    return fig
+
 
 @display.plot.register
-def plot(done: Simulation) -> Figure:
+def plot(simulation: Simulation) -> Figure:
     """Every reading over time."""
-    with styled():
-        drawn = figure(7.0, 1.0 + 1.5 * max(1, len(done.readings)))
-        axes = drawn.subplots(max(1, len(done.readings)), 1, sharex=True, squeeze=False)[:, 0]
-        for one, (name, value) in zip(axes, done.readings.items()):
-            one.plot(done.time, value, color=VEHICLE, linewidth=0.9)
-            one.set_ylabel(f"{name.replace('_', ' ')}\nin {done.units[name].replace('*', '·').replace('^2', '²')}")
-            one.margins(x=0)
-        axes[-1].set_xlabel("time in s")
-        drawn.align_ylabels(axes)
-    return drawn
+    return simulation_figure(simulation)
 
 
 @display.text.register
-def said(done: Simulation) -> str:
+def as_text(simulation: Simulation) -> str:
     """Range of every reading."""
-    return aligned(_rows(done), _title(done))
+    return aligned(_rows(simulation), _title(simulation))
 
 
 @display.html.register
-def html(done: Simulation) -> str:
+def as_html(simulation: Simulation) -> str:
     """The same for a notebook."""
-    return table(_rows(done), _title(done))
+    return table(_rows(simulation), _title(simulation))
 
 
-def _title(done: Simulation) -> str:
-    return f"{len(done.time)} samples over {done.time[-1] - done.time[0]:g} s"
+def _title(simulation: Simulation) -> str:
+    return f"{len(simulation.time)} samples over {simulation.time[-1] - simulation.time[0]:g} s"
 
 
-def _rows(done: Simulation) -> list[dict[str, str]]:
+def _rows(simulation: Simulation) -> list[dict[str, str]]:
     return [
-        {"reading": name, "from": f"{value.min():.4g}", "to": f"{value.max():.4g}", "unit": done.units[name]}
-        for name, value in done.readings.items()
+        {
+            "reading": name,
+            "from": f"{values.min():.4g}",
+            "to": f"{values.max():.4g}",
+            "unit": unit(simulation.units[name]),
+        }
+        for name, values in simulation.readings.items()
     ]

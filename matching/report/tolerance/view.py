@@ -1,4 +1,4 @@
-"""A tolerance study: distributions with nominal value and limit, and what drives each."""
+"""Views of a tolerance study: distributions with nominal value and limit, and the drivers of each."""
 
 from __future__ import annotations
 
@@ -9,70 +9,74 @@ from matplotlib.figure import Figure
 
 from matching.frequency.studies.tolerance import Tolerance
 from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
-from matching.report.common.table import lines
+from matching.report.common.table import preformatted
+from matching.report.common.wording import ABSENT, spaced
 from modelling.common import display
 
-DRIVERS = 5
+DRIVERS_DRAWN, DRIVERS_PRINTED = 5, 3  # quantities with the largest shares of the variance
+LEAST_SHARE_PRINTED = 0.02
 
 
 @display.plot.register
-def plot(found: Tolerance) -> Figure:
-    """One row a result: how it spreads, and which quantities that comes from."""
+def plot(study: Tolerance) -> Figure:
+    """One row a result: its distribution, and the quantities that it comes from."""
     with styled():
-        drawn = figure(8.0, 0.8 + 1.75 * len(found.spreads))
-        rows = drawn.subplots(len(found.spreads), 2, squeeze=False, width_ratios=[3, 2])
-        for (left, right), own in zip(rows, found.spreads, strict=True):
-            left.stairs(100 * own.counts / own.draws, own.edges, fill=True, color=MATCHED, alpha=0.6)
-            left.axvline(own.nominal, color="black", linewidth=1.2, label="nominal")
-            if own.name == "modulus_margin":
-                left.axvline(found.asked, color=LIMIT, linestyle="--", linewidth=1.2, label="asked for")
-            left.set_xlabel(_said(own.name) + (f" in {own.unit}" if own.unit else ""))
+        fig = figure(8.0, 0.8 + 1.75 * len(study.spreads))
+        rows = fig.subplots(len(study.spreads), 2, squeeze=False, width_ratios=[3, 2])
+        for (left, right), spread in zip(rows, study.spreads, strict=True):
+            left.stairs(100 * spread.counts / spread.draws, spread.edges, fill=True, color=MATCHED, alpha=0.6)
+            left.axvline(spread.nominal, color="black", linewidth=1.2, label="nominal")
+            if spread.name == "modulus_margin":
+                left.axvline(study.asked, color=LIMIT, linestyle="--", linewidth=1.2, label="required")
+            left.set_xlabel(_label(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
             left.set_ylabel("share of draws\nin %")
             left.locator_params(axis="x", nbins=6)
             left.legend(fontsize=7)
-            named = own.drivers[:DRIVERS][::-1]
-            right.barh(range(len(named)), [100 * share for _, share in named], color=VEHICLE)
-            right.set_yticks(range(len(named)), [_short(name) for name, _ in named], fontsize=7)
+            drivers = spread.drivers[:DRIVERS_DRAWN][::-1]
+            right.barh(range(len(drivers)), [100 * share for _, share in drivers], color=VEHICLE)
+            right.set_yticks(range(len(drivers)), [_short(name) for name, _ in drivers], fontsize=7)
             right.set_xlim(0, 100)
             right.set_xlabel("share of the variance in %", fontsize=8)
-        drawn.align_ylabels(rows[:, 0])
-    return drawn
+        fig.align_ylabels(rows[:, 0])
+    return fig
 
 
 @display.text.register
-def said(found: Tolerance) -> str:
-    """Spread, yield and drivers."""
-    return text(found.to_dict())
+def as_text(study: Tolerance) -> str:
+    """Yield, spread and drivers."""
+    return summary(study.to_dict())
 
 
 @display.html.register
-def html(found: Tolerance) -> str:
+def as_html(study: Tolerance) -> str:
     """The same for a notebook."""
-    return lines(said(found))
+    return preformatted(as_text(study))
 
 
-def text(result: Mapping[str, Any]) -> str:
-    """Spread, yield and drivers in a few lines."""
+def summary(result: Mapping[str, Any]) -> str:
+    """Yield, spread and drivers in a few lines, from the content of ``tolerance.json``."""
     shares = result["yield"]
-    rows = [
+    lines = [
         f"{result['title']}: {result['draws']} draws of {len(result['varied'])} quantities",
-        f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of "
-        f"{result['modulus_margin_asked']:g} kept {shares['modulus_margin']:.1%}"
-        + "".join(f", {_said(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
+        f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
+        f"{result['modulus_margin_asked']:g} {shares['modulus_margin']:.1%}"
+        + "".join(f", {_label(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
         f"{'':46} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
     ]
-    for own in result["quantities"]:
-        named = ", ".join(
-            f"{_short(one['name'])} {one['share']:.0%}" for one in own["drivers"][:3] if one["share"] > 0.02
-        )
-        low, high = own["quantiles"]["0.05"], own["quantiles"]["0.95"]
-        name = _said(own["name"]) + (f" [{own['unit']}]" if own["unit"] else "")
-        rows.append(f"{name:46} {own['nominal']:9.4g} {low:9.4g} {high:9.4g}   {named or '–'}")
-    return "\n".join(rows)
+    for spread in result["quantities"]:
+        drivers = [
+            f"{_short(driver['name'])} {driver['share']:.0%}"
+            for driver in spread["drivers"][:DRIVERS_PRINTED]
+            if driver["share"] > LEAST_SHARE_PRINTED
+        ]
+        low, high = spread["quantiles"]["0.05"], spread["quantiles"]["0.95"]
+        name = _label(spread["name"]) + (f" [{spread['unit']}]" if spread["unit"] else "")
+        lines.append(f"{name:46} {spread['nominal']:9.4g} {low:9.4g} {high:9.4g}   {', '.join(drivers) or ABSENT}")
+    return "\n".join(lines)
 
 
-def _said(name: str) -> str:
-    return name.replace("target_mode", "loop mode near vehicle mode", 1).replace("_", " ")
+def _label(name: str) -> str:
+    return spaced(name.replace("target_mode", "loop mode near vehicle mode", 1))
 
 
 def _short(name: str) -> str:

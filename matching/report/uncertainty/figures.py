@@ -10,16 +10,22 @@ from matplotlib.figure import Figure
 from matching.report.common import style
 from modelling.units import printed
 
+LARGEST = 20  # inputs in the bar chart; more would not be readable
+TWIG = 1.75  # inches, length of an input's line in the Ishikawa diagram
+
 
 def contributions(measurand: dict[str, Any]) -> Figure:
     """Bars of |c|·u(x) of each input, largest on top, with the combined standard uncertainty as line.
 
-    ``measurand`` is an entry of ``measurands`` in ``uncertainty.json``.
+    Parameters
+    ----------
+    measurand : dict
+        An entry of ``measurands`` in ``uncertainty.json``.
     """
-    rows = [row for row in measurand["budget"] if row["contribution"] > 0][:20]
+    rows = [row for row in measurand["budget"] if row["contribution"] > 0][:LARGEST]
     with style.styled():
-        drawn = style.figure(6.4, 1.2 + 0.3 * max(len(rows), 2))
-        axes = drawn.add_subplot()
+        fig = style.figure(6.4, 1.2 + 0.3 * max(len(rows), 2))
+        axes = fig.add_subplot()
         axes.grid(visible=False, axis="y")
         bars = axes.barh([row["name"] for row in rows], [row["contribution"] for row in rows], color=style.VEHICLE)
         axes.bar_label(bars, [f" {100 * row['share']:.3g} %" for row in rows], fontsize=8)
@@ -28,20 +34,20 @@ def contributions(measurand: dict[str, Any]) -> Figure:
         axes.invert_yaxis()
         axes.margins(x=0.12)
         axes.set_xlabel(f"contribution |c|·u(x) to u({measurand['name']}){_axis_unit(measurand)}; labels: share of u²")
-        drawn.legend(loc="outside lower right")
+        fig.legend(loc="outside lower right")
         axes.set_title(measurand["statement"], fontsize=9)
-    return drawn
+    return fig
 
 
 def ishikawa(measurand: dict[str, Any]) -> Figure:
-    """The causes as branches on a spine that ends in the measurand; widths and numbers follow the share of u²."""
+    """The causes as branches of an arrow that ends in the measurand; line widths and numbers follow the share of u²."""
     branches = _branches(measurand["budget"])
     columns = math.ceil(len(branches) / 2)
-    most = max(len(rows) for _, rows in branches)
-    width, reach = 3.1, 0.42 * (most + 1)
+    longest = max(len(rows) for _, rows in branches)
+    width, reach = 3.1, 0.42 * (longest + 1)  # of a branch, inches
     with style.styled():
-        drawn = style.figure(2.2 + width * columns, max(3.2, 2 * reach + 1.2))
-        axes = drawn.add_subplot()
+        fig = style.figure(2.2 + width * columns, max(3.2, 2 * reach + 1.2))
+        axes = fig.add_subplot()
         axes.set_axis_off()
         end = width * columns + 0.8
         axes.annotate("", (end, 0), (-0.2, 0), arrowprops={"arrowstyle": "-|>", "lw": 2.2, "color": "black"})
@@ -57,7 +63,7 @@ def ishikawa(measurand: dict[str, Any]) -> Figure:
             _branch(axes, width * (place // 2 + 1), 1 if place % 2 == 0 else -1, cause, rows, reach)
         axes.set_xlim(-0.9, end + 1.6)
         axes.set_ylim(-reach - 0.7, reach + 0.7)
-    return drawn
+    return fig
 
 
 def _branch(axes: Any, foot: float, side: int, cause: str, rows: list[dict[str, Any]], reach: float) -> None:
@@ -74,15 +80,15 @@ def _branch(axes: Any, foot: float, side: int, cause: str, rows: list[dict[str, 
     )
     for number, row in enumerate(rows):
         height = reach * (1 - (number + 0.6) / (len(rows) + 0.4))
-        at = foot - slant * height / reach
-        axes.plot([at - 1.75, at], [side * height] * 2, color=style.LIMIT, lw=0.9)
+        end = foot - slant * height / reach
+        axes.plot([end - TWIG, end], [side * height] * 2, color=style.LIMIT, lw=0.9)
         axes.text(
-            at - 1.75, side * height + 0.04, f"{row['name']}  {100 * row['share']:.3g} %", fontsize=8, va="bottom"
+            end - TWIG, side * height + 0.04, f"{row['name']}  {100 * row['share']:.3g} %", fontsize=8, va="bottom"
         )
 
 
 def _branches(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Uncertain inputs by cause, the weightiest cause first."""
+    """Uncertain inputs by cause, the cause with the largest share first."""
     causes: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         if row["standard_uncertainty"] > 0:

@@ -1,10 +1,10 @@
-"""A budget: contributions of the first measurand, and the table."""
+"""Views of an uncertainty budget: contributions of the first measurand, and the table."""
 
 from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from matching.report.common.table import lines
+from matching.report.common.table import preformatted
 from matching.report.uncertainty.figures import contributions
 from matching.report.uncertainty.text import summary
 from matching.validity.answers import Uncertainty
@@ -12,18 +12,18 @@ from modelling.common import display
 
 
 @display.plot.register
-def plot(found: Uncertainty) -> Figure:
-    """What contributes how much to the first measurand."""
-    return contributions(found.content["measurands"][0])
+def plot(uncertainty: Uncertainty) -> Figure:
+    """Contributions of the inputs to the first measurand."""
+    return contributions(uncertainty.content["measurands"][0])
 
 
 @display.text.register
-def said(found: Uncertainty) -> str:
-    """The budget table and what follows from it."""
-    return summary(found.content)
+def as_text(uncertainty: Uncertainty) -> str:
+    """Statement, budget table and checks."""
+    return summary(uncertainty.content)
 
 
 @display.html.register
-def html(found: Uncertainty) -> str:
+def as_html(uncertainty: Uncertainty) -> str:
     """The same for a notebook."""
-    return lines(said(found))
+    return preformatted(as_text(uncertainty))

@@ -1,4 +1,4 @@
-"""How vehicle, rig and matched rig are drawn: colour, and a line that tells them apart in grey as well."""
+"""Line styles of vehicle, free rig and matched rig: a colour each, and a stroke that differs in grey as well."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from matching.report.common.style import MATCHED, RIG, VEHICLE
 
-# The vehicle lies broad underneath, so that a matched rig is seen to run inside it.
+# The vehicle is a broad pale line underneath: a matched rig runs inside it.
 LINES: dict[str, dict[str, Any]] = {
     "vehicle": {"color": VEHICLE, "linewidth": 4.6, "linestyle": "-", "label": "vehicle", "zorder": 2.0, "alpha": 0.4},
     "rig": {"color": RIG, "linewidth": 1.2, "linestyle": (0, (6, 2)), "label": "free rig", "zorder": 2.1},
@@ -21,7 +21,7 @@ LINES: dict[str, dict[str, Any]] = {
 }
 
 
-def legend_above(drawn: Any, axes: Any, columns: int = 4, **more: Any) -> None:
+def legend_above(fig: Any, axes: Any, columns: int = 4, **options: Any) -> None:
     """One legend for the whole figure, above the axes."""
     handles, labels = axes.get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside upper center", ncols=columns, **more)
+    fig.legend(handles, labels, loc="outside upper center", ncols=columns, **options)
