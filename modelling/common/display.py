@@ -1,7 +1,8 @@
-"""How results are shown: as a picture, in print, in a notebook; and their arrays with labels.
+"""How results are displayed: as a figure, as text, as HTML in a notebook; and their arrays with labels.
 
-Results do not know how they are drawn. ``matching.report`` registers a function for each class with :func:`plot`,
-:func:`text` and :func:`html`, through the provider that the package ``matching`` names here.
+Results do not know how they are drawn. ``matching.report`` registers a function a class with :func:`plot`,
+:func:`text` and :func:`html`. It is imported the first time a result is displayed, by the provider that the package
+``matching`` registers here.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ _providers: list[Callable[[type], None]] = []
 
 
 def register_provider(provider: Callable[[type], None]) -> None:
-    """Let ``provider(class)`` import the module that registers the views of a class, the first time one is shown."""
+    """Let ``provider(class)`` import the module with the views of a class, the first time one is displayed."""
     _providers.append(provider)
 
 
 class Displayed:
-    """A result with a picture and a table."""
+    """A result with a figure and a table."""
 
     def plot(self) -> Any:
-        """The picture of this result, a Matplotlib figure without any global state."""
+        """This result as a Matplotlib figure, without any global state."""
         return plot(self)
 
     def __str__(self) -> str:
@@ -36,7 +37,7 @@ class Displayed:
 
 @singledispatch
 def plot(result: Any) -> Any:
-    """The picture of a result (Matplotlib figure).
+    """A result as a Matplotlib figure.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def animation(result: Any) -> Any:
 
 
 def _registered(function: Any, result: Any) -> Callable[[Any], Any]:
-    """What is registered for the class of a result, once the providers have had their say."""
+    """The view registered for the class of a result, after the providers were asked to import it."""
     for provider in _providers:
         for base in type(result).__mro__:
             provider(base)

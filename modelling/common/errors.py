@@ -28,13 +28,13 @@ class InputError(ValueError):
 
 
 def _plain(text: str, longest: int = 400) -> str:
-    """Text in one line without control characters, cut in the middle where it is endless."""
+    """Text in one line without control characters, its middle left out where it is longer than ``longest``."""
     line = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
     return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
 
 
 def unknown(name: str, known: list[str], where: str) -> InputError:
-    """The error for a name nobody has, with the nearest one that exists."""
+    """The error for a name that does not exist, with the nearest one that does."""
     near = get_close_matches(str(name), known, 1, 0.6)
     return InputError(
         where, f"{name!r} does not exist", f"did you mean {near[0]!r}?" if near else f"known are {listed(known)}"
@@ -43,5 +43,5 @@ def unknown(name: str, known: list[str], where: str) -> InputError:
 
 def listed(names: list[str], most: int = 12) -> str:
     """Names in a sentence, not more than ``most``."""
-    shown = ", ".join(names[:most]) or "none"
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")
+    sentence = ", ".join(names[:most]) or "none"
+    return sentence + (f" and {len(names) - most} more" if len(names) > most else "")

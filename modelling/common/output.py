@@ -1,4 +1,4 @@
-"""What leaves the program: strict JSON, and files that are written whole or not at all."""
+"""Results as strict JSON, and files that are written whole or not at all."""
 
 import json
 import math
@@ -44,7 +44,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     for name in files:
         if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
             raise ValueError(f"{name!r} does not stay inside the output directory")
-    made = [folder for folder in (directory, *directory.parents) if not folder.exists()]
+    new_folders = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     try:
         directory.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=".writing-", dir=directory))
@@ -54,7 +54,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
     except BaseException as error:
-        _remove_if_empty(made)
+        _remove_if_empty(new_folders)
         if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError):
             wrong = f"cannot be written: {(error.strerror or str(error)).lower()}"
             raise InputError(
@@ -74,7 +74,7 @@ def _stage(staging: Path, files: Mapping[str, str | bytes]) -> None:
 
 
 def _move(staging: Path, directory: Path, files: Mapping[str, str | bytes]) -> None:
-    for name in files:  # every place is seen to before the first move
+    for name in files:  # every target is checked before the first file is moved
         if (directory / name).is_dir():
             raise IsADirectoryError(EISDIR, "is a directory", str(directory / name))
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def _remove_if_empty(folders: list[Path]) -> None:
 
 
 def _plain(value: Any, where: str) -> Any:
-    """The value in Python's own types, every number finite; `where` is its path so far."""
+    """The value in Python's built-in types, every number finite; ``where`` is its path in the result."""
     if hasattr(value, "tolist"):  # NumPy scalars and arrays, without importing NumPy
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -21,13 +21,12 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     InputError
         If it is missing, too large, not UTF-8 or not TOML; with the line.
     """
-    path = Path(path)
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(
-                str(path), f"{path.stat().st_size / 1e6:.0f} MB is no model or case file", "at most 5 MB are read"
-            )
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        with Path(path).open("rb") as file:  # what is no regular file has no size, so at most so much is read
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
+        return tomllib.loads(content.decode().replace("\r\n", "\n"))
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:
@@ -35,7 +34,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     except UnicodeDecodeError as fault:
         raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
     except tomllib.TOMLDecodeError as fault:
-        raise InputError(str(path), f"is not TOML: {fault}", "mend that line") from None
+        raise InputError(str(path), f"is not TOML: {fault}", "correct that line") from None
     except ValueError as fault:  # a number of thousands of digits, say
         raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
     except RecursionError:
@@ -76,14 +75,25 @@ def number(
     """
     if key not in table:
         raise InputError(where, f"'{key}' is missing", f"give {key} = a number")
-    value = table[key]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(key_place(where, key), f"{value!r} is no finite number", "give a finite number")
+    value = finite(table[key])
+    if value is None:
+        raise InputError(key_place(where, key), f"{table[key]!r} is no finite number", "give a finite number")
     if positive and value <= 0:
         raise InputError(key_place(where, key), f"{value!r} is not positive", "give a number above 0")
     if least is not None and value < least:
         raise InputError(key_place(where, key), f"{value!r} is too small", f"give at least {least:g}")
-    return float(value)
+    return value
+
+
+def finite(value: object) -> float | None:
+    """The value as a float if it is a finite number, else None; an integer too large for a float is not finite."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def numbers(values: Any, where: str, least: int = 2) -> list[float]:
@@ -96,10 +106,11 @@ def numbers(values: Any, where: str, least: int = 2) -> list[float]:
     """
     if not isinstance(values, list) or len(values) < least:
         raise InputError(where, "is no list of readings", f"give at least {least} numbers")
-    for place, value in enumerate(values, start=1):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    found = [finite(value) for value in values]
+    for place, (value, number) in enumerate(zip(values, found, strict=True), start=1):
+        if number is None:
             raise InputError(where, f"reading {place} is {value!r}", "every reading must be a finite number")
-    return [float(value) for value in values]
+    return [number for number in found if number is not None]
 
 
 def text(table: Mapping[str, Any], key: str, where: str, default: str | None = None) -> str:

@@ -1,0 +1,1 @@
+"""The model linearised: mass and spring elements, state space, frequency responses, steady motion."""

@@ -1,60 +1,21 @@
-"""What makes parts a system: names, ends, signs, one connected piece."""
+"""Checks that components make a system: names, ends, signs, and that all are connected."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Protocol
+from collections.abc import Collection
 
 from modelling.common.errors import InputError, listed, unknown
 from modelling.effects import EFFECTS, Kind
-from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
+from modelling.model.components import TABLES, Components, Effect, Sensor
 from modelling.model.quantity import Quantity
 from modelling.units import SENSOR_UNITS
 
 _NAME = re.compile(r"\w[\w-]*")
 
 
-class Parts(Protocol):
-    """What is checked: the components of a :class:`modelling.model.system.System`."""
-
-    @property
-    def inertias(self) -> tuple[Inertia, ...]: ...  # noqa: D102
-
-    @property
-    def shafts(self) -> tuple[Shaft, ...]: ...  # noqa: D102
-
-    @property
-    def gears(self) -> tuple[Gear, ...]: ...  # noqa: D102
-
-    @property
-    def differentials(self) -> tuple[Differential, ...]: ...  # noqa: D102
-
-    @property
-    def inputs(self) -> tuple[Input, ...]: ...  # noqa: D102
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]: ...  # noqa: D102
-
-    @property
-    def effects(self) -> tuple[Effect, ...]: ...  # noqa: D102
-
-    @property
-    def mirror(self) -> tuple[tuple[str, str], ...]: ...  # noqa: D102
-
-    @property
-    def reference(self) -> str: ...  # noqa: D102
-
-    @property
-    def parameters(self) -> Mapping[str, Quantity]:
-        """Every quantity by its full name."""
-
-    def places(self) -> Iterator[str]:
-        """Every ``table.name``."""
-
-
-def check(system: Parts) -> None:
-    """Check a system; values, references and connectedness.
+def check(system: Components) -> None:
+    """Check values, references and connections of a system.
 
     Raises
     ------
@@ -64,7 +25,7 @@ def check(system: Parts) -> None:
     if not system.inertias:
         raise InputError("inertias", "the model has none", "at least one [inertias.NAME] with J is needed")
     _names(system)
-    inertias = [part.name for part in system.inertias]
+    inertias = dict.fromkeys(part.name for part in system.inertias)
     for part in system.inertias:
         _sign(f"inertias.{part.name}.J", part.J, positive=True)
         _sign(f"inertias.{part.name}.drag", part.drag)
@@ -81,7 +42,7 @@ def check(system: Parts) -> None:
         _ends(f"differentials.{differential.name}", ends, inertias)
     for source in system.inputs:
         if source.on not in inertias:
-            raise unknown(source.on, inertias, f"inputs.{source.name}.on")
+            raise unknown(source.on, list(inertias), f"inputs.{source.name}.on")
     for sensor in system.sensors:
         _sensor(sensor, system, inertias)
     for pair in system.mirror:
@@ -90,20 +51,20 @@ def check(system: Parts) -> None:
     if len(set(mirrored)) < len(mirrored):
         raise InputError("mirror.pairs", "an inertia stands in two pairs", "each inertia has one mirror image")
     if system.reference and system.reference not in inertias:
-        raise unknown(system.reference, inertias, "reference")
+        raise unknown(system.reference, list(inertias), "reference")
     _effects(system)
     _connected(system, inertias)
 
 
-def _names(system: Parts) -> None:
+def _names(system: Components) -> None:
     for table in TABLES:
-        seen = set()
+        names = set()
         for part in getattr(system, table):
             if not _NAME.fullmatch(part.name):
                 raise InputError(f"{table}.{part.name[:40]!r}", "is no usable name", "use letters, digits, _ and -")
-            if part.name in seen:
+            if part.name in names:
                 raise InputError(f"{table}.{part.name}", "the name is taken twice", "names must differ within a table")
-            seen.add(part.name)
+            names.add(part.name)
     both = {part.name for part in system.inputs} & {part.name for part in system.sensors}
     if both:
         raise InputError(
@@ -123,41 +84,41 @@ def _ratio(where: str, quantity: Quantity | None) -> None:
         return
     low, high = (quantity.value if end is None else end for end in (quantity.lower, quantity.upper))
     if low <= 0 <= high:
-        raise InputError(where, "a ratio of 0 joins nothing", "write speed(first)/speed(second)")
+        raise InputError(where, "a ratio of 0 connects nothing", "write speed(first)/speed(second)")
 
 
-def _ends(where: str, ends: tuple[str, ...], inertias: list[str]) -> None:
+def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
     for end in ends:
         if end not in inertias:
-            raise unknown(end, inertias, where)
+            raise unknown(end, list(inertias), where)
     if len(set(ends)) < len(ends):
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
 
 
-def _sensor(part: Sensor, system: Parts, inertias: list[str]) -> None:
+def _sensor(part: Sensor, system: Components, inertias: Collection[str]) -> None:
     where = f"sensors.{part.name}"
     if part.measures not in SENSOR_UNITS:
         raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
     known = [shaft.name for shaft in system.shafts] if part.measures == "torque" else inertias
     if part.of not in known:
-        raise unknown(part.of, known, f"{where}.of")
+        raise unknown(part.of, list(known), f"{where}.of")
     if part.uncertainty is not None and not part.uncertainty > 0:
         raise InputError(f"{where}.uncertainty", f"{part.uncertainty:g} is not possible", "greater than 0 is needed")
 
 
-def _effects(system: Parts) -> None:
-    seen = set()
+def _effects(system: Components) -> None:
+    names = set()
     for number, effect in enumerate(system.effects, 1):
         where = f"effects[{number}]"
         if effect.kind not in EFFECTS:
             raise unknown(effect.kind, sorted(EFFECTS), f"{where}.kind")
         _effect(EFFECTS[effect.kind], effect, system, where)
-        if effect.name in seen:
+        if effect.name in names:
             raise InputError(where, f"{effect.kind} stands twice at {effect.at}", "one of a kind at a place")
-        seen.add(effect.name)
+        names.add(effect.name)
 
 
-def _effect(kind: Kind, effect: Effect, system: Parts, where: str) -> None:
+def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
     """Check place, keys and bounds of one effect.
 
     Raises
@@ -168,18 +129,18 @@ def _effect(kind: Kind, effect: Effect, system: Parts, where: str) -> None:
     places = kind.places(system)
     if effect.at not in places:
         raise unknown(effect.at, places, f"{where}.at")
-    given = dict(effect.parameters)
-    for key in given:
+    quantities = dict(effect.parameters)
+    for key in quantities:
         if key not in kind.parameters:
             raise unknown(key, list(kind.parameters), f"{where} ({effect.kind})")
     for key, parameter in kind.parameters.items():
-        if key not in given:
+        if key not in quantities:
             if parameter.optional:
                 continue
             raise InputError(
                 f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {kind.unit(key, effect.at, system)}"
             )
-        value = given[key].value
+        value = quantities[key].value
         if not parameter.lower <= value <= parameter.upper:
             raise InputError(
                 f"{where}.{key}",
@@ -188,7 +149,7 @@ def _effect(kind: Kind, effect: Effect, system: Parts, where: str) -> None:
             )
 
 
-def _connected(system: Parts, inertias: list[str]) -> None:
+def _connected(system: Components, inertias: Collection[str]) -> None:
     joined: dict[str, set[str]] = {name: set() for name in inertias}
     for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
         joined[first].add(second)
@@ -197,7 +158,8 @@ def _connected(system: Parts, inertias: list[str]) -> None:
         for end in (part.left, part.right):
             joined[part.cage].add(end)
             joined[end].add(part.cage)
-    reached, todo = {inertias[0]}, [inertias[0]]
+    start = next(iter(inertias))
+    reached, todo = {start}, [start]
     while todo:
         new = joined[todo.pop()] - reached
         reached |= new
@@ -206,6 +168,6 @@ def _connected(system: Parts, inertias: list[str]) -> None:
         apart = [name for name in inertias if name not in reached]
         raise InputError(
             "inertias",
-            f"{listed(apart)} hang on nothing that joins them to {inertias[0]!r}",
+            f"{listed(apart)} are not connected to {start!r}",
             "add the missing shaft or gear",
         )

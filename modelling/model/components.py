@@ -1,19 +1,22 @@
-"""The components of a drivetrain: inertias, what joins them, what drives and measures them, and effects on them."""
+"""The components of a drivetrain: inertias, what connects them, inputs, sensors, and effects on them."""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from modelling.effects import EFFECTS, Kind
 from modelling.model.quantity import Quantity
-from modelling.units import SENSOR_UNITS
+from modelling.units import QUANTITY_UNITS, SENSOR_UNITS
 
 TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
+TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears")
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """A rigid body on a shaft line: inertia ``J`` (kg·m²), viscous ``drag`` to ground (N·m·s/rad)."""
+    """A rigid body that rotates: inertia ``J`` (kg·m²), viscous ``drag`` to ground (N·m·s/rad)."""
 
     name: str
     J: Quantity
@@ -22,7 +25,10 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Shaft:
-    """A spring and damper: twist = angle(first)/ratio − angle(second); stiffness and torque on the second's side."""
+    """A spring and damper: twist = angle(first)/ratio − angle(second), stiffness and torque on the second's side.
+
+    ``stiffness`` in N·m/rad, ``damping`` in N·m·s/rad.
+    """
 
     name: str
     between: tuple[str, str]
@@ -60,7 +66,10 @@ class Input:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A reading: ``measures`` angle, speed or acceleration of an inertia or torque of a shaft; standard uncertainty."""
+    """Measures the angle, speed or acceleration ``of`` an inertia, or the torque of a shaft.
+
+    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None.
+    """
 
     name: str
     measures: str
@@ -75,7 +84,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Effect:
-    """Something beyond the linear chain: a ``kind`` of the vocabulary at ``table.name`` with its parameters."""
+    """One effect beyond the linear chain: its ``kind``, the place ``at`` which it acts, and its parameters by key."""
 
     kind: str
     at: str
@@ -96,3 +105,50 @@ class Effect:
             If there is no such kind; a checked system has none of these.
         """
         return EFFECTS[self.kind]
+
+
+@dataclass(frozen=True)
+class Components:
+    """All parts of one drivetrain, in the order of the file; not checked, see :class:`modelling.model.system.System`.
+
+    Attributes
+    ----------
+    inertias, shafts, gears, differentials, inputs, sensors, effects : tuple
+        The components.
+    mirror : tuple of pairs of str
+        Names of inertias that left/right symmetry swaps.
+    title, reference : str
+        A title, and the inertia to whose shaft reduced values are reported.
+    """
+
+    inertias: tuple[Inertia, ...]
+    shafts: tuple[Shaft, ...] = ()
+    gears: tuple[Gear, ...] = ()
+    differentials: tuple[Differential, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    mirror: tuple[tuple[str, str], ...] = ()
+    effects: tuple[Effect, ...] = ()
+    title: str = ""
+    reference: str = ""
+
+    def places(self) -> Iterator[str]:
+        """Every ``table.name``."""
+        for table in TABLES:
+            for part in getattr(self, table):
+                yield f"{table}.{part.name}"
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Quantity]:
+        """Every quantity by its full name, e.g. ``shafts.link.stiffness``, in the order of the parameter vector (p)."""
+        quantities: dict[str, Quantity] = {}
+        for table in TABLES_WITH_QUANTITIES:
+            for part in getattr(self, table):
+                for key in QUANTITY_UNITS:
+                    quantity = getattr(part, key, None)
+                    if quantity is not None:
+                        quantities[f"{table}.{part.name}.{key}"] = quantity
+        for effect in self.effects:
+            for key, quantity in effect.parameters:
+                quantities[f"{effect.name}.{key}"] = quantity
+        return quantities

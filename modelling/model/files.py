@@ -78,77 +78,80 @@ def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str,
     parts = data.get(table, {})
     if not isinstance(parts, dict):
         raise InputError(f"{where}: {table}", "is no table", f"write [{table}.NAME]")
-    made = []
-    for name, own in parts.items():
+    components = []
+    for name, content in parts.items():
         place = f"{where}: {table}.{name}"
-        made.append(make(name, check_keys(own, _KEYS[table], place), place))
-    return made
+        components.append(make(name, check_keys(content, _KEYS[table], place), place))
+    return components
 
 
-def _inertia(name: str, own: dict, place: str) -> Inertia:
-    return Inertia(name, _needed(own, "J", place), _optional(own, "drag", place) or Quantity(0.0))
+def _inertia(name: str, table: dict, place: str) -> Inertia:
+    return Inertia(name, _needed(table, "J", place), _optional(table, "drag", place) or Quantity(0.0))
 
 
-def _shaft(name: str, own: dict, place: str) -> Shaft:
+def _shaft(name: str, table: dict, place: str) -> Shaft:
     return Shaft(
         name,
-        _between(own, place),
-        _needed(own, "stiffness", place),
-        _optional(own, "damping", place) or Quantity(0.0),
-        _optional(own, "ratio", place),
+        _between(table, place),
+        _needed(table, "stiffness", place),
+        _optional(table, "damping", place) or Quantity(0.0),
+        _optional(table, "ratio", place),
     )
 
 
-def _gear(name: str, own: dict, place: str) -> Gear:
-    return Gear(name, _between(own, place), _needed(own, "ratio", place))
+def _gear(name: str, table: dict, place: str) -> Gear:
+    return Gear(name, _between(table, place), _needed(table, "ratio", place))
 
 
-def _differential(name: str, own: dict, place: str) -> Differential:
-    return Differential(name, *(text(own, key, place) for key in ("cage", "left", "right")))
+def _differential(name: str, table: dict, place: str) -> Differential:
+    return Differential(name, *(text(table, key, place) for key in ("cage", "left", "right")))
 
 
-def _input(name: str, own: dict, place: str) -> Input:
-    return Input(name, text(own, "on", place))
+def _input(name: str, table: dict, place: str) -> Input:
+    return Input(name, text(table, "on", place))
 
 
-def _sensor(name: str, own: dict, place: str) -> Sensor:
-    measures = text(own, "measures", place)
+def _sensor(name: str, table: dict, place: str) -> Sensor:
+    measures = text(table, "measures", place)
     unit = Sensor(name, measures, "").unit if measures in ("angle", "speed", "acceleration", "torque") else "1"
-    uncertainty = to_si(own["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in own else None
-    return Sensor(name, measures, text(own, "of", place), uncertainty)
+    uncertainty = to_si(table["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in table else None
+    return Sensor(name, measures, text(table, "of", place), uncertainty)
 
 
-def _mirror(own: Any, place: str) -> tuple[tuple[str, str], ...]:
-    pairs = own.get("pairs", []) if isinstance(own, dict) else None
-    if not isinstance(pairs, list) or (isinstance(own, dict) and set(own) - {"pairs"}):
+def _mirror(table: Any, place: str) -> tuple[tuple[str, str], ...]:
+    pairs = table.get("pairs", []) if isinstance(table, dict) else None
+    if not isinstance(pairs, list) or (isinstance(table, dict) and set(table) - {"pairs"}):
         raise InputError(place, "is not understood", 'write pairs = [["left", "right"], …] below [mirror]')
     return tuple(_pair(pair, f"{place}.pairs") for pair in pairs)
 
 
 def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
-    given = data.get("effects", [])
-    if not isinstance(given, list) or not all(isinstance(own, dict) for own in given):
+    tables = data.get("effects", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise InputError(f"{where}: effects", "is no list of tables", "write [[effects]] with kind and at below")
-    made: list[Effect] = []
-    if not given:
+    if not tables:
         return ()
-    # units and places are those of the bare system
+    # units and places are those of the system without effects
     base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
-    for number, own in enumerate(given, 1):
-        place = f"{where}: effects[{number}]"
-        kind, at = (text(own, key, place) for key in ("kind", "at"))
-        if kind not in EFFECTS:
-            raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
-        places = EFFECTS[kind].places(base)
-        if at not in places:
-            raise unknown(at, places, f"{place}.at")
-        keys = [key for key in own if key not in ("kind", "at")]
-        for key in keys:
-            if key not in EFFECTS[kind].parameters:
-                raise unknown(key, list(EFFECTS[kind].parameters), f"{place} ({kind})")
-        values = tuple((key, quantity(own[key], EFFECTS[kind].unit(key, at, base), f"{place}.{key}")) for key in keys)
-        made.append(Effect(kind, at, values))
-    return tuple(made)
+    return tuple(_effect(table, base, f"{where}: effects[{number}]") for number, table in enumerate(tables, 1))
+
+
+def _effect(table: dict, base: System, place: str) -> Effect:
+    kind, at = (text(table, key, place) for key in ("kind", "at"))
+    if kind not in EFFECTS:
+        raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
+    law = EFFECTS[kind]
+    places = law.places(base)
+    if at not in places:
+        raise unknown(at, places, f"{place}.at")
+    parameters = {key: value for key, value in table.items() if key not in ("kind", "at")}
+    for key in parameters:
+        if key not in law.parameters:
+            raise unknown(key, list(law.parameters), f"{place} ({kind})")
+    quantities = (
+        (key, quantity(value, law.unit(key, at, base), f"{place}.{key}")) for key, value in parameters.items()
+    )
+    return Effect(kind, at, tuple(quantities))
 
 
 def quantity(value: Any, si: str, where: str) -> Quantity:
@@ -187,20 +190,20 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
         raise InputError(where, fault.wrong, fault.right) from None
 
 
-def _needed(own: dict, key: str, place: str) -> Quantity:
-    if key not in own:
+def _needed(table: dict, key: str, place: str) -> Quantity:
+    if key not in table:
         raise InputError(place, f"{key!r} is missing", f"give it in {QUANTITY_UNITS[key]}")
-    return quantity(own[key], QUANTITY_UNITS[key], f"{place}.{key}")
+    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}")
 
 
-def _optional(own: dict, key: str, place: str) -> Quantity | None:
-    return quantity(own[key], QUANTITY_UNITS[key], f"{place}.{key}") if key in own else None
+def _optional(table: dict, key: str, place: str) -> Quantity | None:
+    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}") if key in table else None
 
 
-def _between(own: dict, place: str) -> tuple[str, str]:
-    if "between" not in own:
+def _between(table: dict, place: str) -> tuple[str, str]:
+    if "between" not in table:
         raise InputError(place, "'between' is missing", 'write between = ["first", "second"]')
-    return _pair(own["between"], f"{place}.between")
+    return _pair(table["between"], f"{place}.between")
 
 
 def _pair(value: Any, where: str) -> tuple[str, str]:
@@ -220,9 +223,8 @@ def to_dict(system: System) -> dict[str, Any]:
     if system.reference:
         data["reference"] = system.reference
     for table in TABLES:
-        own = {part.name: _fields(part, _KEYS[table]) for part in getattr(system, table)}
-        if own:
-            data[table] = own
+        if parts := getattr(system, table):
+            data[table] = {part.name: _fields(part, _KEYS[table]) for part in parts}
     if system.mirror:
         data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
     if system.effects:
@@ -240,11 +242,11 @@ def dumps(system: System) -> str:
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
     order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *QUANTITY_UNITS)
-    own = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
-    own = {key: value for key, value in own.items() if not (key in ("drag", "damping") and value == Quantity(0.0))}
+    fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
         key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
-        for key, value in own.items()
+        for key, value in fields.items()
+        if not (key in ("drag", "damping") and value == Quantity(0.0))
     }
 
 

@@ -1,4 +1,4 @@
-"""Mirror images by name: what left/right symmetry makes of an inertia, a shaft or one of their quantities."""
+"""Mirror images by name: which inertia, shaft or quantity left/right symmetry swaps with which."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from modelling.model.system import System
 
 
 def mirror_image(name: str, system: System) -> str:
-    """The name that stands on the other side; the name itself where it is its own image or has none.
+    """The name of the mirror image; the name itself where it has none.
 
     Parameters
     ----------
@@ -24,8 +24,8 @@ def mirror_image(name: str, system: System) -> str:
 
 def _joint_image(table: str, name: str, system: System, swap: dict[str, str]) -> str:
     joints = [part for part in getattr(system, table, ()) if hasattr(part, "between")]
-    own = next((part for part in joints if part.name == name), None)
-    if own is None:
+    joint = next((part for part in joints if part.name == name), None)
+    if joint is None:
         return name
-    ends = tuple(swap.get(end, end) for end in own.between)
+    ends = tuple(swap.get(end, end) for end in joint.between)
     return next((part.name for part in joints if part.between == ends), name)

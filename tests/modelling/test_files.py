@@ -112,7 +112,7 @@ SPOILED = {
     "duplicate name": ("[inertias.load]", "[inertias.motor]", r"is not TOML: .*line \d+"),
     "input and sensor alike": ("[sensors.link_torque]", "[sensors.motor_torque]", r"an input has the same name"),
     "disconnected part": (
-        "[shafts.link]", "[inertias.far]\nJ = 1\n[shafts.link]", r"far hang on nothing that joins them",
+        "[shafts.link]", "[inertias.far]\nJ = 1\n[shafts.link]", r"far are not connected to",
     ),
     "input on nothing": (
         'on = "motor"', 'on = "wheel"', r"inputs\.motor_torque\.on: 'wheel' does not exist; known are motor",
