@@ -1,7 +1,7 @@
-"""The vocabulary of causes: one law a file, found by itself.
+"""The effects beyond a linear chain: one law a file, registered by being there.
 
 A new kind is one new module here with a class derived from :class:`modelling.effects.kind.Kind`;
-model files, equations, simulation, fit, diagnosis and report pick it up from ``EFFECTS``.
+model files, equations, simulation, fit, diagnosis and report read all they need from ``EFFECTS``.
 """
 
 from __future__ import annotations

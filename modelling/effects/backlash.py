@@ -12,7 +12,7 @@ from modelling.effects.kind import Kind, Parameter
 
 
 class Backlash(Kind):
-    """Dead zone of width ``gap`` (rad, total) in the twist; no pull across it."""
+    """Dead zone of width ``gap`` (rad, total) in the twist; no torque across it."""
 
     kind = "backlash"
     words = "has {gap} of free play"
@@ -28,7 +28,7 @@ class Backlash(Kind):
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
         stiffness, twist = motion.value[f"{at}.stiffness"], motion.twist[name]
-        for share in (0.02, 0.1, 0.3, 1.0):
-            # the play takes half a gap of twist from the spring; where torque changes sign it does so over some width
+        for share in (0.02, 0.1, 0.3, 1.0):  # of the largest twist
+            # free play takes half a gap of twist from the spring; around zero torque the transition has some width
             width = share * float(np.abs(twist).max())
             yield Guess(({at: -stiffness * np.clip(twist / width, -1, 1)},), if_positive("gap", 2.0))

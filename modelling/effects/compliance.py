@@ -35,14 +35,17 @@ class Compliance(Kind):
         name, second = at.split(".")[1], motion.ends[at.split(".")[1]][1]
         k, c = motion.value[f"{at}.stiffness"], motion.value[f"{at}.damping"]
         J_end = min(motion.value[f"inertias.{end}.J"] for end in motion.ends[name])
-        for stiffer in (1.0, 4.0, 16.0):
-            for share in (0.02, 0.1, 0.4, 1.0):
-                k2, J = stiffer * k, share * J_end
-                d = _middle(motion, name, second, k, c, k2, J)
+        drive = k * motion.twist[name] + c * motion.twist_rate[name]
+        for ratio in (1.0, 4.0, 16.0):  # of the shaft's stiffness
+            for share in (0.02, 0.1, 0.4, 1.0):  # of the smaller inertia at its ends
+                k2, J = ratio * k, share * J_end
+                # J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈, with d the middle angle ahead of the second end
+                b, a = bilinear([1.0], [J, c, k + k2], 1 / motion.step)
+                d = motion.filtered(list(b), list(a), drive - J * motion.acceleration[second])
                 d_rate = motion.per_segment(lambda t, s: np.gradient(s, t), d)
                 d_rate2 = motion.per_segment(lambda t, s: np.gradient(s, t), d_rate)
-                push = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (motion.acceleration[second] + d_rate2)}
-                yield Guess((push,), partial(_softer, k2, J))
+                addition = {at: -k * d - c * d_rate, f"inertias.{second}": -J * (motion.acceleration[second] + d_rate2)}
+                yield Guess((addition,), partial(_softer, k2, J))
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
@@ -58,14 +61,6 @@ class Compliance(Kind):
         return (guess / 20, guess * 20)
 
 
-def _middle(motion: FittedMotion, name: str, second: str, k: float, c: float, k2: float, J: float) -> np.ndarray:
-    """Angle (t,) of the middle inertia ahead of the second end: J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈."""
-    b, a = bilinear([1.0], [J, c, k + k2], 1 / motion.step)
-    return motion.filtered(
-        list(b), list(a), k * motion.twist[name] + c * motion.twist_rate[name] - J * motion.acceleration[second]
-    )
-
-
 def _softer(stiffness: float, J: float, a: np.ndarray) -> dict[str, float] | None:
-    """The larger the effect, the softer the spring and the larger the inertia."""
+    """Parameters for the amplitude a (1,) of the guessed effect: the larger, the softer the spring, the larger J."""
     return {"stiffness": stiffness / float(a[0]), "J": J * float(a[0])} if a[0] > 0.05 else None

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from modelling.effects.first_guess import FittedMotion, Guess, if_positive
+from modelling.effects.first_guess import FittedMotion, Guess, if_positive, smooth_sign
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -29,7 +27,7 @@ class CoulombFriction(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         speed = motion.speed[at.split(".")[1]]
-        sign = np.tanh(speed / (1e-3 * float(np.abs(speed).max()) + 1e-9))
+        sign = smooth_sign(speed)
         yield Guess(({at: -sign},), if_positive("torque"))
         if speed.min() < 0 < speed.max():
             forward, reverse = (1 + sign) / 2, (1 - sign) / 2

@@ -1,4 +1,4 @@
-"""An input that acts later than it was recorded."""
+"""An input that acts with a delay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect is shown to guess its first values from: a motion without it, and what the measurement leaves over."""
+"""What an effect guesses its first values from: the motion of a fitted model without it, and the misfit's gradient."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FittedMotion:
     ends : dict of str to (str, str)
         The inertias that a shaft joins.
     torque_gradient : dict of str to ndarray (t,)
-        By inertia: how much a torque at that moment would lower the misfit (the gradient of χ², negative).
+        By inertia: −∂χ²/∂torque, how much a torque at that time would lower the misfit.
     """
 
     time: np.ndarray
@@ -78,19 +78,19 @@ class FittedMotion:
 
 @dataclass(frozen=True)
 class Guess:
-    """A first guess of an effect: what it adds to the model's equations, as far as a motion without it tells.
+    """A first guess of an effect: what it would add to the model's equations along the motion without it.
 
     Attributes
     ----------
     additions : tuple of dict
         Each by place: ``inertias.…`` torque on it (t,), ``shafts.…`` further torque of it (t,), ``inputs.…`` further
         input (t,), ``sensors.…`` further reading (t,), or a quantity's full name with the change of its value.
-        Their amplitudes are found by least squares.
+        Their amplitudes a follow from least squares.
     parameters : callable
-        Amplitudes (one a push) → parameters of the effect, or None if no such effect exists.
+        Amplitudes a, one for each addition → parameters of the effect, or None if no such effect exists.
     chosen_from : float
-        How many independent guesses it stands for, where the residual was looked at to choose it: the best of many
-        finds more in mere noise.
+        From how many independent guesses it was chosen by looking at the residual: the best of many lowers the misfit
+        by more, also where there is only noise.
     """
 
     additions: tuple[Mapping[str, np.ndarray | float], ...]
@@ -101,3 +101,8 @@ class Guess:
 def if_positive(name: str, factor: float = 1.0, **others: float) -> Callable[[np.ndarray], dict[str, float] | None]:
     """Parameters where ``name`` is ``factor`` times the amplitude, which must be positive."""
     return lambda a: {name: factor * float(a[0]), **others} if a[0] > 0 else None
+
+
+def smooth_sign(speed: np.ndarray) -> np.ndarray:
+    """Sign of a speed (t,), smoothed over a thousandth of its largest value."""
+    return np.tanh(speed / (1e-3 * float(np.abs(speed).max()) + 1e-9))

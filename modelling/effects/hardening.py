@@ -1,4 +1,4 @@
-"""A shaft that stiffens or softens with its twist."""
+"""A shaft whose stiffness grows or falls with its twist."""
 
 from __future__ import annotations
 

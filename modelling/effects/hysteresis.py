@@ -35,7 +35,7 @@ class Hysteresis(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
-        for share in (0.1, 0.3, 1.0, 3.0):
+        for share in (0.1, 0.3, 1.0, 3.0):  # of the standard deviation of the twist
             angle = share * float(motion.twist[name].std())
             yield Guess(
                 ({at: motion.per_segment(partial(_dahl, angle), motion.twist_rate[name])},),
@@ -45,7 +45,7 @@ class Hysteresis(Kind):
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterator[tuple[str, str, dict[str, float]]]:
-        """Over an angle that is never reached it is a spring."""
+        """A spring, where the twist never reaches the angle."""
         name = f"{at}.stiffness"
         yield "wrong_parameter", name, {"value": value[name] + parameters["torque"] / parameters["angle"]}
 

@@ -1,4 +1,4 @@
-"""An input that acts with a factor."""
+"""An input with a wrong scale factor."""
 
 from __future__ import annotations
 

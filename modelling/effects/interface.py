@@ -1,4 +1,4 @@
-"""What an effect may see of a drivetrain and change in its equations; laws are written against this alone.
+"""What an effect may read of a drivetrain and change in its equations; laws import nothing else of the program.
 
 The equations under construction (:class:`modelling.equations.assembly.Assembly`) and the model
 (:class:`modelling.model.system.System`) fit the two protocols here.
@@ -16,7 +16,7 @@ Symbols = Mapping[str, sm.Symbol]
 
 
 class Drivetrain(Protocol):
-    """The model that an effect sits in."""
+    """The model that an effect belongs to."""
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -46,22 +46,22 @@ class EquationBuilder(Protocol):
     springs: dict[str, Spring]
 
     def add_coordinate(self, name: str) -> Motion:
-        """A new degree of freedom."""
+        """Add a degree of freedom."""
 
     def add_inertia(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
         """Give a component its kinetic energy."""
 
     def add_state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
-        """A new first-order state with its time derivative."""
+        """Add a first-order state with its time derivative, as a function of its symbol."""
 
     def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
-        """Let a torque do virtual work on a motion."""
+        """Let a torque (N·m) act on a motion: it does virtual work on it, named after a component."""
 
     def symbol(self, name: str) -> sm.Symbol:
-        """The symbol of a parameter of the model; of what stands for it where an effect replaces it."""
+        """The symbol of a parameter of the model; that of the effect that replaces it, where there is one."""
 
     def sign(self, speed: sm.Expr) -> sm.Expr:
-        """Sign of a speed, turning over a stick speed that the simulation keeps small."""
+        """Sign of a speed (rad/s), smoothed over a stick speed that the simulation keeps small."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ class Motion:
         return self._sum(self.assembly.qdd)
 
     def __sub__(self, other: Motion) -> Motion:
-        share = dict(self.coefficients)
+        difference = dict(self.coefficients)
         for i, coefficient in other.coefficients.items():
-            share[i] = share.get(i, sm.Integer(0)) - coefficient
-        return Motion({i: c for i, c in share.items() if c != 0}, self.assembly)
+            difference[i] = difference.get(i, sm.Integer(0)) - coefficient
+        return Motion({i: c for i, c in difference.items() if c != 0}, self.assembly)
 
     def divided_by(self, ratio: sm.Expr) -> Motion:
         """The motion divided by a ratio."""
@@ -102,9 +102,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class Spring:
-    """What a spring is to small oscillations: its tangent ``stiffness``, the twist it resists, its own deflection.
+    """A spring in small oscillations: tangent ``stiffness`` (N·m/rad), the ``twist`` it resists, its ``deflection``.
 
-    Deflection and twist differ where a damper sits in series.
+    Deflection and twist differ where a damper is in series with the spring.
     """
 
     stiffness: sm.Expr
@@ -125,7 +125,7 @@ class ShaftLaw:
     stiffness, damping : Expr
         N·m/rad, N·m·s/rad.
     rate : Symbol
-        Stands for the twist rate until the law is closed.
+        Placeholder of the twist rate (rad/s) until the law is closed.
     potentials : list of callable
         Twist → elastic energy.
     gap : Expr or None
@@ -137,7 +137,7 @@ class ShaftLaw:
     parallel, parallel_stiffness : list of Expr
         Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
     torque : Expr
-        All that the shaft transmits, once the law is closed.
+        All that the shaft transmits (N·m), once the law is closed.
     """
 
     place: str
@@ -157,7 +157,7 @@ class ShaftLaw:
 
 @dataclass
 class InputPath:
-    """What a recorded input becomes before it acts."""
+    """What happens to a recorded input before it acts: ``value`` (N·m) acts ``delay`` (s) later."""
 
     place: str
     value: sm.Expr
@@ -166,7 +166,7 @@ class InputPath:
 
 @dataclass
 class SensorPath:
-    """What the truth becomes before it is read."""
+    """What happens to the measured quantity before it is recorded: ``value`` (SI) is read ``delay`` (s) later."""
 
     place: str
     value: sm.Expr

@@ -1,4 +1,4 @@
-"""What every effect says of itself: where it can sit, its parameters, its law."""
+"""What every effect states about itself: its places, parameters, law, and what it asks of a simulation or a fit."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Kind:
     kind : str
         Its name in model files.
     words : str
-        What is said of the place in reports, parameters in braces: ``"has {gap} of free play"``.
+        Predicate of the place in reports, parameters in braces: ``"has {gap} of free play"``.
     tables : tuple of str
         Tables of the model file that it can sit at.
     parameters : dict of str to Parameter
@@ -109,29 +109,31 @@ class Kind:
         raise NotImplementedError
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterable[Guess]:
-        """Further guesses about the best one, where a fit would not find from one to the other; here none."""
+        """Further guesses near the best one, where a fit would not move from one to the other; by default none."""
         return ()
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterable[tuple[str, str, dict[str, float]]]:
-        """Kinds with fewer parameters that this effect, with these, may pass for: kind, place, parameters; here none.
+        """Effects of fewer parameters that behave alike at these values: (kind, place, parameters); by default none.
 
-        A fit may come near such an effect from here where it does not from a first guess. ``value`` holds the
-        quantities of the system.
+        A fit started there may reach such an effect where it does not from a first guess. ``value`` holds the
+        quantities of the system by name.
         """
         return ()
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        """Bounds of a parameter in a fit that begins at a guess, for data sampled every ``step`` s; here the physical
-        ones."""
-        own = self.parameters[key]
-        if own.lower > 0:  # a scale: it may be far from the guess, but not at 0
-            return max(own.lower, guess / 20), min(own.upper, guess * 20)
-        return own.lower, own.upper
+        """Bounds of a parameter in a fit that starts from a guess, for data sampled every ``step`` s.
+
+        By default the physical bounds.
+        """
+        parameter = self.parameters[key]
+        if parameter.lower > 0:  # a scale: it may differ much from the guess, but not be 0
+            return max(parameter.lower, guess / 20), min(parameter.upper, guess * 20)
+        return parameter.lower, parameter.upper
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
-        """The same effect with its parameters as one would write them, e.g. an angle within one turn."""
+        """The same effect with its parameters in their usual range, e.g. a phase within ±π."""
         return parameters
 
     def unit(self, key: str, at: str, system: Drivetrain) -> str:
@@ -140,8 +142,8 @@ class Kind:
         if unit == "quantity":
             return QUANTITY_UNITS[at.rsplit(".", 1)[1]]
         if unit.startswith("sensor"):
-            own = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
-            return own + unit.removeprefix("sensor")
+            reading = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
+            return reading + unit.removeprefix("sensor")
         return unit
 
     def state_unit(self, at: str, system: Drivetrain) -> str:

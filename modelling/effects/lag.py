@@ -30,7 +30,7 @@ class Lag(Kind):
         ramp = path.value - at_once
         path.value = at_once
         self.input(path, p, assembly)
-        path.value += ramp.subs(assembly.time, assembly.time - p["time_constant"])  # a drift, once it has settled
+        path.value += ramp.subs(assembly.time, assembly.time - p["time_constant"])  # a drift, after the lag has settled
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         table, name = at.split(".")

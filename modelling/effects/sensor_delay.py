@@ -1,4 +1,4 @@
-"""A sensor that reads the past."""
+"""A sensor that reads with a delay."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from modelling.effects.kind import Kind, Parameter
 
 
 class SensorDelay(Kind):
-    """Reads what was ``delay`` (s) ago."""
+    """Reads the value of ``delay`` (s) ago."""
 
     kind = "sensor_delay"
     words = "reads {delay} late"

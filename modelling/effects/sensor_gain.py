@@ -1,4 +1,4 @@
-"""A sensor whose scale is off."""
+"""A sensor with a wrong scale factor."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from modelling.effects.kind import Kind, Parameter
 
 
 class SensorGain(Kind):
-    """Reads ``factor`` times the truth."""
+    """Reads ``factor`` times the true value."""
 
     kind = "sensor_gain"
-    words = "reads {factor} times the truth"
+    words = "reads {factor} times the true value"
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
     linear = True

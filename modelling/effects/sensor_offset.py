@@ -1,4 +1,4 @@
-"""A sensor that reads more than is."""
+"""A sensor with a constant error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from modelling.effects.kind import Kind, Parameter
 
 
 class SensorOffset(Kind):
-    """Reads ``offset`` more."""
+    """Reads ``offset`` more than the true value."""
 
     kind = "sensor_offset"
     words = "reads {offset} too much"

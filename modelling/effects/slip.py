@@ -27,11 +27,11 @@ class Slip(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         stiffness, twist = motion.value[f"{at}.stiffness"], motion.twist[at.split(".")[1]]
-        for relaxation in (0.02, 0.1, 0.5, 2.5, 12.5):  # s, coefficient/stiffness
+        for relaxation in (0.02, 0.1, 0.5, 2.5, 12.5):  # s, coefficient over stiffness
             lost = motion.lagged(twist - twist[0], relaxation)
             yield Guess(({at: -stiffness * lost},), partial(_damper, stiffness * relaxation))
 
 
 def _damper(coefficient: float, a: np.ndarray) -> dict[str, float] | None:
-    """The more is lost, the weaker the damper."""
+    """Parameters for the amplitude a (1,) of the lost twist: the more is lost, the weaker the damper."""
     return {"coefficient": coefficient / float(a[0])} if a[0] > 0.02 else None

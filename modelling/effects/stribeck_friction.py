@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from sympy import exp
 
-from modelling.effects.first_guess import FittedMotion, Guess
+from modelling.effects.first_guess import FittedMotion, Guess, smooth_sign
 from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
@@ -34,17 +34,17 @@ class StribeckFriction(Kind):
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
     ) -> Iterator[tuple[str, str, dict[str, float]]]:
-        """Where it hardly falls, or the speed is seldom below that over which it does, it is Coulomb's."""
+        """Coulomb friction, where the torque hardly falls or the speed is seldom in the range over which it does."""
         yield "coulomb_friction", at, {"torque": parameters["torque"]}
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        own = motion.speed[at.split(".")[1]]
-        sign = np.tanh(own / (1e-3 * float(np.abs(own).max()) + 1e-9))
-        for share in (0.05, 0.15, 0.4):
-            speed = share * float(own.std()) + 1e-9
+        speed = motion.speed[at.split(".")[1]]
+        sign = smooth_sign(speed)
+        for share in (0.05, 0.15, 0.4):  # of the standard deviation of the speed
+            scale = share * float(speed.std()) + 1e-9
             yield Guess(
-                ({at: -sign}, {at: -sign * np.exp(-((own / speed) ** 2))}),
-                partial(_friction, speed),
+                ({at: -sign}, {at: -sign * np.exp(-((speed / scale) ** 2))}),
+                partial(_friction, scale),
             )
 
 

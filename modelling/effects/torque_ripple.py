@@ -14,6 +14,9 @@ from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 
+MOST_ORDERS = 4  # that are tried from one spectrum
+HIGHEST_ORDER = 24.0  # per turn, that is searched for: above those of cogging and joints
+
 
 class TorqueRipple(Kind):
     """amplitude·sin(order·angle + phase), driving."""
@@ -29,12 +32,12 @@ class TorqueRipple(Kind):
         assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        angle, pull = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
-        for order, chosen_from in _orders(angle, pull):
+        angle, gradient = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
+        for order, chosen_from in _orders(angle, gradient):
             yield _guess(at, angle, order, chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
-        """Orders about the best one, half a line apart: a motion to and fro gives the true one many side lobes."""
+        """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
         angle = motion.angle[at.split(".")[1]]
         span = float(np.ptp(angle))
         if span > 4 * np.pi:
@@ -45,8 +48,8 @@ class TorqueRipple(Kind):
         return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
-        turn = math.pi if parameters["amplitude"] < 0 else 0.0
-        phase = math.remainder(parameters["phase"] + turn, 2 * math.pi)
+        shift = math.pi if parameters["amplitude"] < 0 else 0.0
+        phase = math.remainder(parameters["phase"] + shift, 2 * math.pi)
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
 
 
@@ -59,24 +62,24 @@ def _wave(order: float, a: np.ndarray) -> dict[str, float]:
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
-def _orders(angle: np.ndarray, pull: np.ndarray, most: int = 4, highest: float = 24.0) -> Iterator[tuple[float, float]]:
-    """Orders at which the torque that would help stands out of its surroundings, and from how many each was chosen."""
+def _orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Orders at which −∂χ²/∂torque over angle stands out of its spectrum, and from how many each was chosen."""
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:
         return
-    if span < 2 * np.pi:  # nothing stands out of a spectrum so coarse: all that have half a wave, half a line apart
-        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
+    if span < 2 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
+        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, HIGHEST_ORDER, np.pi / span))
         return
-    # torque summed over bins of angle, then one FFT over angle; ten bins a turn of the highest order
-    width = 2 * np.pi / (10 * highest)
-    length = 2 * int(span / width) + 2  # half of it empty: orders twice as fine as the span resolves
-    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), pull, length)))
+    # gradient summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
+    width = 2 * np.pi / (10 * HIGHEST_ORDER)
+    length = 2 * int(span / width) + 2  # half of it zeros: orders twice as fine as the span resolves
+    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), gradient, length)))
     orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
     fine = orders[1]
-    used = (orders > max(0.4, 2 * fine)) & (orders <= highest)
+    used = (orders > max(0.4, 2 * fine)) & (orders <= HIGHEST_ORDER)
     orders, strength = orders[used], strength[used]
     outstanding = strength / (medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
-    for _ in range(most):
+    for _ in range(MOST_ORDERS):
         best = int(np.argmax(outstanding))
-        yield float(orders[best]), max(len(orders) / most, 1.0)
+        yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)
         outstanding[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0

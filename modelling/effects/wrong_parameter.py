@@ -1,4 +1,4 @@
-"""A value given as known that is not so."""
+"""A quantity that differs from what the model states."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from modelling.effects.kind import Kind, Parameter
 
 
 class WrongParameter(Kind):
-    """The quantity at the place (e.g. ``inertias.body.J``) is ``value`` instead; the assembly reads it from here."""
+    """The quantity at the place (e.g. ``inertias.body.J``) is ``value`` instead."""
 
     kind = "wrong_parameter"
     words = "is {value}, not what the model gives"
