@@ -33,18 +33,11 @@ import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
 from matching.frequency.case.load import load_case
+from matching.frequency.programme.build import CHANGE_WEIGHT, EIGENVALUE_WEIGHT
 from matching.frequency.programme.closed_loop import _expressions
-from matching.frequency.programme.problem import (
-    EIGEN,
-    PRICE,
-    SLOTS,
-    Problem,
-    _places,
-    eigenpairs,
-    grid,
-    scaled,
-    unscaled,
-)
+from matching.frequency.programme.margin_grid import SLOTS, margin_points
+from matching.frequency.programme.problem import Problem, eigenpairs
+from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.programme.terms import MEET
 from matching.frequency.search import solve as solving
 from matching.frequency.search.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
@@ -107,11 +100,11 @@ class Reduced:
         self.size = len(own.moves)
         self.roots = [goal.eigenvalue for goal in own.goals]  # the last ones found, to begin from
         self.start = np.array([scaled(move.start, move) for move in own.moves])
-        self.response = own.loop.response.map(len(self.task.reference))
-        self.s = ca.DM(2 * np.pi * grid(own.case)).T
+        self.response = own.loop.response.map(len(self.task.objective.vehicle))
+        self.s = ca.DM(2 * np.pi * self.task.objective.frequencies).T
         self.extra = own.extra(self.added)
         extra = ca.MX.sym("extra", own.slots)
-        self.places = ca.Function("places", [extra], [_places(own.case, extra)])(self.extra).full()
+        self.places = ca.Function("places", [extra], [margin_points(own.case, extra)])(self.extra).full()
 
     def vector(self, moves: np.ndarray) -> np.ndarray:
         """The decision vector with the eigenpairs of these moves, each followed from the last, else from its goal."""
@@ -182,14 +175,14 @@ class Reduced:
 
     def wrong(self, v: np.ndarray, H: np.ndarray) -> np.ndarray:
         """The same from responses (f, h)."""
-        ratio = H / self.task.reference
+        ratio = H / self.task.objective.vehicle
         parts = [np.log(np.abs(ratio)).ravel(), np.unwrap(np.angle(ratio), axis=0).ravel()]
         wrong = [part / np.sqrt(ratio.size) for part in parts]
-        wrong.append(np.sqrt(PRICE * self.task.weights) * (v[: self.size] - self.start))
+        wrong.append(np.sqrt(CHANGE_WEIGHT * self.task.weights) * (v[: self.size] - self.start))
         pairs = eigenpairs(v, self.size, self.problem.case)
         for goal, (sigma, omega, *_) in zip(self.problem.goals, pairs, strict=True):
             natural, ratio_wanted = np.hypot(sigma, omega), -goal.eigenvalue.real / abs(goal.eigenvalue)
-            wrong.append(np.sqrt(EIGEN) * np.array([natural - 1, -sigma / natural - ratio_wanted]))
+            wrong.append(np.sqrt(EIGENVALUE_WEIGHT) * np.array([natural - 1, -sigma / natural - ratio_wanted]))
         return np.concatenate(wrong)
 
     def _seen(self, v: np.ndarray, f: float, missed: np.ndarray) -> None:
@@ -210,7 +203,7 @@ class Plain(Reduced):
         super().__post_init__()
         own = self.problem
         self.loop = NumpyLoop(own.case, own.moves)
-        self.band = 2j * np.pi * grid(own.case)
+        self.band = 2j * np.pi * self.task.objective.frequencies
         self.at = np.concatenate([self.band, self.places[0] + 1j * self.places[1]])
         goals = own.goals
         self.patterns = np.array([goal.pattern / np.linalg.norm(goal.pattern) for goal in goals])

@@ -11,9 +11,9 @@ from needs import compiles
 from matching.frequency.case.demands import demands
 from matching.frequency.case.load import load_case
 from matching.frequency.case.targets import goals, target_modes
-from matching.frequency.loop.responses import responses
+from matching.frequency.programme.build import _functions, build
 from matching.frequency.programme.evaluators import _REMEMBERED
-from matching.frequency.programme.problem import _functions, build, grid
+from matching.frequency.programme.objectives.response_error import ResponseErrorObjective
 from matching.frequency.search.solve import _start
 from modelling.simulation.integrator.c_library import compiler, folder
 
@@ -27,9 +27,9 @@ def programme(request):
     case = load_case(EXAMPLES / request.param / "case.toml")
     weights = np.linspace(1, 3, len(case.moves))
     own = goals(case, target_modes(case))
-    reference = responses(case, grid(case)).vehicle
+    objective = ResponseErrorObjective.of(case)
     asked = demands(case)
-    return lambda **how: build(case, case.moves, weights, own, reference, asked, slots=len(EXTRA), **how)
+    return lambda **how: build(case, case.moves, weights, own, objective, asked, slots=len(EXTRA), **how)
 
 
 @pytest.fixture(scope="module")
@@ -120,8 +120,8 @@ def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch)
     later = replace(case, loop=case.loop.with_values({"dead_time": 0.0041}))
     narrower = replace(later, moves=tuple(replace(move, upper=0.95 * move.upper) for move in case.moves))
     for one in (case, later, narrower, fewer):
-        weights, reference = np.ones(len(one.moves)), responses(one, grid(one)).vehicle
-        build(one, one.moves, weights, own, reference, demands(one))
+        weights, objective = np.ones(len(one.moves)), ResponseErrorObjective.of(one)
+        build(one, one.moves, weights, own, objective, demands(one))
         _REMEMBERED.clear()
         _functions.cache_clear()
         found.append(len(list(tmp_path.glob("*.so"))))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from matching.frequency.case.load import load_case
-from matching.frequency.programme.problem import OSCILLATING, eigenpairs
+from matching.frequency.programme.problem import LEAST_OSCILLATION, eigenpairs
 from matching.frequency.search.solve import Task, _follows, _led, _one
 from tests.match.programme import programme_of
 
@@ -27,7 +27,7 @@ def test_led_starts_beat_plain_ones_and_may_let_a_root_become_real(task):
     led = list(_led(task, 0, (1, 2, 3)))
     assert all(end and _follows(task, end) and end.objective < 0.6 * min(plain) for end in led)
     turning = [eigenpairs(end.v, len(problem.moves), task.case)[0, 1] for end in led]
-    assert any(own < OSCILLATING for own in turning)  # the 1.6 Hz mode is overdamped there
+    assert any(own < LEAST_OSCILLATION for own in turning)  # the 1.6 Hz mode is overdamped there
     for end in led:
         rows = problem.objective(end.v, problem.extra())[1].full().ravel()
         assert problem.violation(rows) < 1e-5

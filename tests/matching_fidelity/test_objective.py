@@ -10,9 +10,9 @@ import pytest
 from matching.frequency.case.case_file import case_text
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.emulated import PLACE
+from matching.frequency.programme.build import build
 from matching.frequency.programme.closed_loop import closed_loop
-from matching.frequency.programme.objective import fidelity_aim
-from matching.frequency.programme.problem import build
+from matching.frequency.programme.objectives.fidelity import FidelityObjective
 from matching.frequency.search.match import match
 from matching.frequency.search.solve import _start
 from modelling.common.errors import InputError
@@ -22,7 +22,7 @@ CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 
 @pytest.fixture(scope="module")
 def aim(feedback):
-    return fidelity_aim(feedback)
+    return FidelityObjective.of(feedback)
 
 
 def responses(aim, values):
@@ -69,7 +69,7 @@ def test_gradient_by_differences(feedback, aim):
         def constraints(self, p):
             return []
 
-    problem = build(feedback, moves, weights, (), np.ones((48, 6)), Nothing(), aim=aim, compiled=False)
+    problem = build(feedback, moves, weights, (), aim, Nothing(), compiled=False)
     v = ca.MX.sym("v", len(moves))
     f = problem.objective(v, [])[0]
     gradient = ca.Function("gradient", [v], [ca.gradient(f, v)])

@@ -28,6 +28,7 @@ FLOORS = [
     ["matching.frequency.case"],
     ["matching.frequency.loop"],
     ["matching.frequency.programme"],
+    ["matching.frequency.programme.objectives"],
     ["matching.frequency.verification"],
     ["matching.frequency.search"],
     ["matching.frequency.studies"],

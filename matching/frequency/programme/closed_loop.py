@@ -16,11 +16,12 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case, Compared
+from matching.frequency.programme.dead_time import actuator
 from modelling.bed.loop import ControlStructure, Dynamometer
 from modelling.bed.residual_vehicle import Interface
 from modelling.common.errors import unknown
 from modelling.equations.compiled import Model, compiled
-from modelling.equations.complex_sx import Complex, Row, exp, joined, solve
+from modelling.equations.complex_sx import Complex, Row, joined, solve
 from modelling.model.components import Gear, Shaft
 from modelling.model.system import System
 
@@ -243,7 +244,7 @@ def _close(
 ) -> tuple[list[Complex], list[list[Complex]]]:
     dynos = own.dynamometers
     lag = 1 / (1 + s * loop["torque_sensor_lag"])
-    actuator = exp(-(s * loop["dead_time"])) / (1 + s * loop["inverter_lag"])
+    act = actuator(loop, s)
 
     def commands(torques: list[Complex], speeds: list[Complex], roads: list[Complex]) -> list[Complex]:
         """Air-gap torques for flange torques, rotor speeds and what the roads do to the reference speeds."""
@@ -252,7 +253,7 @@ def _close(
             sum((_residual(own, parts, dyno, other) * measured[k] for k, other in enumerate(dynos)), roads[j])
             for j, dyno in enumerate(dynos)
         ]
-        return [actuator * command for command in own.control.commands(loop, s, wanted, speeds, measured)]
+        return [act * command for command in own.control.commands(loop, s, wanted, speeds, measured)]
 
     toward = [sensor_sign(own.rig, dyno) for dyno in dynos]
     size = len(dynos)

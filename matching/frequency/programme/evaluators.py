@@ -23,8 +23,8 @@ from matching.frequency.programme.terms import Term
 from modelling.simulation.integrator.c_library import compiler, generated, loaded, shared
 
 OPTIMISATION = "-O1"  # beyond it the compiler takes longer than it saves
-LARGEST = 10_000  # operations of a term beyond which the compiler would take minutes over its derivatives
-KEPT = 64  # functions remembered in a process
+MOST_OPERATIONS = 10_000  # operations of a term beyond which the compiler would take minutes over its derivatives
+FUNCTIONS_REMEMBERED = 64  # functions remembered in a process
 
 Derivation = Callable[[str, Term], ca.Function]
 _REMEMBERED: dict[tuple[str, bool], ca.Function] = {}
@@ -35,18 +35,18 @@ def value(name: str, term: Term) -> ca.Function:
     return _function(name, term, [], [term.value])
 
 
-def slope(name: str, term: Term) -> ca.Function:
+def jacobian(name: str, term: Term) -> ca.Function:
     """(at, free, fixed) → value (a,), derivative with respect to what moves (a, m) column by column."""
     return _function(name, term, [], [term.value, ca.vec(_jacobian(term.value, term.free))])
 
 
-def pull(name: str, term: Term) -> ca.Function:
+def weighted_gradient(name: str, term: Term) -> ca.Function:
     """(at, free, fixed, weight) → derivative (m,) of weightᵀ·value."""
     weight = ca.SX.sym("weight", term.value.numel())
     return _function(name, term, [weight], [ca.gradient(ca.dot(weight, term.value), term.free)])
 
 
-def bend(name: str, term: Term) -> ca.Function:
+def weighted_hessian(name: str, term: Term) -> ca.Function:
     """(at, free, fixed, weight) → second derivative (m·m,) of weightᵀ·value."""
     weight = ca.SX.sym("weight", term.value.numel())
     return _function(name, term, [weight], [ca.vec(ca.hessian(ca.dot(weight, term.value), term.free)[0])])
@@ -57,11 +57,11 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
     compiled = compiled and compiler() is not None
     keys = {name: (_key(name, derive, term), compiled) for name, (derive, term) in terms.items()}
     missing = [name for name, key in keys.items() if key not in _REMEMBERED]
-    one_by_one = Lock()  # CasADi's expressions do not bear two threads
+    one_by_one = Lock()  # CasADi's expressions are not thread-safe
 
     def built(name: str) -> Path | None:
         derive, term = terms[name]
-        if term.plain.n_instructions() > LARGEST:
+        if term.plain.n_instructions() > MOST_OPERATIONS:
             return None
 
         def source() -> str:
@@ -74,27 +74,27 @@ def together(terms: dict[str, tuple[Derivation, Term]], compiled: bool) -> dict[
     if compiled and missing:
         with ThreadPoolExecutor(max(1, min(len(missing), os.cpu_count() or 1))) as pool:
             libraries = list(pool.map(built, missing))
-    found = {name: _REMEMBERED[key] for name, key in keys.items() if name not in missing}
+    functions = {name: _REMEMBERED[key] for name, key in keys.items() if name not in missing}
     for name, library in zip(missing, libraries, strict=True):
         derive, term = terms[name]
-        found[name] = _REMEMBERED[keys[name]] = loaded(name, library) or derive(name, term)
-    while len(_REMEMBERED) > KEPT:
+        functions[name] = _REMEMBERED[keys[name]] = loaded(name, library) or derive(name, term)
+    while len(_REMEMBERED) > FUNCTIONS_REMEMBERED:
         _REMEMBERED.pop(next(iter(_REMEMBERED)))
-    return found
+    return functions
 
 
 def _key(name: str, derive: Derivation, term: Term) -> str:
     """All that a function is made from."""
-    return "\0".join((name, derive.__name__, term.text, ca.CasadiMeta.version(), _own_text()))
+    return "\0".join((name, derive.__name__, term.text, ca.CasadiMeta.version(), _source_text()))
 
 
 @functools.cache
-def _own_text() -> str:
+def _source_text() -> str:
     return Path(__file__).read_text(encoding="utf-8")
 
 
 def _function(name: str, term: Term, more: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    dense: Any = [ca.densify(one) for one in outputs]
+    dense: Any = [ca.densify(output) for output in outputs]
     return ca.Function(name, [term.at, term.free, term.fixed, *more], ca.cse(dense))
 
 

@@ -1,126 +1,68 @@
-"""R_XiL as what the match minimises: 1 − R² of system dynamics and residual vehicle over the manoeuvre, smooth.
-
-The signals are those of :mod:`matching.frequency.search.fidelity`, had without integrating anything: the closed loop is
-linear, so each is the sum over the manoeuvre's torques of H(s)·U(s) taken back to time along a line s = σ + jω
-(numerical inverse Laplace transform by a Fourier sum; Wilcox, Int. J. Elect. Eng. Educ. 15 (1978) 247). Frequencies
-end at 1.5 times the band's upper edge with a cosine taper from there down to the edge, for vehicle and rig alike. The
-window is the manoeuvre's first four seconds at most, torques counted from their first value. An unstable loop grows in
-it as it would on the bed. :class:`modelling.fidelity.objective.SmoothFidelity` makes R of the signals, differentiable
-everywhere; its delay is the projected one. R_MU does not depend on what may move and is left out. It is the feedback
-that is tuned: what a model-based feed-forward does with measured torques does not count here.
-
-What it does not do: where feedback alone damps the vehicle's modes too much, signals differ in shape, not by a delay.
-The projected delay is then near 0 while the estimator of the report finds some milliseconds, or none that fits, so the
-R that is minimised lies above the R that is reported. On the reference case by feedback alone it still raises R_XiL
-over the default objective, at the price of the response error (asserted in the tests).
-"""
+"""What an objective of the match has to answer: one file each, registered in the package."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
 
 import casadi as ca
-import numpy as np
 
-from matching.frequency.case.case import Case, Compared
-from matching.frequency.loop.emulated import on_emulated_side
-from matching.frequency.loop.linear_body import body
-from matching.frequency.loop.parts import interface_speed, parts_of, shaft_torque, watched
-from modelling.fidelity.measures import WEIGHTS
-from modelling.fidelity.objective import SmoothFidelity
+from matching.frequency.case.case import Case, Move
+from matching.frequency.programme.closed_loop import General
+from matching.frequency.programme.constraints import CommonParts
+from matching.frequency.programme.evaluators import Derivation
+from matching.frequency.programme.terms import Term
 
-WINDOW = 4.0  # s at most
-SETTLED = 6.0  # σ times the period of the sum, which is twice the window: what comes round again weighs exp(−6)
-RATE = 4.0  # samples a period of the band's upper edge
-AT_REST = 1e-9  # N·m, rad/s, rad/s²
-FAR = 0.01  # price of a deviation beyond the range, where R is 0 and its slope too
+Terms = dict[str, tuple[Derivation, Term]]
 
 
-@dataclass(frozen=True)
-class Aim:
-    """The fidelity as a function of the closed loop's responses.
+class ObjectiveBlock(ABC):
+    """The objective as expressions of the decision vector (v,)."""
+
+    @abstractmethod
+    def value(self) -> ca.MX:
+        """Scalar."""
+
+    @abstractmethod
+    def gradient(self) -> tuple[ca.MX, ca.MX]:
+        """Value and gradient (v, 1)."""
+
+    @abstractmethod
+    def hessian(self) -> ca.MX:
+        """Hessian (v, v)."""
+
+
+class Objective(ABC):
+    """What the feedback of a case is tuned by, prepared for that case.
 
     Attributes
     ----------
-    case : Case
-        With sensors at the cuts; ``compared`` are all pairs of a torque and a signal, signal by signal.
-    s : ndarray (f,)
-        rad/s, complex.
-    drives : ndarray (u, f)
-        U(s) of the manoeuvre's torques, N·m·s, tapered.
-    kernel : ndarray (t, f)
-        Takes H(s)·U(s) back to time: y = Re(kernel @ (H·U)).
-    time : ndarray (t,)
-    domains : dict
-        For each domain the signals by name: reference (t,).
+    name : str
+        As case files write it under ``response.objective``.
+    tracks_modes : bool
+        Whether the target modes are tracked as eigenpairs beside it.
     """
 
-    case: Case
-    s: np.ndarray
-    drives: np.ndarray
-    kernel: np.ndarray
-    time: np.ndarray
-    domains: dict[str, dict[str, np.ndarray]]
+    name: ClassVar[str]
+    tracks_modes: ClassVar[bool]
 
-    def loss(self, re: Any, im: Any) -> Any:
-        """Weighted 1 − R² of both domains, from responses (h, f) in the order of ``case.compared`` (CasADi)."""
-        signals = self.signals(re, im)
-        total, weight = 0.0, sum(WEIGHTS[domain] for domain in self.domains)
-        for domain, references in self.domains.items():
-            smooth = SmoothFidelity(self.time, references, self.case.band[1])
-            tests = {name: signals[name] for name in references}
-            total = total + WEIGHTS[domain] / weight * smooth.loss(tests)
-            for name, own in references.items():
-                off = ca.sumsqr(tests[name] - own) / len(own) / np.ptp(own) ** 2
-                total = total + FAR / len(references) / len(self.domains) * ca.log1p(off)
-        return total
+    @classmethod
+    @abstractmethod
+    def of(cls, case: Case) -> Objective:
+        """Prepared for a case.
 
-    def signals(self, re: Any, im: Any) -> dict[str, Any]:
-        """Every signal (t,) from responses (h, f), CasADi."""
-        found: dict[str, Any] = {}
-        for h, pair in enumerate(self.case.compared):
-            drive = self.drives[list(self.case.manoeuvre).index(pair.input)]
-            weighted = self.kernel * drive
-            part = ca.mtimes(ca.DM(weighted.real), re[h, :].T) - ca.mtimes(ca.DM(weighted.imag), im[h, :].T)
-            found[pair.sensor] = found[pair.sensor] + part if pair.sensor in found else part
-        return found
+        Raises
+        ------
+        InputError
+            If vehicle or rig cannot be made linear.
+        """
 
+    @staticmethod
+    def terms(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Terms, Terms]:
+        """Functions of the case's own loop that the block takes: always, and for second derivatives."""
+        return {}, {}
 
-def fidelity_aim(case: Case) -> Aim:
-    """What a case's manoeuvre makes of the vehicle, and how to make the same of a rig's responses.
-
-    Raises
-    ------
-    InputError
-        If vehicle or rig cannot be made linear.
-    """
-    parts = parts_of(case)
-    cuts = [sensor(own.shaft) for own in parts.cuts for sensor in (shaft_torque, interface_speed)]
-    behind = list(on_emulated_side(case.vehicle, parts))
-    vehicle = body(watched(case.vehicle, parts.cuts, rig_side=False))
-    top, step = case.band[1], case.loop["sample_time"]
-    window = min(WINDOW, max(own.duration for own in case.manoeuvre.values()))
-    period = 2 * window
-    f = np.arange(1, int(1.5 * top * period) + 1) / period
-    s = SETTLED / period + 2j * np.pi * np.concatenate([[0.0], f])
-    taper = np.where(s.imag <= 2 * np.pi * top, 1.0, 0.5 + 0.5 * np.cos(np.pi * (s.imag / (2 * np.pi * top) - 1) / 0.5))
-    fine = np.arange(0, period, step)
-    drives = np.array([
-        taper * (np.exp(-np.outer(s, fine)) @ (own.torque(fine) - own.torque(np.zeros(1))[0])) * step
-        for own in case.manoeuvre.values()
-    ])  # fmt: skip
-    time = np.arange(0, window, 1 / (RATE * top))
-    kernel = np.exp(np.outer(time, s)) * np.where(s.imag == 0, 1.0, 2.0) / period
-    responses = vehicle.response(s)
-    domains: dict[str, dict[str, np.ndarray]] = {}
-    for domain, names in (("system_dynamics", cuts), ("residual_vehicle_model", behind)):
-        for name in names:
-            row = responses[:, vehicle.space.outputs.index(name), :]
-            total = sum(row[:, vehicle.space.inputs.index(own)] * drives[i] for i, own in enumerate(case.manoeuvre))
-            reference = (kernel @ total).real
-            if np.ptp(reference) > AT_REST:
-                domains.setdefault(domain, {})[name] = reference
-    kept = [name for references in domains.values() for name in references]
-    compared = tuple(Compared(source, name) for name in kept for source in case.manoeuvre)
-    return Aim(replace(case, rig=parts.rig.system, compared=compared), s, drives, kernel, time, domains)
+    @abstractmethod
+    def block(self, common: CommonParts, moves: Sequence[Move], compiled: bool) -> ObjectiveBlock:
+        """The objective in a programme."""

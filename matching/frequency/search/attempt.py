@@ -12,9 +12,7 @@ from matching.frequency.case.demands import Demands
 from matching.frequency.case.targets import goals
 from matching.frequency.case.tuned import apply
 from matching.frequency.case.weights import free, price
-from matching.frequency.loop.responses import responses
-from matching.frequency.programme.objective import fidelity_aim
-from matching.frequency.programme.problem import grid
+from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
 from matching.frequency.search.infeasible_limits import Unkept, unkept
 from matching.frequency.search.solve import Near, Solution, Task, solve
@@ -96,7 +94,6 @@ def task_of(
 ) -> Task:
     """The programme of a case in which ``moves`` move; ``shares`` are of all of the case's."""
     weights = np.array([price(part) for move, part in zip(case.moves, shares, strict=True) if move in moves])
-    reference = responses(case, grid(case)).vehicle
-    aim = fidelity_aim(case) if case.objective == "fidelity" else None
-    tracked = goals(case, targets) if aim is None else ()
-    return Task(case, tuple(moves), weights, tracked, reference, asked, aim)
+    objective = REGISTERED[case.objective].of(case)
+    tracked = goals(case, targets) if objective.tracks_modes else ()
+    return Task(case, tuple(moves), weights, tracked, objective, asked)

@@ -16,7 +16,7 @@ from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes, match_mode
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.problem import unscaled
+from matching.frequency.programme.scaling import unscaled
 from matching.frequency.search.solve import Solution, Task, warm
 from modelling.modal.modes import Mode
 

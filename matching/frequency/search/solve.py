@@ -24,8 +24,11 @@ from matching.frequency.case.targets import Goal
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.objective import Aim
-from matching.frequency.programme.problem import SLOTS, Problem, build, eigenpairs, scaled
+from matching.frequency.programme.build import build
+from matching.frequency.programme.margin_grid import SLOTS
+from matching.frequency.programme.objective import Objective
+from matching.frequency.programme.problem import Problem, eigenpairs
+from matching.frequency.programme.scaling import scaled
 from modelling.common import floating_point
 
 FEASIBLE = 1e-5  # largest violation of a scaled constraint
@@ -97,20 +100,19 @@ class NoBetter(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """The programme to solve, as :func:`matching.frequency.programme.problem.build` takes it."""
+    """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it."""
 
     case: Case
     moves: tuple[Move, ...]
     weights: np.ndarray
     goals: tuple[Goal, ...]
-    reference: np.ndarray
+    objective: Objective
     demands: Demands
-    aim: Aim | None = None
 
     def build(self, tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True) -> Problem:
         """The programme."""
         return build(
-            self.case, self.moves, self.weights, self.goals, self.reference, self.demands, self.aim,
+            self.case, self.moves, self.weights, self.goals, self.objective, self.demands,
             tight=tight, exact=exact, slots=slots, compiled=compiled,
         )  # fmt: skip
 
@@ -142,7 +144,10 @@ def solve(
     if near is not None:
         return _from(task, near)
     ends: list[End | None] = []
-    enough, led = min(ENOUGH, starts), 0 if task.aim or task.case.loop.torqueless else min(LED, starts)
+    enough, led = (
+        min(ENOUGH, starts),
+        0 if not task.objective.tracks_modes or task.case.loop.torqueless else min(LED, starts),
+    )
     plain = _ends(task, seed, starts, workers)
     for end in chain(islice(plain, FIRST), _led(task, seed, range(1, led + 1)), plain):
         ends.append(end)
