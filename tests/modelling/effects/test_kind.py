@@ -1,0 +1,129 @@
+"""What a kind states about itself, against its compiled equations."""
+
+import numpy as np
+import pytest
+
+from modelling.effects import EFFECTS
+from modelling.equations.compiled import compiled
+from modelling.modal.modes import modes
+from modelling.model.files import from_dict
+
+BASE = {
+    "inertias": {"a": {"J": 0.4}, "b": {"J": 1.5}},
+    "shafts": {"link": {"between": ["a", "b"], "stiffness": 300.0, "damping": 0.6}},
+    "inputs": {"drive": {"on": "a"}},
+    "sensors": {"speed": {"measures": "speed", "of": "b"}},
+}
+PLACES = {"shafts": "shafts.link", "inertias": "inertias.b", "inputs": "inputs.drive", "sensors": "sensors.speed"}
+VALUES = {
+    "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
+    "coulomb_friction": {"torque": 3.0}, "dead_time": {"delay": 0.01}, "hardening": {"cubic": 2e4},
+    "hysteresis": {"torque": 4.0, "angle": 0.01}, "input_gain": {"factor": 1.2}, "lag": {"time_constant": 0.05},
+    "quadratic_damping": {"coefficient": 2.0}, "quadratic_drag": {"coefficient": 0.7}, "sensor_delay": {"delay": 0.01},
+    "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
+    "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
+    "torque_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4}, "wrong_parameter": {"value": 3.3},
+}  # fmt: skip
+
+
+def with_effect(kind, **changed):
+    at = "inertias.b.J" if EFFECTS[kind].replaces_quantity else PLACES[EFFECTS[kind].tables[0]]
+    return compiled(from_dict(BASE | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
+
+
+def output(model, x, u, t=0.0):
+    """Rates of the states and readings."""
+    readings = model.readings(x, u, model.p0, t)
+    return np.concatenate([np.array(part).ravel() for part in (model.rates(x, u, model.p0), readings)])
+
+
+def states(model, count=8):
+    rng = np.random.default_rng(1)
+    return [np.concatenate([0.05 * rng.normal(size=model.n), rng.normal(size=len(model.states) - model.n)])
+            for _ in range(count)]  # fmt: skip
+
+
+def test_every_kind_is_tested_here():
+    assert set(VALUES) == set(EFFECTS)
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_state_dependent_where_the_eigenvalues_are(kind):
+    model = with_effect(kind)
+    sticks = "simulation.stick_speed" in model.parameters
+    p = model.vector({"simulation.stick_speed": 1.0} if sticks else {})  # near the speeds of these states
+    eigenvalues = [
+        np.sort_complex(np.linalg.eigvals(np.array(model.jacobians(x, [0.0], p, 0.0)[0]))) for x in states(model)
+    ]
+    differ = max(np.abs(own - eigenvalues[0]).max() for own in eigenvalues) > 1e-6 * np.abs(eigenvalues).max()
+    assert EFFECTS[kind].state_dependent == differ
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_linear_where_responses_add_up_and_nothing_is_delayed(kind):
+    model = with_effect(kind)
+    delayed = any(np.array(delay).any() for delay in model.delays(model.p0))
+    one, two = states(model, 2)
+    added = output(model, one + two, [5.0], 1.0)
+    adds_up = np.allclose(added, output(model, one, [2.0], 1.0) + output(model, two, [3.0], 1.0), rtol=1e-9, atol=1e-9)
+    assert EFFECTS[kind].linear == (adds_up and not delayed)
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_its_state_is_named_after_it(kind):
+    model, law = with_effect(kind), EFFECTS[kind]
+    (effect,) = model.system.effects
+    assert model.states[2 * model.n :] == ([effect.name] if law.state else [])
+    if law.state:
+        assert "{place}" in law.state.meaning
+
+
+def test_units_of_states():
+    units = {kind: law.state_unit(PLACES[law.tables[0]], with_effect(kind).system)
+             for kind, law in EFFECTS.items() if law.state}  # fmt: skip
+    assert units == {"hysteresis": "1", "lag": "N*m", "slip": "rad"}
+    assert EFFECTS["lag"].state_unit("sensors.speed", from_dict(BASE)) == "rad/s"
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_what_settles_has_a_rate_that_falls_with_it(kind):
+    """A state settles if its rate depends on itself, at rest, with a negative sign."""
+    law = EFFECTS[kind]
+    if law.state:
+        model = with_effect(kind)
+        A = np.array(model.jacobians(np.zeros(len(model.states)), [0.0], model.p0, 0.0)[0])
+        still = np.abs(A[-1, : 2 * model.n]).max() < 1e-12  # what moves with the shaft settles with it, not by itself
+        assert law.state.settles == (A[-1, -1] < 0 and still)
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_zero_mean_over_a_turn(kind):
+    if EFFECTS[kind].zero_mean:
+        model = with_effect(kind)
+        zero = with_effect(kind, **dict.fromkeys(EFFECTS[kind].zero_mean, 0.0))
+        angles = 2 * np.pi * np.arange(360) / 360
+        mean = np.mean([output(model, [a, a, 1.0, 1.0], [2.0]) for a in angles], axis=0)
+        np.testing.assert_allclose(mean, output(zero, [0.0, 0.0, 1.0, 1.0], [2.0]), atol=1e-9)
+
+
+def test_what_sticks_changes_sign_over_the_stick_speed():
+    for kind, law in EFFECTS.items():
+        assert law.sticks == ("simulation.stick_speed" in with_effect(kind).parameters), kind
+
+
+def test_free_play_is_the_distance_between_the_flanks():
+    for kind, law in EFFECTS.items():
+        if law.free_play:
+            model = with_effect(kind)
+            gap = VALUES[kind][law.free_play]
+            assert model.system.free_plays == {"shafts.link": f"shafts.link.{kind}.{law.free_play}"}
+            torque = [float(model.shaft_torques([twist, 0, 0, 0], [0.0], model.p0)) for twist in
+                      (-gap / 2 - 0.01, -0.49 * gap, 0.49 * gap, gap / 2 + 0.01)]  # fmt: skip
+            assert torque == pytest.approx([-3.0, 0.0, 0.0, 3.0])
+            assert law.abrupt
+
+
+def test_hysteresis_stiffens_the_shaft_in_modes():
+    """For small twists a Dahl element is a spring of torque/angle in parallel (Dahl 1968)."""
+    frequency = modes(with_effect("hysteresis").system).frequencies[1]
+    assert frequency == pytest.approx(np.sqrt((300.0 + 4.0 / 0.01) * (1 / 0.4 + 1 / 1.5)) / (2 * np.pi))
