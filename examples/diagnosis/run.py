@@ -34,10 +34,10 @@ def main(folder: Path = Path("out/diagnosis")) -> dict[str, Diagnosis]:
     play = found["play"]
     assert play.verdict == "explained"
     assert [(cause.kind, cause.at) for cause in play.causes] == [("backlash", "shafts.link")]
-    gap, _ = play.causes[0].parameters["gap"]
+    gap = play.causes[0].parameters["gap"]
     assert abs(gap.value - record.GAP) < 0.01 * record.GAP
     for errors in play.errors.values():  # back to the noise, on data no fit saw
-        assert errors["after_holdout"] < 1.1 * errors["noise"]
+        assert errors.after_holdout < 1.1 * errors.noise
     stiffness = play.parameters["shafts.link.stiffness"]  # and the model's own values come back to truth
     assert abs(stiffness.value - record.TRUTH["stiffness"]) < 4 * stiffness.standard_uncertainty
 

@@ -135,7 +135,7 @@ def judged(found: Diagnosis, hidden: Hidden) -> str:
     if len(words) == 1 and first and (first.kind, first.at) == (hidden.kind, hidden.at):
         off = []
         for key, value in hidden.parameters.items():
-            own = first.parameters[key][0]
+            own = first.parameters[key]
             off.append(f"{key} {own.value:.5g} ± {own.standard_uncertainty:.2g} of {value:g}")
         return f"{found.verdict}, right: {words[0]}, {', '.join(off)}"
     return f"{found.verdict}, WRONG: {', '.join(words) or 'nothing'}; hidden is {hidden.kind} at {hidden.at}"

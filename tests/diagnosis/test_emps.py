@@ -17,10 +17,10 @@ def test_real_drive_has_dry_friction_first_and_something_left_over() -> None:
     found = diagnose(system, [read_recording(EMPS / "recording.csv", system)])
     first = found.causes[0]
     assert (first.kind, first.at) == ("coulomb_friction", "inertias.carriage")
-    forward, reverse = (first.parameters[key][0] for key in ("torque", "torque_reverse"))
+    forward, reverse = (first.parameters[key] for key in ("torque", "torque_reverse"))
     for own in (forward, reverse):
         assert 0 < own.standard_uncertainty < 0.1 * own.value
     errors = found.errors["position"]
-    assert errors["after_holdout"] < 0.1 * errors["before_holdout"]
+    assert errors.after_holdout < 0.1 * errors.before_holdout
     assert found.verdict == "unexplained"
     assert found.rest

@@ -6,18 +6,28 @@ import numpy as np
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.candidates.candidates import fitted, with_cause
-from matching.diagnosis.data.preparation import prepare_data, split
+from matching.diagnosis.candidates.cause import ExtendedModel
+from matching.diagnosis.candidates.refit import fit_extended
+from matching.diagnosis.data.holdout_split import split_holdout
+from matching.diagnosis.data.preparation import prepare_data
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fitting.fit import base_problem, solve
-from matching.diagnosis.fitting.stick_speed import FINAL, resolved
+from matching.diagnosis.fitting.fit import Fit, solve
+from matching.diagnosis.fitting.friction_regularisation import FINAL_STEPS, with_sharper_friction
+from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import estimates
-from matching.diagnosis.search.compare import Named, at_noise, sharpest
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
+from matching.diagnosis.search.refinement import with_sharpest_friction
 from modelling.measurement.recording import read_recording
 from modelling.model.files import load
+from modelling.model.system import System
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
 
 pytestmark = needs_compiler
+
+
+def with_friction(system: System, base: Fit, at: str, parameters: dict[str, float]) -> ExtendedModel:
+    model = ExtendedModel(system, (), base.problem.bounds, base.values)
+    return model.with_cause("coulomb_friction", at, parameters, base.problem.data.sampling_interval)
 
 
 def test_friction_of_a_short_recording_is_not_stribeck() -> None:
@@ -26,7 +36,7 @@ def test_friction_of_a_short_recording_is_not_stribeck() -> None:
     system, recording = made(drive, hidden_in(drive, "coulomb_friction"), 2.0)
     found = diagnose(system, [recording])
     assert [(cause.kind, cause.at) for cause in found.causes] == [("coulomb_friction", "inertias.part1")]
-    own, _ = found.causes[0].parameters["torque"]
+    own = found.causes[0].parameters["torque"]
     assert abs(own.value - 6.0) < 4 * own.standard_uncertainty < 0.1
 
 
@@ -39,7 +49,7 @@ def test_sharp_friction_is_not_two_causes(tmp_path: Path) -> None:
     found = diagnose(system, [recording])
     assert [(cause.kind, cause.at) for cause in found.causes] == [("coulomb_friction", "inertias.motor")]
     for key, value in case.answer["parameters"].items():
-        own, _ = found.causes[0].parameters[key]
+        own = found.causes[0].parameters[key]
         assert abs(own.value - value) < 4 * own.standard_uncertainty
 
 
@@ -47,16 +57,16 @@ def test_friction_is_sharpened_while_that_pays(tmp_path: Path) -> None:
     case = make_case("two_mass", ["coulomb_friction"], 30.0, "normal", 7, 2.0, 500.0)
     case.write(tmp_path)
     system = load(tmp_path / "model.toml")
-    data, _ = split(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    data, _ = split_holdout(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
     base = solve(*base_problem(system, data))
-    assert resolved(base) is base  # no friction
-    trial = with_cause(system, base, (), "coulomb_friction", "inertias.motor", {"torque": 0.35, "torque_reverse": 0.65})
-    coarse = fitted(trial, base)
-    fine = resolved(coarse, FINAL)
-    assert fine.problem.stick < coarse.problem.stick / 3
+    assert with_sharper_friction(base) is base  # no friction
+    trial = with_friction(system, base, "inertias.motor", {"torque": 0.35, "torque_reverse": 0.65})
+    coarse = fit_extended(trial, base)
+    fine = with_sharper_friction(coarse, FINAL_STEPS)
+    assert fine.problem.stick_speed < coarse.problem.stick_speed / 3
     assert fine.cost < coarse.cost - 50
-    assert fine.problem.steps * np.diff(data.segments[0].time).mean() <= FINAL * 1.01
-    assert resolved(fine, FINAL).cost == fine.cost
+    assert fine.problem.steps_per_second * np.diff(data.segments[0].time).mean() <= FINAL_STEPS * 1.01
+    assert with_sharper_friction(fine, FINAL_STEPS).cost == fine.cost
 
 
 def test_stick_slip_comes_to_the_noise_before_a_further_cause_is_sought(tmp_path: Path) -> None:
@@ -64,16 +74,16 @@ def test_stick_slip_comes_to_the_noise_before_a_further_cause_is_sought(tmp_path
     case = make_case("test_bed", ["coulomb_friction"], "plain", "high", 380891909, 4.0, 500.0)
     case.write(tmp_path)
     system = load(tmp_path / "model.toml")
-    data, _ = split(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    data, _ = split_holdout(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
     base = solve(*base_problem(system, data))
     truth = case.answer["parameters"]
     near = {key: 1.02 * value for key, value in truth.items()}
-    trial = with_cause(system, base, (), "coulomb_friction", "inertias.differential", near)
-    coarse = Named(trial, fitted(trial, base))
+    trial = with_friction(system, base, "inertias.differential", near)
+    coarse = Hypothesis(trial, fit_extended(trial, base))
     assert not at_noise(coarse)
-    sharp = sharpest(coarse)
+    sharp = with_sharpest_friction(coarse)
     assert at_noise(sharp)
-    assert sharpest(sharp) is sharp
+    assert with_sharpest_friction(sharp) is sharp
     numbers = estimates(sharp.fit)
     for key, value in truth.items():
         own = numbers[f"inertias.differential.coulomb_friction.{key}"]

@@ -38,10 +38,10 @@ def test_one_effect_is_named_with_its_value(tmp_path: Path, kind: str, size: str
     assert found.verdict == "explained"
     assert [(cause.kind, cause.at) for cause in found.causes] == [(answer["kind"], answer["at"])]
     for key, value in answer["parameters"].items():
-        own, _ = found.causes[0].parameters[key]
+        own = found.causes[0].parameters[key]
         assert abs(own.value - value) < 4 * own.standard_uncertainty
     for errors in found.errors.values():
-        assert errors["after_holdout"] < 1.1 * errors["noise"]
+        assert errors.after_holdout < 1.1 * errors.noise
 
 
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_free_play_touched_on_one_side_is_told_as_a_lower_bound(tmp_path: Path) 
     system = load(tmp_path / "model.toml")
     found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
     assert [(cause.kind, cause.at) for cause in found.causes] == [("backlash", "shafts.link")]
-    gap, _ = found.causes[0].parameters["gap"]
+    gap = found.causes[0].parameters["gap"]
     width = hidden.answer["parameters"]["gap"]
     least = float(re.search(r"only one side .* at least (\S+) rad", gap.note).group(1))
     assert least == pytest.approx(width / 2, rel=0.03)

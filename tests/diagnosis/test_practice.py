@@ -29,10 +29,10 @@ def test_practice_case_is_named_with_place_and_value(case: str) -> None:
     cause = found.causes[0]
     assert cause.at in [answer["at"], *answer.get("equivalent", [])]
     for errors in found.errors.values():
-        assert errors["after_holdout"] < 1.1 * errors["noise"]
+        assert errors.after_holdout < 1.1 * errors.noise
     assert len(found.extended.effects) == 1
     for key, value in answer["parameters"].items():
-        own, _ = cause.parameters[key]
+        own = cause.parameters[key]
         assert own.standard_uncertainty < 0.05 * abs(value)
         off = abs(own.value - value) / own.standard_uncertainty
         assert off < 4 or abs(own.value - value) < 1e-9

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.segments import Data, Segment
-from matching.diagnosis.fitting.fit import Fit, base_problem, solve
-from matching.diagnosis.fitting.friction_regularisation import sharpened
-from matching.diagnosis.fitting.holdout import Ahead, elsewhere, residuals, rest_of
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import Fit, solve
+from matching.diagnosis.fitting.holdout import HoldoutRun, RestOfRecordings, holdout_residuals, simulate_other
+from matching.diagnosis.fitting.polish import polished
 from matching.diagnosis.fitting.prediction import prediction
+from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import covariance
 from modelling.model.files import from_dict
 
@@ -23,20 +24,20 @@ SYSTEM = from_dict({
 })  # fmt: skip
 
 
-def whole(seed: int) -> Data:
+def whole(seed: int) -> FitData:
     """Speed of J·ω̇ = M − drag·ω after a step of 2 N·m, from 1 rad/s."""
     time = np.arange(0, 4, 0.01)
     speed = 2 / DRAG + (1 - 2 / DRAG) * np.exp(-DRAG * time / J)
     measured = speed + NOISE * np.random.default_rng(seed).standard_normal(len(time))
-    return Data((Segment(time, np.full((len(time), 1), 2.0), measured[:, None], "made"),), np.array([NOISE]))
+    return FitData((Segment(time, np.full((len(time), 1), 2.0), measured[:, None], "made"),), np.array([NOISE]))
 
 
-def told(seed: int, seen: int = SEEN) -> tuple[Data, Fit, list[Ahead]]:
+def told(seed: int, seen: int = SEEN) -> tuple[FitData, Fit, list[HoldoutRun]]:
     """A recording, a fit to its short beginning, and what that says of the rest."""
     data = whole(seed)
     beginning = replace(data, segments=(data.segments[0].part(0, seen),))
-    fit = sharpened(solve(*base_problem(SYSTEM, beginning)))
-    return data, fit, rest_of(fit, data, [seen])
+    fit = polished(solve(*base_problem(SYSTEM, beginning)))
+    return data, fit, RestOfRecordings(data, [seen]).simulate(fit)
 
 
 @pytest.mark.parametrize("spread", [1.0, 3.0])
@@ -65,18 +66,18 @@ def test_foretold_is_what_a_fit_of_everything_pays_more() -> None:
     own = prediction(fit, ahead)
     assert own is not None
     both = solve(*base_problem(SYSTEM, data))
-    raw = sum(float(np.sum(part**2)) for part in residuals(ahead))
+    raw = sum(float(np.sum(part**2)) for part in holdout_residuals(ahead))
     assert raw > 2 * len(data.segments[0].time)
     surprise = own.score(1.0) - np.linalg.slogdet(np.eye(len(own.gram)) + own.gram)[1]
     assert fit.cost + surprise == pytest.approx(both.cost, abs=3)
-    assert sum(float(np.sum(part**2)) for part in own.moved) == pytest.approx(surprise, rel=0.05)
+    assert sum(float(np.sum(part**2)) for part in own.updated) == pytest.approx(surprise, rel=0.05)
 
 
 def test_start_states_of_another_recording_cost_nothing() -> None:
     """Parameters are known from one recording, the start of the other is not: two fits in one say the same."""
     data, fit, _ = told(3, 200)
     other = replace(data, segments=(whole(4).segments[0].part(100, 300),))
-    own = prediction(fit, elsewhere(fit, other))
+    own = prediction(fit, simulate_other(fit, other))
     assert own is not None
     seen = fit.problem.data.segments
     both = solve(*base_problem(SYSTEM, replace(data, segments=(*seen, *other.segments))))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.preparation import prepare_data, split
+from matching.diagnosis.data.holdout_split import split_holdout
+from matching.diagnosis.data.preparation import prepare_data
 from modelling.common.errors import InputError
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
@@ -32,7 +33,7 @@ def test_stuck_channel_is_left_out_and_told() -> None:
     time, speed = np.arange(2000) * 1e-3, noisy(2000)
     speed[500:900] = speed[500]
     data, notes = prepare_data(system(), [recording(time, speed)])
-    assert data.samples.tolist() == [1600, 0]
+    assert data.readings_by_sensor.tolist() == [1600, 0]
     assert any("speed is stuck from 0.5 to 0.899 s" in note for note in notes)
 
 
@@ -52,7 +53,7 @@ def test_gap_makes_two_segments() -> None:
 def test_coarse_steps_of_a_reading_are_not_stuck() -> None:
     time = np.arange(2000) * 1e-3
     data, notes = prepare_data(system(), [recording(time, np.round(np.sin(time), 2))])
-    assert data.samples[0] == 2000
+    assert data.readings_by_sensor[0] == 2000
     assert not notes
 
 
@@ -80,6 +81,6 @@ def test_split_keeps_the_last_part_of_every_recording() -> None:
     time = np.arange(1000) * 1e-3
     one, other = recording(time, noisy(1000)), recording(time, noisy(1000, 1))
     data, _ = prepare_data(system(), [one, Recording(other.time, other.channels, (), "other.csv")])
-    train, seen = split(data)
+    train, seen = split_holdout(data)
     assert seen == [700, 700]
     assert [len(segment.time) for segment in train.segments] == [700, 700]

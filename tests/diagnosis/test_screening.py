@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.noise_threshold import offer, threshold
-from matching.diagnosis.candidates.screening import Screen, best_of
-from matching.diagnosis.data.segments import Data, Segment
-from matching.diagnosis.fitting import batch_simulation as runs
-from matching.diagnosis.fitting.fit import base_problem, solve
+from matching.diagnosis.candidates.noise_threshold import NoiseDraws, best_of
+from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.batch_simulation import simulate_readings
+from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.problem import base_problem
 from modelling.effects import EFFECTS
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
@@ -38,20 +39,24 @@ def torque(time: np.ndarray) -> np.ndarray:
     return 5 * np.sin(2 * np.pi * (0.5 + 2 * time) * time)
 
 
-def made(system, seed: int | None = 0) -> Data:
+def readings(model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
+    return simulate_readings(model, [segment], p[None], [start[None]], steps)[0][0]
+
+
+def made(system, seed: int | None = 0) -> FitData:
     time = np.arange(3000) * 1e-3
     model = compiled(system)
     segment = Segment(time, torque(time)[:, None], np.zeros((len(time), 3)))
-    y = runs.readings(model, segment, model.p0[None], np.zeros((1, len(model.states))), 8000.0)[0]
+    y = readings(model, segment, model.p0, np.zeros(len(model.states)), 8000.0)
     noise = np.array([sensor.uncertainty for sensor in system.sensors])
     if seed is not None:
         y = y + noise * np.random.default_rng(seed).standard_normal(y.shape)
-    return Data((Segment(time, segment.inputs, y, "made"),), noise)
+    return FitData((Segment(time, segment.inputs, y, "made"),), noise)
 
 
 @pytest.fixture(scope="module")
-def screen(drive) -> Screen:
-    return Screen(solve(*base_problem(drive, made(drive))))
+def screen(drive) -> Screening:
+    return Screening(solve(*base_problem(drive, made(drive))))
 
 
 def test_response_is_that_of_the_simulation(drive, screen) -> None:
@@ -62,16 +67,16 @@ def test_response_is_that_of_the_simulation(drive, screen) -> None:
     segment = fit.problem.data.segments[0]
     more = Segment(segment.time, segment.inputs + push[:, None], segment.readings)
     with_push, without = (
-        runs.readings(fit.problem.model, one, p[None], starts[0][None], fit.problem.steps)[0] for one in (more, segment)
+        readings(fit.problem.model, one, p, starts[0], fit.problem.steps_per_second) for one in (more, segment)
     )
-    found = screen.response({"motor": push})
+    found = screen.response.readings({"motor": push})
     assert np.allclose(found, with_push - without, atol=1e-6 * np.abs(found).max())
 
 
 def test_pull_is_the_adjoint_of_the_response(screen) -> None:
     push = np.random.default_rng(1).standard_normal(3000)
-    direct = float(np.sum(screen.response({"load": push}) / screen.noise * screen.residual.reshape(-1, 3)))
-    assert float(push @ screen.seen.torque_gradient["load"]) == pytest.approx(direct, rel=1e-9)
+    direct = float(np.sum(screen.response.readings({"load": push}) / screen.noise * screen.residual.reshape(-1, 3)))
+    assert float(push @ screen.motion.torque_gradient["load"]) == pytest.approx(direct, rel=1e-9)
 
 
 SMALL = {
@@ -89,14 +94,14 @@ SMALL = {
 def test_signature_of_a_small_effect_is_the_difference_it_makes(drive, screen, kind: str) -> None:
     at, parameters = SMALL[kind]
     fit = screen.fit
-    guess = next(iter(EFFECTS[kind].guesses(screen.seen, at)))
+    guess = next(iter(EFFECTS[kind].guesses(screen.motion, at)))
     bent = drive.with_values(fit.values).with_effects(
         Effect(kind, at, tuple((key, Quantity(value)) for key, value in parameters.items()))
     )
     p, starts = fit.problem.unpack(fit.v)
     segment, model = fit.problem.data.segments[0], compiled(bent)
-    y = runs.readings(model, segment, model.p0[None], starts[0][None], fit.problem.steps)[0]
-    base = runs.readings(fit.problem.model, segment, p[None], starts[0][None], fit.problem.steps)[0]
+    y = readings(model, segment, model.p0, starts[0], fit.problem.steps_per_second)
+    base = readings(fit.problem.model, segment, p, starts[0], fit.problem.steps_per_second)
     wanted = ((y - base) / screen.noise).ravel()
     signature = screen.signature(dict(guess.additions[0]))
     amplitude = float(signature @ wanted) / float(signature @ signature)
@@ -111,7 +116,7 @@ def test_signature_of_a_small_effect_is_the_difference_it_makes(drive, screen, k
 def test_every_kind_guesses_within_its_bounds(drive, screen) -> None:
     for kind, own in EFFECTS.items():
         for at in own.places(drive):
-            for guess in own.guesses(screen.seen, at):
+            for guess in own.guesses(screen.motion, at):
                 found = guess.parameters(np.ones(len(guess.additions)))
                 for key, value in (found or {}).items():
                     low, high = own.fit_bounds(key, value, 1e-3)
@@ -121,10 +126,10 @@ def test_every_kind_guesses_within_its_bounds(drive, screen) -> None:
 def test_noise_seldom_passes_the_threshold(drive) -> None:
     most = []
     for seed in range(5):
-        own = Screen(solve(*base_problem(drive, made(drive, seed))))
-        offer(own)
+        own = Screening(solve(*base_problem(drive, made(drive, seed))))
+        own.draws = NoiseDraws(own.mask.ravel(), own.free)
         reductions = [one.reduction for one in own.candidates()]
-        most.append(max(reductions) / threshold(own))
+        most.append(max(reductions) / own.draws.threshold())
     assert max(most) < 1
     assert max(most) > 0.2
 
@@ -145,18 +150,18 @@ def test_orders_that_the_noise_chose_count_as_chosen(drive) -> None:
     noise = np.array([sensor.uncertainty for sensor in drive.sensors])
     model = compiled(drive)
     still = Segment(time, 8 + torque(time)[:, None], np.zeros((len(time), 3)))
-    spinning = runs.readings(model, still, model.p0[None], np.array([[0, 0, 80.0, 40.0]]), 8000.0)[0]
+    spinning = readings(model, still, model.p0, np.array([0, 0, 80.0, 40.0]), 8000.0)
     found, expected = [], []
     for seed in range(8):
         y = spinning + noise * np.random.default_rng(seed).standard_normal(spinning.shape)
-        own = Screen(solve(*base_problem(drive, Data((Segment(time, still.inputs, y, "made"),), noise))))
-        offer(own, seed)
+        own = Screening(solve(*base_problem(drive, FitData((Segment(time, still.inputs, y, "made"),), noise))))
+        own.draws = NoiseDraws(own.mask.ravel(), own.free, seed)
         guesses = [
             guess
             for at in ("inertias.motor", "inertias.load")
-            for guess in EFFECTS["torque_ripple"].guesses(own.seen, at)
+            for guess in EFFECTS["torque_ripple"].guesses(own.motion, at)
         ]
-        found.append(max(own.reduction(guess)[0] for guess in guesses))
-        expected += list(np.max(own.taken, axis=0))
+        found.append(max(reduction for reduction, _ in own.reductions(guesses)))
+        expected += list(np.max(own.draws.decreases, axis=0))
     assert np.mean(found) < np.mean(expected) + 2 * np.std(expected) / np.sqrt(len(found))
     assert np.mean(found) > 0.5 * np.mean(expected)

@@ -58,5 +58,5 @@ def test_stiffness_far_off_is_not_taken_for_hysteresis(tmp_path: Path) -> None:
     system = load(tmp_path / "model.toml")
     found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
     assert [(cause.kind, cause.at) for cause in found.causes] == [("wrong_parameter", case.answer["at"])]
-    own, _ = found.causes[0].parameters["value"]
+    own = found.causes[0].parameters["value"]
     assert abs(own.value - case.answer["parameters"]["value"]) < 4 * own.standard_uncertainty

@@ -11,5 +11,5 @@ def test_four_recordings_end_in_four_verdicts(tmp_path, capsys):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     found = module.main(tmp_path)
-    assert found["play"].gain["nrmse_after"] < 1.1 * found["play"].gain["noise_floor"]
+    assert found["play"].gain.nrmse_after < 1.1 * found["play"].gain.noise_floor
     assert "The shaft link has 0.024" in capsys.readouterr().out

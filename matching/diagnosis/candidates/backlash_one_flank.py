@@ -1,8 +1,8 @@
-"""Free play of which a recording shows one side only.
+"""Backlash of which a recording shows one flank only.
 
-With drive torque throughout, a shaft crosses its free play once at most: what part of the width lay ahead at the start
-is told, what lay behind is not. χ² is then flat in the width down to a kink, so the fit ends anywhere on that, and the
-Jacobian takes the place for well known.
+With drive torque throughout, a shaft crosses its backlash once at most: what part of the gap was ahead at the start is
+known, what part was behind is not. χ² is then constant in the gap from some value on, so the fit ends anywhere there,
+and its Jacobian takes that value for well known.
 """
 
 from __future__ import annotations
@@ -10,32 +10,33 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from matching.diagnosis.candidates.candidates import Cause
-from matching.diagnosis.candidates.motion import seen
+from matching.diagnosis.candidates.cause import Cause
+from matching.diagnosis.candidates.motion import simulated_motion
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.uncertainty import Estimate
 from modelling.effects import EFFECTS
 
-TOUCHED = 0.02  # of the largest torque of the shaft: on that side it was in contact
+CONTACT_SHARE = 0.02  # of the largest torque of the shaft, from which a flank is in contact
 
 
-def bounded_below(numbers: Mapping[str, Estimate], fit: Fit, causes: Sequence[Cause]) -> dict[str, Estimate]:
-    """Estimates with those of free play touched on one side only as uncertain as they are large, and said to be so."""
-    out = dict(numbers)
-    lashes = [cause for cause in causes if EFFECTS[cause.kind].free_play]
-    if not lashes:
+def bounded_below(estimates: Mapping[str, Estimate], fit: Fit, causes: Sequence[Cause]) -> dict[str, Estimate]:
+    """Estimates with gaps of which one flank was touched as uncertain as they are large, with a note that says so."""
+    out = dict(estimates)
+    backlashes = [cause for cause in causes if EFFECTS[cause.kind].free_play]
+    if not backlashes:
         return out
-    motion = seen(fit)
-    for cause in lashes:
+    motion = simulated_motion(fit)
+    for cause in backlashes:
         shaft, name = cause.at.split(".")[1], cause.names()[EFFECTS[cause.kind].free_play]
-        torque, twist, own = motion.torque[shaft], motion.twist[shaft], out[name]
-        least = TOUCHED * abs(torque).max()
-        if torque.min() > -least:
-            crossed = own.value / 2 - float(twist.min())
-        elif torque.max() < least:
-            crossed = own.value / 2 + float(twist.max())
+        torque, twist, gap = motion.torque[shaft], motion.twist[shaft], out[name]
+        contact = CONTACT_SHARE * abs(torque).max()
+        if torque.min() > -contact:
+            crossed = gap.value / 2 - float(twist.min())
+        elif torque.max() < contact:
+            crossed = gap.value / 2 + float(twist.max())
         else:
             continue
-        note = f"only one side of the free play is touched: it is at least {min(crossed, own.value):.3g} rad"
-        out[name] = replace(own, standard_uncertainty=max(own.standard_uncertainty, abs(own.value)), note=note)
+        note = f"only one side of the free play is touched: it is at least {min(crossed, gap.value):.3g} rad"
+        uncertainty = max(gap.standard_uncertainty, abs(gap.value))
+        out[name] = replace(gap, standard_uncertainty=uncertainty, note=note)
     return out

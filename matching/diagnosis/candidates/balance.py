@@ -1,9 +1,8 @@
-"""The torque balance that is left over: which torque on which inertia, or in which shaft, the measurement asks for.
+"""The torque balance of a fit: which further torque on which inertia, or in which shaft, the measurement asks for.
 
-The deviation of measurement from simulation is smoothed (Rauch, Tung and Striebel 1965, gains constant) by the linear
-model
-with an unknown, slowly changing torque on every inertia and in every shaft. Nothing is differentiated; noise is weighed
-by the sensors' uncertainty. It says where, not yet why.
+The deviation of measurement from simulation is smoothed by the linear model with an unknown, slowly changing torque on
+every inertia and in every shaft. Nothing is differentiated; noise is weighted by the sensors' uncertainty. It tells
+where a cause may be, not which.
 """
 
 from __future__ import annotations
@@ -13,18 +12,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm
 
+from matching.diagnosis.candidates.smoother import stationary_smoother
 from matching.diagnosis.fitting.fit import Fit
 from modelling.equations.compiled import Model, compiled
 from modelling.model.components import Input
 from modelling.model.system import System
 
-CORRELATION = 0.01  # s over which an unknown torque may change
-SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)
+CORRELATION_TIME = 0.01  # s over which an unknown torque may change; faster than the modes of drivability (30 Hz)
+TORQUE_SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)
+ANGLE_SIGMA = 1.0  # rad within which angles are held: no reading tells where a drivetrain as a whole stands
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """Deviation of the states ``names`` (t, x) and unknown torques: on inertias (t, i), in shafts (t, s); N·m."""
+class TorqueBalance:
+    """Deviations of the states and unknown torques, segments one after another.
+
+    Attributes
+    ----------
+    names : list of str
+        Of the states.
+    states : ndarray (t, x)
+        Measurement − simulation.
+    inertias : ndarray (t, i)
+        Torque that each inertia lacks, N·m.
+    shafts : ndarray (t, s)
+        Torque that each shaft lacks, N·m, on the second end's side.
+    """
 
     names: list[str]
     states: np.ndarray
@@ -32,7 +45,7 @@ class Leftover:
     shafts: np.ndarray
 
     def added_to(self, names: list[str], states: np.ndarray) -> np.ndarray:
-        """States (t, x) with these names, where the measurement has them."""
+        """Simulated states (t, x) of these names, where the measurement has them."""
         out = states.copy()
         for i, name in enumerate(names):
             if name in self.names:
@@ -40,91 +53,66 @@ class Leftover:
         return out
 
 
-def linear(system: System, value: dict[str, float]) -> tuple[Model, list[np.ndarray]]:
-    """The linear part of a system with a torque input on every inertia and in every shaft: A, B, C, D."""
-    probe = replace(
-        system.with_values({name: v for name, v in value.items() if name in system.parameters}),
-        inputs=tuple(Input(f"probe{i}", part.name) for i, part in enumerate(system.inertias)),
-    )
-    model = compiled(probe)
-    u = np.zeros(len(probe.inputs))
-    A, B, C, D = (np.array(m) for m in model.jacobians(np.zeros(len(model.states)), u, model.p0, 0.0))
+@dataclass(frozen=True)
+class LinearModel:
+    """ẋ = A·x + B·T, y = C·x + D·T with a torque T on every inertia, then in every shaft."""
+
+    model: Model
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+
+
+def linear_model(system: System, value: dict[str, float]) -> LinearModel:
+    """The linear part of a system at parameter values, SI by name.
+
+    A further torque T in a shaft turns its second end by T and its first end by −T over the ratio.
+    """
+    known = {name: v for name, v in value.items() if name in system.parameters}
+    inputs = tuple(Input(f"probe{i}", part.name) for i, part in enumerate(system.inertias))
+    model = compiled(replace(system.with_values(known), inputs=inputs))
+    A, B, C, D = (np.array(m) for m in model.jacobians(np.zeros(len(model.states)), np.zeros(len(inputs)), model.p0, 0))
     names = [part.name for part in system.inertias]
+    mixes, direct = [], []
     for shaft in system.shafts:
-        mix = np.zeros(len(u))
+        mix = np.zeros(len(inputs))
         mix[names.index(shaft.between[0])] = -1 / value.get(f"shafts.{shaft.name}.ratio", 1.0)
         mix[names.index(shaft.between[1])] = 1.0
-        B = np.column_stack([B, B[:, : len(u)] @ mix])
-        read = [float(sensor.measures == "torque" and sensor.of == shaft.name) for sensor in system.sensors]
-        D = np.column_stack([D, D[:, : len(u)] @ mix + read])
-    return model, [A, B, C, D]
+        mixes.append(mix)
+        direct.append([float(sensor.measures == "torque" and sensor.of == shaft.name) for sensor in system.sensors])
+    if mixes:
+        mix = np.array(mixes).T
+        B, D = np.hstack([B, B @ mix]), np.hstack([D, D @ mix + np.array(direct).T])
+    return LinearModel(model, A, B, C, D)
 
 
-def leftover(fit: Fit, system: System, value: dict[str, float], scale: float) -> Leftover:
+def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: float) -> TorqueBalance:
     """Smooth the residual of a fit by its linear model.
 
     Parameters
     ----------
     system : System
         The fitted system without the effects that have states or are not smooth.
+    value : dict of str to float
+        Parameters by name, SI.
     scale : float
         A torque typical of the drivetrain, N·m.
     """
-    model, (A, B, C, D) = linear(system, value)
-    nx, nd, ny = A.shape[0], B.shape[1], C.shape[0]
-    step = float(np.median(np.diff(fit.problem.data.segments[0].time)))
-    full = np.block([[A, B], [np.zeros((nd, nx)), -np.eye(nd) / CORRELATION]])
-    F = expm(full * step)
-    H = np.hstack([C, D])
-    Q = np.zeros((nx + nd, nx + nd))
-    Q[nx:, nx:] = np.eye(nd) * (SHARE * scale) ** 2 * (1 - np.exp(-2 * step / CORRELATION))
-    R = np.diag(fit.problem.data.noise**2)
-    # no reading tells where the whole stands: hold the angles loosely
-    H = np.vstack([H, np.hstack([np.eye(model.n), np.zeros((model.n, nx + nd - model.n))])])
-    R = np.block([[R, np.zeros((ny, model.n))], [np.zeros((model.n, ny)), np.eye(model.n)]])
-    K, S = _gains(F, H, Q, R, nx, scale)
-    states, torques = [], []
-    for residual, segment in zip(fit.by_sensor(), fit.problem.data.segments, strict=True):
-        y = np.where(segment.counts, residual * fit.problem.data.noise, 0.0)
-        x = _smooth(F, H, K, S, np.hstack([y, np.zeros((len(y), model.n))]))
-        states.append(x[:, :nx])
-        torques.append(x[:, nx:])
-    unknown = np.concatenate(torques)
-    split = len(system.inertias)
-    return Leftover(model.states, np.concatenate(states), unknown[:, :split], unknown[:, split:])
-
-
-def _gains(
-    F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, nx: int, scale: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Constant gains of filter and smoother, from the Riccati recursion run until it rests."""
-    P = np.eye(len(F))
-    P[nx:, nx:] *= (SHARE * scale) ** 2
-    for _ in range(3000):
-        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-        kept = P - K @ H @ P
-        after = F @ kept @ F.T + Q
-        after = (after + after.T) / 2
-        change = np.max(np.abs(after - P) / np.sqrt(np.outer(np.diag(after), np.diag(after)) + 1e-300))
-        P = after
-        if change < 1e-5:
-            break
-    ridge = 1e-12 * np.diag(np.diag(P))
-    return K, np.linalg.solve(P + ridge, F @ kept).T
-
-
-def _smooth(F: np.ndarray, H: np.ndarray, K: np.ndarray, S: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Filter forwards, smooth backwards; (t, y) → (t, x)."""
-    filtered = np.empty((len(y), len(F)))
-    keep = (np.eye(len(F)) - K @ H) @ F
-    driven = y @ K.T
-    x = np.zeros(len(F))
-    for k, own in enumerate(driven):
-        x = keep @ x + own
-        filtered[k] = x
-    back = np.eye(len(F)) - S @ F
-    anchored = filtered @ back.T
-    for k in range(len(y) - 2, -1, -1):
-        x = anchored[k] + S @ x
-        filtered[k] = x
-    return filtered
+    linear, data = linear_model(system, value), fit.problem.data
+    n, x, torques = linear.model.n, len(linear.A), linear.B.shape[1]
+    step = data.sampling_interval
+    decay = -np.eye(torques) / CORRELATION_TIME
+    F = expm(np.block([[linear.A, linear.B], [np.zeros((torques, x)), decay]]) * step)
+    variance = (TORQUE_SHARE * scale) ** 2 * (1 - np.exp(-2 * step / CORRELATION_TIME))
+    Q = np.diag([0.0] * x + [variance] * torques)
+    angles = np.hstack([np.eye(n), np.zeros((n, x + torques - n))])
+    H = np.vstack([np.hstack([linear.C, linear.D]), angles])
+    smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
+    parts = []
+    for residual, segment in zip(fit.by_sensor(), data.segments, strict=True):
+        deviation = np.where(segment.measured, residual * data.noise, 0.0)
+        parts.append(smoother.smooth(np.hstack([deviation, np.zeros((len(deviation), n))])))
+    states, unknown = np.split(np.concatenate(parts), [x], axis=1)
+    inertias, shafts = np.split(unknown, [len(system.inertias)], axis=1)
+    return TorqueBalance(linear.model.states, states, inertias, shafts)

@@ -1,4 +1,4 @@
-"""What a fitted model did over the recorded inputs, as effects are shown it."""
+"""The motion of a fitted model over the recorded inputs, from which effects make their first guesses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from matching.diagnosis.candidates.balance import Leftover
+from matching.diagnosis.candidates.balance import TorqueBalance
 from matching.diagnosis.fitting.fit import Fit
 from modelling.effects.first_guess import FittedMotion
 from modelling.equations.lagrange import derive
@@ -14,13 +14,13 @@ from modelling.model.components import Shaft
 from modelling.model.system import System
 
 
-def seen(fit: Fit, leftover: Leftover | None = None) -> FittedMotion:
-    """The motion of a fit, segments one after another; with what is left over, as the measurement has it."""
+def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMotion:
+    """The motion of a fit, segments one after another; with a torque balance, as the measurement has it."""
     problem, system = fit.problem, fit.problem.system
     model, segments = problem.model, problem.data.segments
     x = np.concatenate(problem.states(fit.v))
-    if leftover is not None:
-        x = leftover.added_to(model.states, x)
+    if balance is not None:
+        x = balance.added_to(model.states, x)
     p, _ = problem.unpack(fit.v)
     value = dict(zip(model.parameters, (float(v) for v in p), strict=True))
     shares = inertia_shares(system, model.coordinates, value)
@@ -30,23 +30,24 @@ def seen(fit: Fit, leftover: Leftover | None = None) -> FittedMotion:
     ends = np.cumsum([0, *(len(segment.time) for segment in segments)])
     parts = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     time = np.concatenate([segment.time for segment in segments])
-    acceleration = np.concatenate([np.gradient(speeds[part], time[part], axis=0) for part in parts])
+    accelerations = np.concatenate([np.gradient(speeds[part], time[part], axis=0) for part in parts])
     names = [part.name for part in system.inertias]
-    twist, rate = ({s.name: _twist(motion, s, names, value) for s in system.shafts} for motion in (angles, speeds))
+    angle, speed, acceleration = (dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, accelerations))
     y = np.concatenate(problem.simulated(fit.v))
-    angle, speed, faster = (dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, acceleration))
     return FittedMotion(
-        time, parts, angle, speed, faster, twist, rate,
-        {s.name: torques[j] for j, s in enumerate(system.shafts)},
+        time, parts, angle, speed, acceleration,
+        {shaft.name: _twist(angle, shaft, value) for shaft in system.shafts},
+        {shaft.name: _twist(speed, shaft, value) for shaft in system.shafts},
+        {shaft.name: torques[j] for j, shaft in enumerate(system.shafts)},
         {part.name: inputs[:, j] for j, part in enumerate(system.inputs)},
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
         {sensor.name: float(problem.data.noise[j]) for j, sensor in enumerate(system.sensors)},
-        value, {s.name: s.between for s in system.shafts},
+        value, {shaft.name: shaft.between for shaft in system.shafts},
     )  # fmt: skip
 
 
 def inertia_shares(system: System, coordinates: list[str], value: dict[str, float]) -> np.ndarray:
-    """(i, n) how every inertia moves with the coordinates."""
+    """(i, n) motion of every inertia per motion of each coordinate: ratios of gears, shares of differentials."""
     motions = derive(system).assembly.motions
     out = np.zeros((len(system.inertias), len(coordinates)))
     for i, part in enumerate(system.inertias):
@@ -55,6 +56,7 @@ def inertia_shares(system: System, coordinates: list[str], value: dict[str, floa
     return out
 
 
-def _twist(motion: np.ndarray, shaft: Shaft, names: list[str], value: dict[str, float]) -> np.ndarray:
-    first, second = (motion[:, names.index(end)] for end in shaft.between)
+def _twist(motion: dict[str, np.ndarray], shaft: Shaft, value: dict[str, float]) -> np.ndarray:
+    """Twist of a shaft from angles, or its rate from speeds, (t,)."""
+    first, second = (motion[end] for end in shaft.between)
     return first / value.get(f"shafts.{shaft.name}.ratio", 1.0) - second

@@ -1,4 +1,4 @@
-"""What a fit sees of recordings: segments of time with inputs, readings and which of them count."""
+"""The data of a fit: segments of recordings with inputs and readings, and the noise of each sensor."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Segment:
-    """An uninterrupted stretch of a recording.
+    """A part of a recording without gaps.
 
     Attributes
     ----------
     time : ndarray (t,)
         s, increasing, from the start of its recording.
     inputs : ndarray (t, u)
+        SI, in the order of the model's inputs.
     readings : ndarray (t, y)
-        SI, in the order of the model's sensors; NaN where there is none.
+        SI, in the order of the model's sensors; NaN where nothing was measured.
     name : str
-        Which recording it is from.
+        The recording it is from.
     """
 
     time: np.ndarray
@@ -28,35 +29,41 @@ class Segment:
     name: str = ""
 
     @property
-    def counts(self) -> np.ndarray:
-        """(t, y) whether a reading is there."""
+    def measured(self) -> np.ndarray:
+        """(t, y) whether there is a reading."""
         return np.isfinite(self.readings)
 
     def part(self, first: int, last: int) -> Segment:
         """Samples first … last − 1."""
-        cut = slice(first, last)
-        return replace(self, time=self.time[cut], inputs=self.inputs[cut], readings=self.readings[cut])
+        samples = slice(first, last)
+        return replace(self, time=self.time[samples], inputs=self.inputs[samples], readings=self.readings[samples])
 
 
 @dataclass(frozen=True)
-class Data:
-    """Segments and the standard uncertainty of each sensor (y,), which is also the noise a fit assumes."""
+class FitData:
+    """What a fit is given.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+    noise : ndarray (y,)
+        Standard uncertainty of each sensor, SI; also the noise that a fit assumes.
+    """
 
     segments: tuple[Segment, ...]
     noise: np.ndarray
 
     @property
-    def samples(self) -> np.ndarray:
+    def readings_by_sensor(self) -> np.ndarray:
         """(y,) number of readings of each sensor."""
-        return sum((segment.counts.sum(axis=0) for segment in self.segments), np.zeros(len(self.noise), dtype=int))
+        return sum((segment.measured.sum(axis=0) for segment in self.segments), np.zeros(len(self.noise), dtype=int))
 
-    def without(self, seconds: float) -> Data:
-        """The same data with the first seconds of every segment not counted."""
-        if seconds <= 0:
-            return self
-        kept = []
-        for segment in self.segments:
-            readings = segment.readings.copy()
-            readings[segment.time < segment.time[0] + seconds] = np.nan
-            kept.append(replace(segment, readings=readings))
-        return replace(self, segments=tuple(kept))
+    @property
+    def readings_count(self) -> int:
+        """Number of readings of all sensors."""
+        return int(self.readings_by_sensor.sum())
+
+    @property
+    def sampling_interval(self) -> float:
+        """Median time between samples of the first segment, s."""
+        return float(np.median(np.diff(self.segments[0].time)))

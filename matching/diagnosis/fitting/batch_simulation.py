@@ -1,4 +1,4 @@
-"""Many runs of one model over recorded inputs."""
+"""Simulations of one model over recorded inputs for many sets of parameters and start states."""
 
 from __future__ import annotations
 
@@ -17,90 +17,117 @@ from modelling.simulation.integrator.c_library import compile_ahead
 from modelling.simulation.integrator.functions import functions
 from modelling.simulation.integrator.task import Task, make_task
 
-WORTH = 4000  # samples of all rows, below which threads cost more than they save
+FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than they save (measured on two cores)
+LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a model without abrupt torques
+STABLE_RATE = 2.2  # rate times step; classical Runge–Kutta of order 4 is stable up to 2.78 on the negative real axis
+LOWEST_STICK_SPEED, HIGHEST_STICK_SPEED, STICK_SPEED_FACTOR = 1e-5, 1e3, 1.5  # rad/s, rad/s, between two trials
 
 
 @functools.cache
 def threads() -> int:
     """How many threads share a batch: ``OMP_NUM_THREADS`` where that is set, as for any library, else all cores."""
-    told = os.environ.get("OMP_NUM_THREADS", "")
-    if told.isdecimal() and int(told) > 0:
-        return int(told)
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdecimal() and int(limit) > 0:
+        return int(limit)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def prepare(systems: Iterable[System]) -> None:
+def compile_models(systems: Iterable[System]) -> None:
     """Compile the models of several systems side by side; what the cache holds is not compiled again."""
     compile_ahead([functions(compiled(system)) for system in systems])
 
 
-def readings(model: Model, segment: Segment, p: np.ndarray, start: np.ndarray, steps: float) -> np.ndarray:
-    """Readings (b, t, y) for parameters (b, p) and starts (b, x); rows that diverge are NaN."""
-    return all_readings(model, [segment], p, [start], steps)[0]
-
-
-def all_readings(
-    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+def simulate_readings(
+    model: Model,
+    segments: Sequence[Segment],
+    p: np.ndarray,
+    starts: Sequence[np.ndarray],
+    steps_per_second: float,
 ) -> list[np.ndarray]:
-    """Readings (b, t, y) of each segment for parameters (b, p) and starts (b, x) of each; rows that diverge are NaN."""
-    return [done[1] for done in _run(_tasks(model, segments, p, starts, steps), states=False)]
+    """Readings (b, t, y), SI, of each segment; rows that diverge are NaN.
+
+    Parameters
+    ----------
+    p : ndarray (b, p)
+    starts : sequence of ndarray (b, x)
+        Start states of each segment.
+    """
+    tasks = _tasks(model, segments, p, starts, steps_per_second)
+    return [results[1] for results in _run(tasks, states=False)]
 
 
-def all_states(
-    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+def simulate_states(
+    model: Model,
+    segments: Sequence[Segment],
+    p: np.ndarray,
+    starts: Sequence[np.ndarray],
+    steps_per_second: float,
 ) -> list[np.ndarray]:
-    """States (t, x) of each segment for parameters (p,) and a start (x,) of each."""
-    tasks = _tasks(model, segments, p[None], [start[None] for start in starts], steps)
-    return [done[0][0] for done in _run(tasks, readings=False)]
+    """States (t, x) of each segment for parameters (p,) and a start state (x,) of each."""
+    tasks = _tasks(model, segments, p[None], [start[None] for start in starts], steps_per_second)
+    return [results[0][0] for results in _run(tasks, readings=False)]
 
 
 def _tasks(
-    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps: float
+    model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps_per_second: float
 ) -> list[Task]:
     return [
-        make_task(model, segment.time, segment.inputs, p, start, steps)
+        make_task(model, segment.time, segment.inputs, p, start, steps_per_second)
         for segment, start in zip(segments, starts, strict=True)
     ]
 
 
 def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[tuple[np.ndarray, ...]]:
-    long = sum(len(task.p) * len(task.time) for task in tasks) > WORTH
-    done = native.run_all(tasks, states, readings, threads() if long else 1) if tasks else []
-    return done if done is not None else [virtual.run(task, states, readings) for task in tasks]
+    samples = sum(len(task.p) * len(task.time) for task in tasks)
+    count = threads() if samples > FEWEST_SAMPLES_FOR_THREADS else 1
+    results = native.run_all(tasks, states, readings, count) if tasks else []
+    return results if results is not None else [virtual.run(task, states, readings) for task in tasks]
 
 
-def fastest_rate(model: Model, p: np.ndarray, points: np.ndarray, inputs: np.ndarray) -> float:
+def fastest_rate(model: Model, p: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> float:
     """Largest magnitude (1/s) of the eigenvalues of the linearised model at several states (b, x)."""
-    found = 0.0
-    for x in points:
+    fastest = 0.0
+    for x in states:
         a = np.array(model.jacobians(x, inputs, p, 0.0)[0])
         if np.isfinite(a).all():
-            found = max(found, float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)))
-    return found
+            fastest = max(fastest, float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)))
+    return fastest
 
 
-def steps_and_stick(
-    model: Model, p: np.ndarray, points: np.ndarray, sampling: float, fine: float, least: float = 0.0
+def steps_and_stick_speed(
+    model: Model, p: np.ndarray, states: np.ndarray, sampling: float, fine: float, least: float = 0.0
 ) -> tuple[float, float]:
-    """Steps per second, and the stick speed (rad/s) that they resolve.
+    """Integration steps per second, and the stick speed (rad/s) that they resolve; NaN without dry friction.
 
-    Without dry friction the fastest mode gets ``fine`` steps a radian; the stick speed is then raised until
-    the slope of friction at rest is no faster than the steps can follow.
+    The fastest mode, dry friction aside, gets ``fine`` steps a radian. The stick speed is then raised until friction at
+    rest is no faster than the steps can follow.
+
+    Parameters
+    ----------
+    states : ndarray (b, x)
+        At which the rates are looked at.
+    sampling : float
+        Of the recording, Hz.
+    fine : float
+        Steps a radian of the fastest mode.
+    least : float
+        Steps per second at least.
     """
     inputs = np.zeros(len(model.inputs))
-    where = model.parameters.index(STICK_SPEED) if STICK_SPEED in model.parameters else None
+    index = model.parameters.index(STICK_SPEED) if STICK_SPEED in model.parameters else None
     p = p.copy()
-    if where is not None:
-        p[where] = 1e9
-    steps = max(2.0 * sampling, least, min(fine * fastest_rate(model, p, points, inputs), 8.0 * sampling))
+    if index is not None:
+        p[index] = 1e9  # friction that hardly depends on speed
+    wanted = min(fine * fastest_rate(model, p, states, inputs), MOST_STEPS_PER_SAMPLE * sampling)
+    steps = max(LEAST_STEPS_PER_SAMPLE * sampling, least, wanted)
     steps = float(np.ceil(steps / sampling - 1e-6)) * sampling
-    if where is None:
+    if index is None:
         return steps, np.nan
-    rest = np.zeros((1, points.shape[1]))
-    stick = 1e-5
-    while stick < 1e3:
-        p[where] = stick
-        if fastest_rate(model, p, rest, inputs) < 2.2 * steps:  # the method is stable up to 2.78
+    rest = np.zeros((1, states.shape[1]))
+    stick_speed = LOWEST_STICK_SPEED
+    while stick_speed < HIGHEST_STICK_SPEED:
+        p[index] = stick_speed
+        if fastest_rate(model, p, rest, inputs) < STABLE_RATE * steps:
             break
-        stick *= 1.5
-    return steps, stick
+        stick_speed *= STICK_SPEED_FACTOR
+    return steps, stick_speed

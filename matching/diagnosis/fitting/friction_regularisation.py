@@ -1,9 +1,7 @@
-"""The end of a fit: central differences, so that nearly collinear parameters are moved and judged by true slopes.
+"""Dry friction as sharp as the data ask for: the speed over which its sign changes is halved while χ² falls.
 
-A difference over a wide step errs: a stiffness a thousandth off is a phase out of step after some seconds. Where two
-columns differ by less than that error, e.g. those of two springs in series, it passes for information, and
-uncertainties come out too small. The steps are therefore as wide as χ² changes by about 1; with free play or dry
-friction, where the misfit is rough on that scale, they stay wide.
+A search begins with a stick speed that few integration steps a sample resolve. What is then missing of the friction
+near rest stays in the residual, where a kind that is higher near rest (Stribeck), or a second cause, would explain it.
 """
 
 from __future__ import annotations
@@ -12,42 +10,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from matching.diagnosis.fitting.fit import Fit, Quadratic, chi_square
-from modelling.effects import EFFECTS
+from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
+from matching.diagnosis.fitting.quadratic import Quadratic
 
-STEPS = 6  # Gauss–Newton steps at most
-ENOUGH = 0.02  # decrease of χ² that is not worth a step
+SEARCH_STEPS, FINAL_STEPS, MOST_STEPS = 8, 16, 256  # integration steps a sample at most
+ALMOST = 0.75  # of the most steps: halving once more would exceed them
+DECREASE, DECREASE_SHARE = 3.0, 1e-4  # of χ² that is worth another halving: absolute, and of χ² itself
+EXCESS_SHARE = 0.05  # the same beyond ``FINAL_STEPS``, of the misfit beyond noise
+ITERATIONS = 12
 
 
-def sharpened(fit: Fit) -> Fit:
-    """The fit moved to where central differences see no way down, with the Jacobian of that point."""
-    problem, v, r, cost = fit.problem, fit.v, fit.residual, fit.cost
-    h = widths(fit)
-    jacobian = problem.jacobian(v, r, central=h)
-    for _ in range(STEPS):
-        quadratic = Quadratic(jacobian)
-        low, high = problem.lower - v, problem.upper - v
-        step, predicted = quadratic.step(jacobian.T @ r, low, high, np.inf)
-        moved = False
-        for share in (1.0, 0.3, 0.1):
-            if predicted * share < ENOUGH:
-                break
-            tried = np.clip(v + share * step, problem.lower, problem.upper)
-            residual = problem.residuals(tried[None])[0]
-            new = chi_square(residual)
-            if new < cost - 0.1 * ENOUGH:
-                v, r, cost, moved = tried, residual, new, True
-                break
-        if not moved:
+def with_sharper_friction(fit: Fit, most_steps: int = SEARCH_STEPS) -> Fit:
+    """The fit with its friction as sharp as pays, at ``most_steps`` a sample; itself without dry friction."""
+    data = fit.problem.data
+    sampling = 1 / float(np.median(np.concatenate([np.diff(segment.time) for segment in data.segments])))
+    while np.isfinite(fit.problem.stick_speed) and fit.problem.steps_per_second < ALMOST * most_steps * sampling:
+        worthwhile = max(DECREASE, DECREASE_SHARE * fit.cost)
+        if fit.problem.steps_per_second > ALMOST * FINAL_STEPS * sampling:
+            worthwhile = max(worthwhile, EXCESS_SHARE * (fit.cost - data.readings_count))
+        sharper = replace(
+            fit.problem, steps_per_second=2 * fit.problem.steps_per_second, stick_speed=fit.problem.stick_speed / 2
+        )
+        if fit.cost - _expected_cost(fit, sharper.residuals(fit.v[None])[0]) < worthwhile:
             break
-        jacobian = problem.jacobian(v, r, central=h)
-    return replace(fit, v=v, residual=r, jacobian=jacobian, cost=cost)
+        try:
+            again = solve(sharper, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
+        except (FloatingPointError, np.linalg.LinAlgError):
+            break
+        if again.cost > fit.cost - worthwhile:
+            break
+        fit = again
+    return fit
 
 
-def widths(fit: Fit) -> np.ndarray:
-    """(v,) steps over which χ² changes by about 1; unlimited where the misfit is rough on that scale."""
-    length = np.linalg.norm(fit.jacobian, axis=0)
-    h = np.full(fit.problem.size, np.inf)
-    if not any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects):
-        h[length > 0] = 1 / length[length > 0]
-    return h
+def _expected_cost(fit: Fit, residual: np.ndarray) -> float:
+    """χ² to first order when the variables of a fit adapt to another residual (r,)."""
+    if not np.isfinite(chi_square(residual)):
+        return np.inf
+    problem, gradient = fit.problem, fit.jacobian.T @ residual
+    _, decrease = Quadratic(fit.jacobian).step(gradient, problem.lower - fit.v, problem.upper - fit.v, np.inf)
+    return chi_square(residual) - decrease

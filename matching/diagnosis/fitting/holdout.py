@@ -1,116 +1,169 @@
-"""Free simulation on data that no fit saw."""
+"""Free simulation of held-out data with a fitted model."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
-from matching.diagnosis.data.segments import Data, Segment
-from matching.diagnosis.fitting.fit import Fit, Problem, first_state, solve
+from matching.diagnosis.data.holdout_split import held_out_segments
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import Fit, FitOptions, solve
+from matching.diagnosis.fitting.problem import FitProblem
+from matching.diagnosis.fitting.start_states import first_state
+
+START_ITERATIONS = 30  # of the fit of start states
 
 
 @dataclass(frozen=True)
-class Ahead:
-    """A simulation of data that no fit saw.
+class HoldoutRun:
+    """A simulation of data that the fit did not use.
 
     Attributes
     ----------
-    problem : Problem
+    problem : FitProblem
+        The data may begin with samples that the fit used.
     v : ndarray (v,)
         Its parameters are those of the fit.
     residual : ndarray (r,)
-    seen : tuple of int
-        How many samples of each segment the fit did see; only what follows them counts.
-    carried : bool
-        Whether the start states are the fit's too; else they were found on these data.
+        In times the noise.
+    fitted_samples : tuple of int
+        How many samples of each segment the fit used; only those after them count.
+    continued : bool
+        Whether the start states are those of the fit; else they were fitted to these data.
     """
 
-    problem: Problem
+    problem: FitProblem
     v: np.ndarray
     residual: np.ndarray
-    seen: tuple[int, ...]
-    carried: bool
+    fitted_samples: tuple[int, ...]
+    continued: bool
 
     def mask(self) -> np.ndarray:
-        """Which residuals (r,) are of data that were measured and not seen."""
-        own = [segment.counts.copy() for segment in self.problem.data.segments]
-        for one, count in zip(own, self.seen, strict=True):
-            one[:count] = False
-        return np.concatenate([one.ravel() for one in own])
+        """(r,) which residuals belong to readings that were held out."""
+        measured = [segment.measured.copy() for segment in self.problem.data.segments]
+        for values, count in zip(measured, self.fitted_samples, strict=True):
+            values[:count] = False
+        return np.concatenate([values.ravel() for values in measured])
 
     def parts(self, residual: np.ndarray) -> list[np.ndarray]:
-        """Residuals (r,) → (t, y) of what was not seen of each segment; NaN where nothing was measured."""
-        every = zip(self.problem.data.segments, self.problem.by_sensor(residual), self.seen, strict=True)
-        out = [np.where(segment.counts, own, np.nan)[count:] for segment, own, count in every]
-        return [own for own in out if len(own)]
+        """Residuals (r,) → (t, y) of what was held out of each segment; NaN where nothing was measured."""
+        out = []
+        by_sensor = self.problem.by_sensor(residual)
+        for segment, values, count in zip(self.problem.data.segments, by_sensor, self.fitted_samples, strict=True):
+            out.append(np.where(segment.measured, values, np.nan)[count:])
+        return [part for part in out if len(part)]
 
 
-def residuals(ahead: list[Ahead]) -> list[np.ndarray]:
-    """Residuals (t, y), in times the noise, of all simulations."""
-    return [own for one in ahead for own in one.parts(one.residual)]
+class Holdout(Protocol):
+    """Data that judge fits and are not fitted."""
+
+    @property
+    def data(self) -> FitData:
+        """The data."""
+
+    def simulate(self, fit: Fit) -> list[HoldoutRun]:
+        """Simulate them with a fit."""
+
+    def segments(self, fit: Fit) -> list[Segment]:
+        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
 
 
-def rest_of(fit: Fit, whole: Data, seen: list[int]) -> list[Ahead]:
-    """What follows the samples a fit saw of each segment.
+@dataclass(frozen=True)
+class RestOfRecordings:
+    """What follows the fitted samples of each segment.
 
-    The simulation goes on from the fitted start, freely; a segment of which the fit saw nothing gets its own start.
+    The simulation goes on freely from the fitted start; a segment without fitted samples gets a start state of its own.
+
+    Attributes
+    ----------
+    whole : FitData
+    counts : list of int
+        Fitted samples of each segment.
     """
-    if len(fit.problem.data.segments) != sum(count > 0 for count in seen):
-        return _windows(fit, whole, seen)
-    known = [i for i, count in enumerate(seen) if count]
-    data = replace(whole, segments=tuple(whole.segments[i] for i in known))
-    problem = replace(fit.problem, data=data, anchors=None)
-    v = problem.pack(fit.values, fit.starts)
-    out = [Ahead(problem, v, problem.residuals(v[None])[0], tuple(seen[i] for i in known), True)]
-    unseen = tuple(segment for segment, count in zip(whole.segments, seen, strict=True) if not count)
-    return out + (elsewhere(fit, replace(whole, segments=unseen)) if unseen else [])
+
+    whole: FitData
+    counts: list[int]
+
+    @property
+    def data(self) -> FitData:
+        """The data."""
+        return replace(self.whole, segments=tuple(held_out_segments(self.whole, self.counts)))
+
+    def simulate(self, fit: Fit) -> list[HoldoutRun]:
+        """Simulate the rest with a fit."""
+        if not self._has_segments(fit):
+            return simulate_other(fit, replace(self.whole, segments=tuple(self._windows(fit))))
+        fitted = [i for i, count in enumerate(self.counts) if count]
+        data = replace(self.whole, segments=tuple(self.whole.segments[i] for i in fitted))
+        problem = replace(fit.problem, data=data, held_states=None)
+        v = problem.pack(fit.values, fit.starts)
+        counts = tuple(self.counts[i] for i in fitted)
+        run = HoldoutRun(problem, v, problem.residuals(v[None])[0], counts, continued=True)
+        rest = tuple(s for s, count in zip(self.whole.segments, self.counts, strict=True) if not count)
+        return [run, *(simulate_other(fit, replace(self.whole, segments=rest)) if rest else [])]
+
+    def segments(self, fit: Fit) -> list[Segment]:
+        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
+        rests = held_out_segments(self.whole, self.counts)
+        if not self._has_segments(fit):
+            return [rest for rest in rests if len(rest.time)]
+        continued = [rest for rest, count in zip(rests, self.counts, strict=True) if count and len(rest.time)]
+        return continued + [rest for rest, count in zip(rests, self.counts, strict=True) if not count]
+
+    def _has_segments(self, fit: Fit) -> bool:
+        """Whether a fit has the segments of the data; else it is one over short windows of them."""
+        return len(fit.problem.data.segments) == sum(count > 0 for count in self.counts)
+
+    def _windows(self, fit: Fit) -> list[Segment]:
+        """What a fit over short windows did not use, in windows as long as its own."""
+        length = max(len(segment.time) for segment in fit.problem.data.segments)
+        windows = []
+        for segment, count in zip(self.whole.segments, self.counts, strict=True):
+            if count < len(segment.time):
+                pieces = max(round((len(segment.time) - count) / length), 1)
+                edges = np.linspace(count, len(segment.time), pieces + 1).astype(int)
+                windows += [segment.part(int(a), int(b)) for a, b in pairwise(edges)]
+        return windows
 
 
-def _windows(fit: Fit, whole: Data, seen: list[int]) -> list[Ahead]:
-    """The same for a fit over short windows: what it did not see is cut into windows as long."""
-    length = max(len(segment.time) for segment in fit.problem.data.segments)
-    cuts = []
-    for segment, count in zip(whole.segments, seen, strict=True):
-        pieces = round((len(segment.time) - count) / length)
-        if count >= len(segment.time):
-            continue
-        edges = np.linspace(count, len(segment.time), max(pieces, 1) + 1).astype(int)
-        cuts += [segment.part(int(a), int(b)) for a, b in pairwise(edges)]
-    return elsewhere(fit, replace(whole, segments=tuple(cuts)))
+@dataclass(frozen=True)
+class OtherRecordings:
+    """Recordings that are not fitted at all; only their start states are."""
+
+    data: FitData
+
+    def simulate(self, fit: Fit) -> list[HoldoutRun]:
+        """Simulate them with a fit."""
+        return simulate_other(fit, self.data)
+
+    def segments(self, fit: Fit) -> list[Segment]:
+        """Their segments."""
+        return list(self.data.segments)
 
 
-def rest_segments(fit: Fit, whole: Data, seen: list[int]) -> list[Segment]:
-    """The stretches of data on which ``rest_of`` gives residuals, in its order."""
-    rests = unseen_segments(whole, seen)
-    if len(fit.problem.data.segments) != sum(count > 0 for count in seen):
-        return [rest for rest in rests if len(rest.time)]
-    known = [rest for rest, count in zip(rests, seen, strict=True) if count and len(rest.time)]
-    return known + [rest for rest, count in zip(rests, seen, strict=True) if not count]
+def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
+    """Residuals (t, y), in times the noise, of all simulations."""
+    return [part for run in runs for part in run.parts(run.residual)]
 
 
-def unseen_segments(whole: Data, seen: list[int]) -> list[Segment]:
-    """What follows the samples a fit saw of each segment; empty where it saw all."""
-    return [segment.part(count, len(segment.time)) for segment, count in zip(whole.segments, seen, strict=True)]
-
-
-def elsewhere(fit: Fit, data: Data) -> list[Ahead]:
-    """Other recordings: parameters as fitted, only the start states are found."""
+def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
+    """Other data: parameters as fitted, only the start states are fitted to them."""
     problem = fit.problem
-    system = problem.system.with_values(
-        {name: value for name, value in fit.values.items() if name in problem.system.parameters}
-    )
-    fixed = Problem(system, data, {}, problem.steps, problem.stick)
-    starts = [first_state(system, fixed.model, data, i) for i in range(len(data.segments))]
-    found = solve(fixed, fixed.pack({}, starts), None, 30)
-    open_ = replace(problem, data=data, anchors=None)
-    return [Ahead(open_, open_.pack(fit.values, found.starts), found.residual, (0,) * len(data.segments), False)]
+    known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
+    system = problem.system.with_values(known)
+    fixed = FitProblem(system, data, {}, problem.steps_per_second, problem.stick_speed)
+    starts = [first_state(system, fixed.model, segment) for segment in data.segments]
+    fitted = solve(fixed, fixed.pack({}, starts), None, FitOptions(START_ITERATIONS))
+    same = replace(problem, data=data, held_states=None)
+    none_used = (0,) * len(data.segments)
+    return [HoldoutRun(same, same.pack(fit.values, fitted.starts), fitted.residual, none_used, False)]
 
 
-def ratios(residuals: list[np.ndarray]) -> np.ndarray:
-    """Root mean square (y,) in times the noise; NaN for a sensor without readings."""
+def rms_by_sensor(residuals: list[np.ndarray]) -> np.ndarray:
+    """Root mean square (y,) of residuals (t, y), in times the noise; NaN for a sensor without readings."""
     total = np.concatenate(residuals)
     count = np.isfinite(total).sum(axis=0)
-    with np.errstate(invalid="ignore"):
-        return np.where(count, np.sqrt(np.nansum(total**2, axis=0) / np.maximum(count, 1)), np.nan)
+    return np.where(count, np.sqrt(np.nansum(total**2, axis=0) / np.maximum(count, 1)), np.nan)

@@ -7,14 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.statistics import effective_share
+from matching.diagnosis.fitting.residual_statistics import effective_share
 
-NARROWED = 0.5  # of the uniform distribution's: a larger standard uncertainty is the range's own
+NOT_IDENTIFIABLE = 0.5  # of the uniform distribution's: a larger standard uncertainty is that of the range
+FEWEST_READINGS = 64  # of a sensor whose residual is tested
+TEST_SIGMA = 5.0  # standard deviations of the mean square beyond which a residual is more than noise
+AT_BOUND_SHARE = 1e-6  # of the width of the range
+SMALLEST_SINGULAR = 1e-10  # of the largest singular value; less is rounding
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter; ``note`` says if the data do not tell it, or a bound holds it."""
+    """A fitted parameter, SI; ``note`` says if the data do not identify it, or a bound holds it."""
 
     value: float
     standard_uncertainty: float
@@ -22,55 +26,55 @@ class Estimate:
 
 
 def inflation(fit: Fit) -> float:
-    """Factor (≥ 1) of the covariance where the residual is larger than the noise or not white, the worst sensor's.
+    """Factor (≥ 1) of the covariance where the residual is larger than the noise or not white: the worst sensor's.
 
-    The variance of a mean of correlated values is larger by the number of samples over the effective number of samples.
+    The variance of a mean of correlated values is larger by the number of samples over the number of independent ones.
     """
     worst = 1.0
-    residuals = fit.by_sensor()
+    segments = fit.problem.data.segments
     for j in range(len(fit.problem.data.noise)):
-        own = [r[s.counts[:, j], j] for r, s in zip(residuals, fit.problem.data.segments, strict=True)]
-        total = np.concatenate(own)
-        if len(total) < 64:
+        parts = [r[segment.measured[:, j], j] for r, segment in zip(fit.by_sensor(), segments, strict=True)]
+        count = sum(len(part) for part in parts)
+        if count < FEWEST_READINGS:
             continue
-        square = float(np.mean(total**2))
-        if square > 1 + 5 * np.sqrt(2 / len(total)):
-            worst = max(worst, square / effective_share(max(own, key=len)))
+        mean_square = float(np.mean(np.concatenate(parts) ** 2))
+        if mean_square > 1 + TEST_SIGMA * np.sqrt(2 / count):
+            worst = max(worst, mean_square / effective_share(max(parts, key=len)))
     return worst
 
 
 def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
     """Values and standard uncertainties of the free parameters, from the Jacobian at the end.
 
-    A range is knowledge: it enters as the variance of a uniform distribution over it, a third of its width squared
-    for a parameter at a bound, which then is as uncertain for the others as it is itself.
-
     Parameters
     ----------
     shift : ndarray (v,), optional
-        What finer steps of the integration change (:func:`discretisation`); added in quadrature.
+        How finer steps of the integration move the variables (:func:`discretisation_shift`); added in quadrature.
     """
-    problem, v = fit.problem, fit.v
     width, at_bound = _ranges(fit)
     sigma = np.sqrt(np.diag(covariance(fit, inflation(fit))))
     out = {}
-    for i, name in enumerate(problem.free):
-        own, note = float(sigma[i]), ""
-        uniform = float(width[i]) / np.sqrt(12) if np.isfinite(width[i]) else np.inf
-        if own > NARROWED * uniform:
-            own, note = min(own, uniform), "not identifiable: the data do not narrow its range"
+    for i, name in enumerate(fit.problem.free):
+        uncertainty, notes = float(sigma[i]), []
+        uniform = float(width[i]) / np.sqrt(12)
         if at_bound[i]:
-            note = f"at the bound of its range{'; ' * bool(note)}{note}"
+            notes.append("at the bound of its range")
+        if uncertainty > NOT_IDENTIFIABLE * uniform:
+            uncertainty = min(uncertainty, uniform)
+            notes.append("not identifiable: the data do not narrow its range")
         if shift is not None:
-            own = float(np.hypot(own, shift[i]))
-        out[name] = Estimate(float(v[i]), own, note)
+            uncertainty = float(np.hypot(uncertainty, shift[i]))
+        out[name] = Estimate(float(fit.v[i]), uncertainty, "; ".join(notes))
     return out
 
 
 def covariance(fit: Fit, factor: float = 1.0) -> np.ndarray:
-    """Covariance (v, v) of the variables: information of the data, divided by ``factor``, and of the ranges.
+    """Covariance (v, v) of the variables: (JᵀJ/factor + P)⁻¹ with the information P of the ranges.
 
-    By singular values of the Jacobian itself: directions that only the ranges tell must not be lost to rounding.
+    A range is knowledge: it enters as a uniform distribution over its width w, variance w²/12; for a parameter at a
+    bound w²/3, the mean square distance from that bound, so that it is as uncertain for the others as for itself.
+
+    By singular values of the Jacobian itself: directions known only from the ranges must not be lost to rounding.
     Variables without any influence on the readings have the variance 0 where nothing bounds them.
     """
     width, at_bound = _ranges(fit)
@@ -80,24 +84,24 @@ def covariance(fit: Fit, factor: float = 1.0) -> np.ndarray:
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = np.inf
     _, values, directions = np.linalg.svd(rows / scale, full_matrices=False)
-    keep = values > 1e-10 * values.max(initial=0.0)
+    keep = values > SMALLEST_SINGULAR * values.max(initial=0.0)
     half = directions[keep].T / values[keep] / scale[:, None]
     return half @ half.T
 
 
-def discretisation(fit: Fit) -> np.ndarray:
-    """How far the variables (v,) move, to first order, when the integration takes half its steps."""
+def discretisation_shift(fit: Fit) -> np.ndarray:
+    """How far the variables (v,) move, to first order, when the integration takes steps half as long."""
     problem = fit.problem
-    half = replace(problem, steps=2 * problem.steps, stick=problem.stick / 2)
+    half = replace(problem, steps_per_second=2 * problem.steps_per_second, stick_speed=problem.stick_speed / 2)
     residual = half.residuals(fit.v[None])[0]
     if not np.isfinite(residual).all():
         return np.zeros(problem.size)
-    return covariance(fit) @ (fit.jacobian.T @ (residual - fit.residual))
+    return -covariance(fit) @ (fit.jacobian.T @ (residual - fit.residual))
 
 
 def _ranges(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Widths (v,) of the ranges, infinite without one, and whether a variable is at an end of it."""
     problem, v = fit.problem, fit.v
     width = problem.upper - problem.lower
-    near = 1e-6 * np.where(np.isfinite(width), width, np.abs(v) + 1e-9)
+    near = AT_BOUND_SHARE * np.where(np.isfinite(width), width, np.abs(v) + 1e-9)
     return width, (v - problem.lower < near) | (problem.upper - v < near)

@@ -1,151 +1,117 @@
-"""Several causes, one after another, until the rest is noise; what later turns out unneeded is dropped."""
+"""Several causes, one after another, until the residual is noise; what is not needed later is dropped."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from matching.diagnosis.candidates.candidates import Cause, Trial, fitted, without_cause
-from matching.diagnosis.candidates.noise_threshold import offer, threshold
-from matching.diagnosis.candidates.screening import Screen, Screened
+from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.candidates.noise_threshold import NoiseDraws
+from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.search.compare import MANY, Budget, Named, at_noise, refit, sharpest, taken, unique
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
+from matching.diagnosis.search.prune import drop_and_exchange
+from matching.diagnosis.search.refinement import RefitBudget
+from matching.diagnosis.search.refit_candidates import (
+    FULL_PLAN,
+    Progress,
+    RefitPlan,
+    best_by_candidate,
+    refit_candidates,
+)
+from matching.diagnosis.search.state import SearchState, chi_square_per_reading, distinct
 from modelling.model.system import System
 
-MOST = 3  # causes
-FURTHER, ASIDE = 9, 5  # candidates refitted from the best fit with causes, and from each of its rivals
-BEAM = 3  # fits with one cause from which a second is sought
-SLIGHT = 0.1  # of the misfit beyond noise: what takes less is no cause of it, what is missing is not in the vocabulary
+MOST_CAUSES = 3
+FURTHER_REFITS, SIDE_REFITS = 9, 5  # candidates refitted from the best hypothesis with causes, and from its rivals
+BEAM = 3  # hypotheses with one cause from which a second is searched for
+BEAM_RATIO = 2.0  # χ² of these, in times the best's
+SLIGHT = 0.1  # of the misfit beyond noise: what explains less is no cause of it; the vocabulary lacks the cause
 
 
 @dataclass
-class Search:
-    """The state of a search: the best fit so far and what else was tried.
+class _Node:
+    """A hypothesis with the screening of its residual and what that promises."""
 
-    Attributes
-    ----------
-    base : Named
-        The fit without causes.
-    best : Named
-    rivals : list of list of Named
-        For each cause of ``best``: fits with another cause in its place, itself included, best first.
-    null : float
-        Decrease of χ² that the best of all candidates reaches in pure noise, seldom.
-    screen : Screen
-        Seen from the base fit.
-    single : list of Named
-        Fits with one cause, best first.
-    """
-
-    base: Named
-    best: Named
-    screen: Screen
-    null: float
-    rivals: list[list[Named]] = field(default_factory=list)
-    single: list[Named] = field(default_factory=list)
+    screening: Screening
+    candidates: list[ScreenedCandidate]
 
 
-def search(system: System, base_fit: Fit, tell: Callable[[str], None] = lambda _: None) -> Search:
+@dataclass
+class _Screenings:
+    """Screenings by causes, each made once."""
+
+    known: dict[tuple[Cause, ...], _Node] = field(default_factory=dict)
+
+    def of(self, hypothesis: Hypothesis) -> _Node:
+        """The screening of a hypothesis."""
+        if hypothesis.causes not in self.known:
+            screening = Screening(hypothesis.fit)
+            candidates = best_by_candidate(list(screening.candidates(hypothesis.model.system())))
+            self.known[hypothesis.causes] = _Node(screening, candidates)
+        return self.known[hypothesis.causes]
+
+
+def search_causes(system: System, base_fit: Fit, progress: Progress = lambda _: None) -> SearchState:
     """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can."""
-    base = Named(Trial(system, (), dict(base_fit.problem.bounds), base_fit.values), base_fit)
-    screen = Screen(base_fit)
-    offer(screen)
-    found = unique(list(screen.candidates()))
-    null = threshold(screen)
-    state = Search(base, base, screen, null)
-    budget = Budget()
+    base = Hypothesis(ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values), base_fit)
+    screening = Screening(base_fit)
+    draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
+    candidates = best_by_candidate(list(screening.candidates()))
+    screening.draws = None
+    state = SearchState(base, base, screening, draws.threshold())
+    screenings = _Screenings({(): _Node(screening, candidates)})
+    budget = RefitBudget()
     beam = [base]
-    screens: dict[tuple[Cause, ...], tuple[Screen, list[Screened]]] = {(): (screen, found)}
-    while (len(state.best.causes) < MOST and not at_noise(state.best)) or state.best is base:
-        grown: list[Named] = []
-        for node in beam:
-            key = node.causes
-            if key not in screens:
-                own = Screen(node.fit)
-                screens[key] = (own, unique(list(own.candidates(node.trial.extended()))))
-            own, options = screens[key]
-            options = [one for one in options if one.reduction > null and not _repeats(node, one.kind, one.at)]
-            if not options:
-                continue
-            first = node is beam[0]
-            most = FURTHER if node.causes else MANY
-            windows = first and len(node.causes) < 2
-            grown += refit(system, node, options, own, budget, tell, most if first else ASIDE, windows)
-            if any(at_noise(one) for one in grown[:1]):
-                break
-        grown = _distinct(sorted(grown, key=lambda own: own.cost))
-        if not grown:
-            break
-        least = max(null, _price(grown[0]) - _price(state.best))
-        if grown[0].fit.cost > state.best.fit.cost - least * _inflation(grown[0]):
-            break
-        if taken(state.best, grown[0]) < SLIGHT:
+    while state.best is base or (len(state.best.causes) < MOST_CAUSES and not at_noise(state.best)):
+        grown = _grow(beam, screenings, state.noise_threshold, budget, progress)
+        if not grown or not _worthwhile(state, grown[0]):
             break
         state.best = grown[0]
-        wide = BEAM if len(state.best.causes) == 1 else 1
-        beam = [one for one in grown[:wide] if one.fit.cost < 2 * grown[0].fit.cost]
+        width = BEAM if len(state.best.causes) == 1 else 1
+        beam = [one for one in grown[:width] if one.fit.cost < BEAM_RATIO * grown[0].fit.cost]
         if len(state.best.causes) == 1:
-            state.single = grown
+            state.with_one_cause = grown
             state.rivals = [grown]
-    _prune_and_swap(system, state, budget, tell)
+    drop_and_exchange(state, budget, progress)
     return state
 
 
-def _repeats(node: Named, kind: str, at: str) -> bool:
-    return any(cause.kind == kind and cause.at == at for cause in node.causes)
+def _grow(
+    beam: list[Hypothesis], screenings: _Screenings, noise_threshold: float, budget: RefitBudget, progress: Progress
+) -> list[Hypothesis]:
+    """Hypotheses with one cause more than those of the beam, best first."""
+    grown: list[Hypothesis] = []
+    for parent in beam:
+        node = screenings.of(parent)
+        promising = [
+            one
+            for one in node.candidates
+            if one.reduction > noise_threshold and (one.kind, one.at) not in parent.places
+        ]
+        if not promising:
+            continue
+        first = parent is beam[0]
+        plan = FULL_PLAN if not parent.causes else RefitPlan(FURTHER_REFITS, first and len(parent.causes) < 2)
+        if not first:
+            plan = RefitPlan(SIDE_REFITS, windows=False)
+        grown += refit_candidates(parent, promising, node.screening, budget, progress, plan)
+        if grown and at_noise(grown[0]):
+            break
+    return distinct(sorted(grown, key=lambda one: one.cost))
 
 
-def _price(named: Named) -> float:
+def _worthwhile(state: SearchState, child: Hypothesis) -> bool:
+    """Whether a further cause explains more than noise would, more than its parameters cost, and more than a slight
+    part of the misfit."""
+    least = max(state.noise_threshold, _price(child) - _price(state.best))
+    if child.fit.cost > state.best.fit.cost - least * chi_square_per_reading(child):
+        return False
+    return share_explained(state.best, child) >= SLIGHT
+
+
+def _price(hypothesis: Hypothesis) -> float:
     """What parameters and states of a fit cost in χ² (Schwarz 1978): a refit finds more in noise than a screening."""
-    problem = named.fit.problem
-    return (len(problem.free) + len(problem.model.states)) * float(np.log(problem.data.samples.sum()))
-
-
-def _inflation(named: Named) -> float:
-    """How much larger than 1 the mean square of the residual is: no gain counts that is small beside what remains."""
-    return max(1.0, named.fit.cost / max(float(named.fit.problem.data.samples.sum()), 1.0))
-
-
-def _distinct(named: list[Named]) -> list[Named]:
-    """Without those that name the same causes in another order or with fewer or more parameters."""
-    out: dict[frozenset, Named] = {}
-    for one in named:
-        out.setdefault(frozenset((cause.kind, cause.at) for cause in one.causes), one)
-    return list(out.values())
-
-
-def _prune_and_swap(system: System, state: Search, budget: Budget, tell: Callable[[str], None]) -> None:
-    """Drop causes that the others make unneeded, and put a better one in the place of any."""
-    for _ in range(2):
-        rivals, changed = [], False
-        for index in range(len(state.best.causes)):
-            if len(state.best.causes) == 1:
-                if not state.rivals:
-                    state.rivals = [[state.best]]
-                return
-            trial = without_cause(state.best.trial, index, state.best.fit)
-            try:
-                rest = sharpest(Named(trial, fitted(trial, state.best.fit)))
-            except (FloatingPointError, np.linalg.LinAlgError):  # it does not even simulate without this cause
-                rivals.append([state.best])
-                continue
-            if rest.fit.cost < state.best.fit.cost + state.null * _inflation(state.best):
-                state.best, changed = rest, True
-                break
-            own = Screen(rest.fit)
-            options = unique(list(own.candidates(trial.extended())))
-            options = [one for one in options if not _repeats(rest, one.kind, one.at)]
-            named = refit(system, rest, options, own, budget, tell, 4, windows=at_noise(state.best))
-            here = state.best.causes[index]
-            same = [one for one in named if (one.causes[-1].kind, one.causes[-1].at) == (here.kind, here.at)]
-            others = [one for one in named if one not in same]
-            if others and others[0].cost < min(state.best.cost, *(one.cost for one in same), np.inf):
-                state.best, changed = others[0], True
-                break
-            rivals.append(_distinct(sorted([state.best, *others], key=lambda one: one.cost)))
-        if not changed:
-            state.rivals = rivals
-            return
-    state.rivals = [[state.best] for _ in state.best.causes]
+    problem = hypothesis.fit.problem
+    return (len(problem.free) + len(problem.model.states)) * float(np.log(problem.data.readings_count))

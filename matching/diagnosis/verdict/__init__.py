@@ -1,0 +1,1 @@
+"""What a search has found, judged on held-out data: confidence, values, evidence, and what to record next."""

@@ -1,4 +1,4 @@
-"""What to record to tell rivals apart: both are simulated over candidate manoeuvres."""
+"""What to record to tell rivals apart: both are simulated over several manoeuvres."""
 
 from __future__ import annotations
 
@@ -7,15 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.diagnosis.data.segments import Segment
-from matching.diagnosis.fitting import batch_simulation as runs
-from matching.diagnosis.search.compare import Named
+from matching.diagnosis.fitting.batch_simulation import simulate_readings
+from matching.diagnosis.search.hypothesis import Hypothesis
 
 DURATION = 8.0  # s
+STEP_TIME = 0.5  # s
+STEPS_PER_RUN = 4.0  # periods of the alternating steps
+SLOW_HZ, SWEEP_HZ = 0.5, (0.5, 30.0)  # the band of drivability
+FACTORS = (1.0, 2.0)  # of the largest recorded torque
+CLEARLY_BETTER = 1.2  # times the separation for a later manoeuvre to be preferred
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One input's waveform, and how far two rivals then part (root mean square in times the noise)."""
+    """One input's waveform, and by how much two rivals then differ.
+
+    Attributes
+    ----------
+    input, waveform : str
+    amplitude : float
+        N·m.
+    duration : float
+        s.
+    separation : float
+        Root mean square of the difference, in times the noise of ``sensor``.
+    sensor : str
+    """
 
     input: str
     waveform: str
@@ -24,58 +41,62 @@ class Manoeuvre:
     separation: float
     sensor: str
 
-    def sentence(self, one: str, other: str) -> str:
+    def sentence(self, cause: str, rival: str) -> str:
         """What to record, in words."""
         what = f"{self.waveform} of {self.amplitude:.3g} N·m on {self.input} for {self.duration:g} s"
         if self.separation < 1:
             return (
-                f"no torque on the inputs tells {one} from {other}: at best {self.separation:.2g} times the noise"
-                f" of {self.sensor}"
-                f" ({what}); measure a further shaft torque or speed next to them"
+                f"no torque on the inputs tells {cause} from {rival}: at best {self.separation:.2g} times the noise "
+                f"of {self.sensor} ({what}); measure a further shaft torque or speed next to them"
             )
-        return f"record {what}: {one} and {other} would part by {self.separation:.3g} times the noise of {self.sensor}"
+        return (
+            f"record {what}: {cause} and {rival} would differ by {self.separation:.3g} times the noise of {self.sensor}"
+        )
 
 
 def waveforms(time: np.ndarray) -> dict[str, np.ndarray]:
-    """Shapes between −1 and 1 over time (t,)."""
+    """Shapes (t,) between −1 and 1 over time (t,), s, by name."""
     span = time[-1]
-    sweep = np.sin(2 * np.pi * (0.5 * time + (30.0 - 0.5) * time**2 / (2 * span)))
+    low, high = SWEEP_HZ
+    sweep = np.sin(2 * np.pi * (low * time + (high - low) * time**2 / (2 * span)))
     return {
-        "a step": np.where(time > 0.5, 1.0, 0.0),
-        "steps to and fro": np.sign(np.sin(2 * np.pi * time / (span / 4) + 1e-9)),
-        "a slow sine (0.5 Hz)": np.sin(np.pi * time),
-        "a sweep from 0.5 to 30 Hz": sweep,
-        "a sweep from 0.5 to 30 Hz about a constant torque": 0.5 + 0.5 * sweep,
+        "a step": np.where(time > STEP_TIME, 1.0, 0.0),
+        "steps to and fro": np.sign(np.sin(2 * np.pi * STEPS_PER_RUN * time / span + 1e-9)),
+        f"a slow sine ({SLOW_HZ:g} Hz)": np.sin(2 * np.pi * SLOW_HZ * time),
+        f"a sweep from {low:g} to {high:g} Hz": sweep,
+        f"a sweep from {low:g} to {high:g} Hz about a constant torque": 0.5 + 0.5 * sweep,
     }
 
 
-def propose(one: Named, other: Named) -> Manoeuvre | None:
-    """The manoeuvre that parts two fits most, from rest; None if nothing could be simulated."""
-    data = one.fit.problem.data
-    step = float(np.median(np.diff(data.segments[0].time)))
-    time = step * np.arange(round(DURATION / step))
-    inputs = one.fit.problem.model.inputs
+def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> Manoeuvre | None:
+    """The manoeuvre in which two hypotheses differ most, from rest; None if nothing could be simulated.
+
+    Simpler waveforms and smaller amplitudes come first and are kept unless a later one is clearly better.
+    """
+    data, model = hypothesis.fit.problem.data, hypothesis.fit.problem.model
+    time = data.sampling_interval * np.arange(round(DURATION / data.sampling_interval))
     largest = np.max([np.abs(segment.inputs).max(axis=0) for segment in data.segments], axis=0)
     best: Manoeuvre | None = None
-    for i, name in enumerate(inputs):
+    for i, name in enumerate(model.inputs):
         for waveform, shape in waveforms(time).items():
-            for factor in (1.0, 2.0):
+            for factor in FACTORS:
                 amplitude = factor * float(largest[i]) or 1.0
-                torque = np.zeros((len(time), len(inputs)))
+                torque = np.zeros((len(time), len(model.inputs)))
                 torque[:, i] = amplitude * shape
-                difference = _simulated(one, time, torque) - _simulated(other, time, torque)
-                parted = np.sqrt(np.mean((difference / data.noise) ** 2, axis=0))
-                if not np.isfinite(parted).all():
+                difference = _readings(hypothesis, time, torque) - _readings(rival, time, torque)
+                separation = np.sqrt(np.mean((difference / data.noise) ** 2, axis=0))
+                if not np.isfinite(separation).all():
                     continue
-                j = int(np.argmax(parted))
-                if best is None or parted[j] > 1.2 * best.separation:
-                    sensor = one.fit.problem.model.sensors[j]
-                    best = Manoeuvre(name, waveform, amplitude, DURATION, float(parted[j]), sensor)
+                j = int(np.argmax(separation))
+                if best is None or separation[j] > CLEARLY_BETTER * best.separation:
+                    best = Manoeuvre(name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j])
     return best
 
 
-def _simulated(named: Named, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-    problem = named.fit.problem
-    p, _ = problem.unpack(named.fit.v)
+def _readings(hypothesis: Hypothesis, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Readings (t, y), SI, of a hypothesis from rest."""
+    problem = hypothesis.fit.problem
+    p, _ = problem.unpack(hypothesis.fit.v)
     segment = Segment(time, inputs, np.full((len(time), len(problem.data.noise)), np.nan))
-    return runs.readings(problem.model, segment, p[None], np.zeros((1, len(problem.model.states))), problem.steps)[0]
+    start = np.zeros((1, len(problem.model.states)))
+    return simulate_readings(problem.model, [segment], p[None], [start], problem.steps_per_second)[0][0]

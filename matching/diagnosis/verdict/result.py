@@ -1,4 +1,4 @@
-"""What a diagnosis says, and what its pictures are drawn from."""
+"""What a diagnosis answers, and the data of its figures."""
 
 from __future__ import annotations
 
@@ -8,11 +8,35 @@ from typing import Any
 
 import numpy as np
 
-from matching.diagnosis.data.holdout_fidelity import HoldoutData
+from matching.diagnosis.data.holdout_fidelity import HoldoutFidelity
+from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import FittedMotion
 from modelling.model.system import System
+
+
+@dataclass(frozen=True)
+class CauseParameter:
+    """A parameter of a named cause, SI; ``note`` says what is odd about its uncertainty."""
+
+    value: float
+    standard_uncertainty: float
+    unit: str
+    note: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return _estimate_to_dict(self, self.unit)
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A rival of a named cause, with its confidence."""
+
+    kind: str
+    at: str
+    confidence: float
 
 
 @dataclass(frozen=True)
@@ -22,43 +46,36 @@ class NamedCause:
     Attributes
     ----------
     kind, at : str
-    parameters : dict of str to (Estimate, str)
-        Values with standard uncertainty, and their SI units.
+    parameters : dict of str to CauseParameter
     confidence : float
         0 … 1.
     evidence : str
-        One sentence that the pictures let one check.
-    alternatives : list of (str, str, float)
-        Kind, place and confidence of its rivals.
+        One sentence that can be checked in the figures.
+    alternatives : list of Alternative
     gain : float
         χ² without it over χ² with it.
     """
 
     kind: str
     at: str
-    parameters: dict[str, tuple[Estimate, str]]
+    parameters: dict[str, CauseParameter]
     confidence: float
     evidence: str
-    alternatives: list[tuple[str, str, float]]
+    alternatives: list[Alternative]
     gain: float
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
-        parameters = {
-            key: {"value": own.value, "standard_uncertainty": finite(own.standard_uncertainty), "unit": unit}
-            | ({"note": own.note} if own.note else {})
-            for key, (own, unit) in self.parameters.items()
-        }
-        rivals = [{"kind": kind, "at": at, "confidence": share} for kind, at, share in self.alternatives]
         return {
-            "kind": self.kind, "at": self.at, "parameters": parameters, "confidence": self.confidence,
-            "evidence": self.evidence, "alternatives": rivals, "gain": finite(self.gain),
+            "kind": self.kind, "at": self.at, "confidence": self.confidence, "evidence": self.evidence,
+            "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
+            "alternatives": [vars(one) for one in self.alternatives], "gain": finite(self.gain),
         }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class PlotData:
-    """Arrays for the report, all over the fitted samples of all segments one after another.
+    """Arrays of the figures, over the fitted samples of all segments one after another.
 
     Attributes
     ----------
@@ -67,9 +84,11 @@ class PlotData:
     measured, residual_before, residual_after : ndarray (t, y)
         SI; NaN where nothing was measured.
     inertias, shafts : dict of str to ndarray (t,)
-        Torque left over by the base model, N·m, by component.
+        Torque that each component of the base model lacks, N·m.
     sensors : list of str
     noise : ndarray (y,)
+        SI.
+    holdout : HoldoutData
     """
 
     before: FittedMotion
@@ -109,6 +128,62 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class SensorErrors:
+    """Root mean square errors of one sensor, SI; NaN where there is no reading."""
+
+    noise: float
+    before: float
+    after: float
+    before_holdout: float
+    after_holdout: float
+
+
+@dataclass(frozen=True)
+class PooledErrors:
+    """Errors on held-out data over each sensor's range, root mean square over the sensors; NaN without any."""
+
+    nrmse_before: float
+    nrmse_after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class RemainingError:
+    """Where the error of a sensor that is beyond its noise is largest.
+
+    Attributes
+    ----------
+    sensor : str
+    ratio, worst_ratio : float
+        Root mean square in times the noise: of all data, and of the worst time.
+    begin, end : float
+        The worst time, s.
+    slower_than : float
+        Period above which the error shows best, s.
+    speed, torque : dict of str to (float, float)
+        Smallest and largest speed of each inertia, rad/s, and torque of each shaft, N·m, in that time.
+    """
+
+    sensor: str
+    ratio: float
+    worst_ratio: float
+    begin: float
+    end: float
+    slower_than: float
+    speed: dict[str, tuple[float, float]]
+    torque: dict[str, tuple[float, float]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "sensor": self.sensor, "ratio": self.ratio, "worst_ratio": self.worst_ratio,
+            "from": self.begin, "to": self.end, "slower_than": self.slower_than,
+            "speed": {name: list(span) for name, span in self.speed.items()},
+            "torque": {name: list(span) for name, span in self.torque.items()},
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Diagnosis(Displayed):
     """The answer.
 
@@ -121,16 +196,14 @@ class Diagnosis(Displayed):
     parameters : dict of str to Estimate
         The base model's uncertain quantities, with the causes in the model.
     units : dict of str to str
-    errors : dict of str to dict
-        By sensor, root mean squares in SI: noise, before, after, before_holdout, after_holdout.
-    gain : dict of str to float
-    fidelity : dict or None
-        R_RVM, R_MU and R_XiL on unseen data, before and after, see
-        :func:`matching.diagnosis.data.holdout_fidelity.fidelity`.
+    errors : dict of str to SensorErrors
+        By sensor.
+    gain : PooledErrors
+    fidelity : HoldoutFidelity or None
+        R_RVM, R_MU and R_XiL on held-out data, before and after.
     candidates : list of Candidate
         What was refitted in the place of each cause, the most likely first.
-    rest : list of dict
-        Where what remains sits.
+    rest : list of RemainingError
     next_recording : str or None
     notes : list of str
     extended : System
@@ -141,11 +214,11 @@ class Diagnosis(Displayed):
     causes: list[NamedCause]
     parameters: dict[str, Estimate]
     units: dict[str, str]
-    errors: dict[str, dict[str, float | None]]
-    gain: dict[str, float | None]
-    fidelity: dict[str, Any] | None
+    errors: dict[str, SensorErrors]
+    gain: PooledErrors
+    fidelity: HoldoutFidelity | None
     candidates: list[Candidate]
-    rest: list[dict[str, Any]]
+    rest: list[RemainingError]
     next_recording: str | None
     notes: list[str]
     extended: System = field(repr=False)
@@ -153,21 +226,25 @@ class Diagnosis(Displayed):
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
-        parameters = {
-            name: {
-                "value": own.value,
-                "standard_uncertainty": finite(own.standard_uncertainty),
-                "unit": self.units[name],
-            }
-            | ({"note": own.note} if own.note else {})
-            for name, own in self.parameters.items()
-        }
         return {
-            "verdict": self.verdict, "causes": [cause.to_dict() for cause in self.causes], "errors": self.errors,
-            "gain": self.gain, "fidelity": self.fidelity, "candidates": [vars(one) for one in self.candidates],
-            "next_recording": self.next_recording, "extended_model": "extended.toml",
-            "parameters": parameters, "rest": self.rest, "notes": self.notes,
+            "verdict": self.verdict, "causes": [cause.to_dict() for cause in self.causes],
+            "errors": {name: _finite_numbers(vars(errors)) for name, errors in self.errors.items()},
+            "gain": _finite_numbers(vars(self.gain)), "fidelity": self.fidelity.to_dict() if self.fidelity else None,
+            "candidates": [vars(one) for one in self.candidates], "next_recording": self.next_recording,
+            "extended_model": "extended.toml",
+            "parameters": {name: _estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
+            "rest": [one.to_dict() for one in self.rest], "notes": self.notes,
         }  # fmt: skip
+
+
+def _estimate_to_dict(estimate: Estimate | CauseParameter, unit: str) -> dict[str, Any]:
+    uncertainty = finite(estimate.standard_uncertainty)
+    values = {"value": estimate.value, "standard_uncertainty": uncertainty, "unit": unit}
+    return values | ({"note": estimate.note} if estimate.note else {})
+
+
+def _finite_numbers(values: dict[str, float]) -> dict[str, float | None]:
+    return {key: finite(value) for key, value in values.items()}
 
 
 def finite(value: float) -> float | None:

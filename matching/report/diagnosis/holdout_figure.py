@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from matching.diagnosis.data.holdout_fidelity import HoldoutData
+from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.style import NOISE, figure, styled
 from matching.report.common.wording import number
@@ -36,15 +36,17 @@ def errors_figure(diagnosis: Diagnosis) -> Figure:
     names = list(diagnosis.errors)[::-1]
     keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, BAR_OFFSET)}
     keys["after_holdout"] = (AFTER | {"hatch": None}, -BAR_OFFSET)
-    if all(error["before_holdout"] == error["after_holdout"] for error in diagnosis.errors.values()):
+    if all(error.before_holdout == error.after_holdout for error in diagnosis.errors.values()):
         keys = {"before_holdout": (keys["before_holdout"][0], 0.0)}
     with styled():
         fig = figure(7.2, 1.1 + 0.42 * len(names))
         axes = fig.subplots()
         largest = 2.0
         for key, (look, shift) in keys.items():
-            rows = [(i, diagnosis.errors[name][key], diagnosis.errors[name]["noise"]) for i, name in enumerate(names)]
-            known = [(i, value / noise) for i, value, noise in rows if value is not None and noise]
+            rows = [
+                (i, getattr(diagnosis.errors[name], key), diagnosis.errors[name].noise) for i, name in enumerate(names)
+            ]
+            known = [(i, value / noise) for i, value, noise in rows if np.isfinite(value) and noise]
             places, ratios = [i + shift for i, _ in known], [ratio for _, ratio in known]
             axes.barh(
                 places, ratios, height=0.3, color=look["color"], label=look["label"], hatch=look["hatch"],

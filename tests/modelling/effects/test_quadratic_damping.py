@@ -60,8 +60,8 @@ def test_diagnosis_names_it_with_its_value() -> None:
     found = diagnose(from_dict(MODEL), [recording])
     assert found.verdict == "explained"
     assert [(cause.kind, cause.at) for cause in found.causes] == [("quadratic_damping", "shafts.link")]
-    own, unit = found.causes[0].parameters["coefficient"]
-    assert unit == "N*m*s^2/rad^2"
+    own = found.causes[0].parameters["coefficient"]
+    assert own.unit == "N*m*s^2/rad^2"
     assert abs(own.value - COEFFICIENT) < 4 * own.standard_uncertainty < 0.1 * COEFFICIENT
     for errors in found.errors.values():
-        assert errors["after_holdout"] < 1.1 * errors["noise"] < 0.7 * errors["before_holdout"]
+        assert errors.after_holdout < 1.1 * errors.noise < 0.7 * errors.before_holdout

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.holdout_fidelity import F_MAX, fidelity, holdout_data
+from matching.diagnosis.data.holdout_fidelity import DRIVABILITY_HZ, fidelity
+from matching.diagnosis.data.holdout_residuals import ModelResiduals, holdout_data
 from matching.diagnosis.data.segments import Segment
 from modelling.model.files import from_dict
 
@@ -26,7 +27,7 @@ def motion(time: np.ndarray) -> np.ndarray:
     return np.sin(2 * np.pi * (0.3 * time + 0.4 * time**2)) + 3 * np.exp(-((time - 3.0) ** 2) / 0.1)
 
 
-def laid_out(scatter: np.ndarray, keep: np.ndarray | None = None):
+def held_out(scatter: np.ndarray, keep: np.ndarray | None = None):
     true = motion(TIME)
     readings = np.column_stack([true + scatter, np.zeros(len(TIME))])
     if keep is not None:
@@ -34,51 +35,51 @@ def laid_out(scatter: np.ndarray, keep: np.ndarray | None = None):
     segment = Segment(TIME, np.zeros((len(TIME), 0)), readings, "r.csv")
     late = np.column_stack([true + scatter - motion(TIME - DELAY), np.zeros(len(TIME))]) / NOISE
     right = np.column_stack([scatter, np.zeros(len(TIME))]) / NOISE
-    return holdout_data(NOISE, ([segment], [late]), ([segment], [right]))
+    return holdout_data(NOISE, ModelResiduals([segment], [late]), ModelResiduals([segment], [right]))
 
 
 def by_hand(measured: np.ndarray, simulated: np.ndarray, delay: float) -> float:
     """Eqs. 18 to 21 for one signal."""
     nrmse = 1 - math.sqrt(np.mean((measured - simulated) ** 2)) / (measured.max() - measured.min())
-    delayed = 1 - 2 / math.pi * math.atan((6 * F_MAX) ** 3 * abs(delay) ** 3)
+    delayed = 1 - 2 / math.pi * math.atan((6 * DRIVABILITY_HZ) ** 3 * abs(delay) ** 3)
     return math.sqrt((nrmse**2 + delayed**2) / 2)
 
 
 def test_a_delayed_simulation_scores_what_the_equations_say() -> None:
     scatter = 0.01 * np.random.default_rng(3).standard_normal(len(TIME))
-    found = fidelity(SYSTEM, laid_out(scatter))
+    found = fidelity(SYSTEM, held_out(scatter))
     assert found is not None
-    (before,), (after,) = found["before"]["signals"], found["after"]["signals"]
-    assert before["delay"] == pytest.approx(DELAY, abs=4 * before["delay_standard_uncertainty"] + 1e-5)
+    (before,), (after,) = found.before.signals, found.after.signals
+    assert before.delay.value == pytest.approx(DELAY, abs=4 * before.delay.standard_uncertainty + 1e-5)
     measured = motion(TIME) + scatter
-    assert found["before"]["R_RVM"] == pytest.approx(by_hand(measured, motion(TIME - DELAY), DELAY), abs=2e-3)
-    assert found["after"]["R_RVM"] == pytest.approx(by_hand(measured, motion(TIME), 0.0), abs=1e-5)
-    assert abs(after["delay"]) < 2e-4
-    assert found["after"]["R_RVM"] == pytest.approx(found["noise_floor"]["R_RVM"], abs=1e-4)
+    assert found.before.r_rvm == pytest.approx(by_hand(measured, motion(TIME - DELAY), DELAY), abs=2e-3)
+    assert found.after.r_rvm == pytest.approx(by_hand(measured, motion(TIME), 0.0), abs=1e-5)
+    assert abs(after.delay.value) < 2e-4
+    assert found.after.r_rvm == pytest.approx(found.noise_floor, abs=1e-4)
     width = np.ptp(measured)
-    assert found["after"]["R_MU"] == pytest.approx(1 - 0.02 / width, rel=1e-9)
-    expected = math.sqrt((2 * found["after"]["R_RVM"] ** 2 + found["after"]["R_MU"] ** 2) / 3)
-    assert found["after"]["R_XiL"] == pytest.approx(expected, rel=1e-12)
+    assert found.after.r_mu == pytest.approx(1 - 0.02 / width, rel=1e-9)
+    expected = math.sqrt((2 * found.after.r_rvm**2 + found.after.r_mu**2) / 3)
+    assert found.after.r_xil == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_sensor_that_rests_does_not_count_and_is_told() -> None:
-    found = fidelity(SYSTEM, laid_out(np.zeros(len(TIME))))
+    found = fidelity(SYSTEM, held_out(np.zeros(len(TIME))))
     assert found is not None
-    assert [one["name"] for one in found["after"]["signals"]] == ["speed"]
-    assert any("still" in note for note in found["notes"])
+    assert [signal.name for signal in found.after.signals] == ["speed"]
+    assert any("still" in note for note in found.notes)
 
 
 def test_short_gaps_are_bridged_and_a_long_one_leaves_the_longer_stretch() -> None:
     keep = np.ones(len(TIME), bool)
     keep[::50] = False
-    bridged = fidelity(SYSTEM, laid_out(np.zeros(len(TIME)), keep))
+    bridged = fidelity(SYSTEM, held_out(np.zeros(len(TIME)), keep))
     keep[2500:2600] = False
-    cut = fidelity(SYSTEM, laid_out(np.zeros(len(TIME)), keep))
+    cut = fidelity(SYSTEM, held_out(np.zeros(len(TIME)), keep))
     assert bridged is not None
     assert cut is not None
-    assert bridged["seconds"]["speed"] == pytest.approx(TIME[-1], abs=0.1)
-    assert cut["seconds"]["speed"] == pytest.approx(5.0, abs=0.1)
-    assert bridged["before"]["R_RVM"] == pytest.approx(by_hand(motion(TIME), motion(TIME - DELAY), DELAY), abs=5e-3)
+    assert bridged.seconds["speed"] == pytest.approx(TIME[-1], abs=0.1)
+    assert cut.seconds["speed"] == pytest.approx(5.0, abs=0.1)
+    assert bridged.before.r_rvm == pytest.approx(by_hand(motion(TIME), motion(TIME - DELAY), DELAY), abs=5e-3)
 
 
 def test_models_fitted_over_other_windows_are_laid_out_alike() -> None:
@@ -89,7 +90,8 @@ def test_models_fitted_over_other_windows_are_laid_out_alike() -> None:
     ]
     left = [own.readings * 2 for own in whole]
     other = [2, 0, 1]
-    found = holdout_data(NOISE, (whole, left), ([whole[i] for i in other], [left[i] for i in other]))
+    extended = ModelResiduals([whole[i] for i in other], [left[i] for i in other])
+    found = holdout_data(NOISE, ModelResiduals(whole, left), extended)
     np.testing.assert_array_equal(found.before, found.after)
     np.testing.assert_allclose(found.before, found.measured * 2 * NOISE)
     assert [part.stop - part.start for part in found.parts] == [900, 900]
@@ -98,4 +100,7 @@ def test_models_fitted_over_other_windows_are_laid_out_alike() -> None:
 def test_nothing_measured_gives_none() -> None:
     segment = Segment(TIME, np.zeros((len(TIME), 0)), np.full((len(TIME), 2), np.nan), "r.csv")
     residual = [np.full((len(TIME), 2), np.nan)]
-    assert fidelity(SYSTEM, holdout_data(NOISE, ([segment], residual), ([segment], residual))) is None
+    assert (
+        fidelity(SYSTEM, holdout_data(NOISE, ModelResiduals([segment], residual), ModelResiduals([segment], residual)))
+        is None
+    )

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.diagnosis.fitting.statistics import effective_share, noise_of
+from matching.diagnosis.fitting.residual_statistics import effective_share, whiteness
 
 
 def test_white_noise_is_found_white() -> None:
     rng = np.random.default_rng(1)
-    found = noise_of([rng.standard_normal(20000), rng.standard_normal(5000)])
+    found = whiteness([rng.standard_normal(20000), rng.standard_normal(5000)])
     assert found.ratio == pytest.approx(1, abs=0.02)
     assert np.all(np.abs(found.score) < 4)
 
@@ -17,7 +17,7 @@ def test_white_noise_is_found_white() -> None:
 def test_slow_part_far_below_the_noise_is_seen_at_long_scales() -> None:
     rng = np.random.default_rng(2)
     slow = 0.2 * np.sin(2 * np.pi * np.arange(20000) / 5000)
-    found = noise_of([rng.standard_normal(20000) + slow])
+    found = whiteness([rng.standard_normal(20000) + slow])
     assert found.score[0] < 5
     assert found.score.max() > 8
     assert found.excess[int(np.argmax(found.score))] == pytest.approx(0.02, rel=0.3)
@@ -27,7 +27,7 @@ def test_missing_samples_are_not_counted() -> None:
     rng = np.random.default_rng(3)
     own = rng.standard_normal(8000)
     own[1000:1500] = np.nan
-    assert noise_of([own]).ratio == pytest.approx(1, abs=0.03)
+    assert whiteness([own]).ratio == pytest.approx(1, abs=0.03)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])

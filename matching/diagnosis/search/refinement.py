@@ -1,0 +1,139 @@
+"""Second looks at refitted candidates: sharper friction, simpler kinds, short windows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.candidates.refit import SEARCH, fit_extended
+from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.candidates.short_windows import fit_short_windows
+from matching.diagnosis.fitting.friction_regularisation import MOST_STEPS, with_sharper_friction
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
+from modelling.effects import EFFECTS
+
+NEAR_BEST, NEAR_RATIO = 4, 2.0  # hypotheses that get a second look, and up to how many times the best's χ²
+WINDOWED_BEST, WINDOWED_RATIO = 2, 3.0  # the same for fits over short windows, which take many times as long
+BETTER_WINDOWS = 0.9  # of χ²: fits over short windows that are no better than this prove no local minimum
+MUCH_BETTER_WINDOWS = 0.8  # the same for the windows to stand for the fit
+ITERATIONS_AFTER_WINDOWS = 15
+REFITS, WINDOWED_REFITS = 60, 4  # of a whole search
+
+FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
+
+
+@dataclass
+class RefitBudget:
+    """How many refits a search may still make, in all and over short windows.
+
+    A count and no time, so that no answer depends on the machine.
+    """
+
+    left: int = REFITS
+    windows: int = WINDOWED_REFITS
+
+    def take(self) -> bool:
+        """Take one refit; whether there was one."""
+        self.left -= 1
+        return self.left >= 0
+
+    def take_windows(self) -> bool:
+        """Take one refit over short windows; whether there was one."""
+        self.windows -= 1
+        return self.windows >= 0
+
+
+def with_sharper_friction_near_best(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, best first, those near the best with dry friction as sharp as it takes to compare them."""
+    out = sorted(hypotheses, key=lambda one: one.cost)
+    near = [i for i, one in enumerate(out[:NEAR_BEST]) if one.cost < NEAR_RATIO * out[0].cost]
+    for i in near:
+        out[i] = replace(out[i], fit=with_sharper_friction(out[i].fit))
+    out.sort(key=lambda one: one.cost)
+    out[:1] = [with_sharpest_friction(one) for one in out[:1]]
+    return sorted(out, key=lambda one: one.cost)
+
+
+def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis that is not at the noise with its friction as sharp as ever pays: no further cause is to be searched
+    for what smooth friction leaves."""
+    if at_noise(hypothesis):
+        return hypothesis
+    return replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, MOST_STEPS))
+
+
+def with_simpler_kinds(hypotheses: Sequence[Hypothesis], tried: set[tuple[Cause, ...]]) -> list[Hypothesis]:
+    """Hypotheses, best first, and those of simpler kinds that the best and those near it may stand for."""
+    out = {one.causes: one for one in hypotheses}
+    for one in hypotheses[:NEAR_BEST]:
+        if one.cost >= NEAR_RATIO * hypotheses[0].cost or one.causes in tried:
+            continue
+        tried.add(one.causes)
+        for model in _simpler_models(one):
+            try:
+                fit = fit_extended(model, one.fit)
+            except FIT_ERRORS:
+                continue
+            if model.causes not in out or fit.cost < out[model.causes].fit.cost:
+                out[model.causes] = Hypothesis(model, fit, one.screened)
+    return sorted(out.values(), key=lambda one: one.cost)
+
+
+def _simpler_models(hypothesis: Hypothesis) -> Iterator[ExtendedModel]:
+    """Models with simpler kinds in the place of the last cause."""
+    cause, fit, system = hypothesis.causes[-1], hypothesis.fit, hypothesis.model.base
+    p, _ = fit.problem.unpack(fit.v)
+    value = dict(zip(fit.problem.model.parameters, (float(x) for x in p), strict=True))
+    parameters = {key: fit.values[name] for key, name in cause.names().items()}
+    rest = hypothesis.model.without_cause(len(hypothesis.causes) - 1, fit)
+    present = {(other.kind, other.at) for other in rest.causes}
+    for kind, at, first in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+        if (kind, at) not in present and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
+            yield rest.with_cause(kind, at, first, fit.problem.data.sampling_interval)
+
+
+def refitted_over_windows(
+    parent: Hypothesis,
+    hypotheses: Sequence[Hypothesis],
+    screening: Screening,
+    tried: set[tuple[Cause, ...]],
+    budget: RefitBudget,
+) -> list[Hypothesis]:
+    """Fit the best few again from short windows: their long simulation may have ended in a local minimum."""
+    motion = np.concatenate(parent.fit.problem.states(parent.fit.v))
+    motion = screening.balance.added_to(parent.fit.problem.model.states, motion)
+    out = list(hypotheses)
+    for i, one in enumerate(hypotheses[:WINDOWED_BEST]):
+        if one.causes in tried or one.fit.cost > WINDOWED_RATIO * hypotheses[0].fit.cost:
+            continue
+        if not budget.take_windows():
+            break
+        tried.add(one.causes)
+        try:
+            again = _from_windows(parent, one, motion)
+        except FIT_ERRORS:
+            continue
+        if again is not None and again.fit.cost < one.fit.cost:
+            out[i] = again
+    return sorted(out, key=lambda one: one.cost)
+
+
+def _from_windows(parent: Hypothesis, hypothesis: Hypothesis, motion: np.ndarray) -> Hypothesis | None:
+    """A hypothesis fitted from short windows; None where the long simulation does as well."""
+    short = fit_short_windows(hypothesis.model, parent.fit, motion)
+    if short.cost > BETTER_WINDOWS * hypothesis.fit.cost:
+        return None
+    one_segment = len(parent.fit.problem.data.segments) == 1
+    model = replace(
+        hypothesis.model,
+        values=hypothesis.model.values | short.values,
+        starts=(short.starts[0],) if one_segment else (),
+    )
+    fit = fit_extended(model, parent.fit, replace(SEARCH, iterations=ITERATIONS_AFTER_WINDOWS))
+    abrupt = any(EFFECTS[cause.kind].abrupt for cause in hypothesis.causes)
+    if abrupt and short.cost < MUCH_BETTER_WINDOWS * fit.cost:
+        fit = short  # with backlash no long simulation can be reproduced; the windows are what can be judged
+    return replace(hypothesis, model=model, fit=fit)

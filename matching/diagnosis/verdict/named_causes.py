@@ -1,0 +1,132 @@
+"""Named causes with values, confidence, evidence and rivals, and what to record to tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching.diagnosis.candidates.cause import Cause
+from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.verdict.confidence import RatedCause, confidence
+from matching.diagnosis.verdict.next_recording import propose_manoeuvre
+from matching.diagnosis.verdict.result import Alternative, Candidate, CauseParameter, NamedCause
+from modelling.effects import EFFECTS
+from modelling.model.system import System
+
+WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
+SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
+
+
+@dataclass(frozen=True)
+class JudgedCause:
+    """A cause of the final hypothesis.
+
+    Attributes
+    ----------
+    cause : Cause
+    rated : list of RatedCause
+        Itself and its rivals, with their shares of the evidence.
+    without : Hypothesis
+        The final hypothesis without it.
+    """
+
+    cause: Cause
+    rated: Sequence[RatedCause]
+    without: Hypothesis
+
+
+def named_causes(
+    system: System,
+    final: Hypothesis,
+    estimates: Mapping[str, Estimate],
+    judged: Sequence[JudgedCause],
+    explained: bool,
+) -> list[NamedCause]:
+    """The causes of the final hypothesis, strongest first.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+        Of all fitted parameters, by name.
+    explained : bool
+        Whether the verdict is ``explained``.
+    """
+    causes = []
+    for one in judged:
+        cause, part = one.cause, share_explained_by(final, one.without)
+        own = next(r for r in one.rated if (r.kind, r.at) == (cause.kind, cause.at))
+        rivals = _rivals(one)
+        alternatives = [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
+        causes.append(
+            NamedCause(
+                cause.kind, cause.at, _parameters(system, cause, estimates), confidence(own.share, explained, part),
+                _evidence(system, one.without, final, rivals[0].hypothesis if rivals else None),
+                [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
+                one.without.fit.cost / final.fit.cost,
+            )
+        )  # fmt: skip
+    return sorted(causes, key=lambda cause: -cause.gain)
+
+
+def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
+    """Share of the misfit beyond noise that the final hypothesis explains more than one without a cause."""
+    excess = without.fit.cost - final.fit.problem.data.readings_count
+    return (without.fit.cost - final.fit.cost) / max(excess, 1.0)
+
+
+def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], explained: bool) -> str | None:
+    """What to record to tell the most likely rival from its cause; None where none is likely enough."""
+    proposals: list[tuple[float, str]] = []
+    for one in judged:
+        part = share_explained_by(final, one.without)
+        rival = next(iter(_rivals(one)), None)
+        if rival and confidence(rival.share, explained, part) > WORTH_RECORDING:
+            manoeuvre = propose_manoeuvre(final, rival.hypothesis)
+            if manoeuvre:
+                names = f"{one.cause.kind} at {one.cause.at}", f"{rival.kind} at {rival.at}"
+                proposals.append((confidence(rival.share, explained, part), manoeuvre.sentence(*names)))
+    return max(proposals)[1] if proposals else None
+
+
+def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
+    """What was refitted in the place of each cause."""
+    out = []
+    for one in judged:
+        for rated in one.rated:
+            fit = rated.hypothesis.fit
+            misfit = float(np.sqrt(fit.cost / fit.problem.data.readings_count))
+            instead_of = f"{one.cause.kind} at {one.cause.at}"
+            out.append(Candidate(rated.kind, rated.at, instead_of, misfit, fit.cost, rated.share))
+    return out
+
+
+def _rivals(judged: JudgedCause) -> list[RatedCause]:
+    """The rivals of a cause, the most likely first."""
+    return [one for one in judged.rated if (one.kind, one.at) != (judged.cause.kind, judged.cause.at)]
+
+
+def _parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+    kind, names = EFFECTS[cause.kind], cause.names()
+    values = kind.canonical({key: estimates[name].value for key, name in names.items()})
+    return {
+        key: CauseParameter(
+            values[key], estimates[name].standard_uncertainty, kind.unit(key, cause.at, system), estimates[name].note
+        )
+        for key, name in names.items()
+    }
+
+
+def _evidence(system: System, without: Hypothesis, final: Hypothesis, next_best: Hypothesis | None) -> str:
+    before, after = (np.array([test.ratio for test in one.whiteness()]) for one in (without, final))
+    j = int(np.nanargmax(before - after))
+    text = f"with it the error of {system.sensors[j].name} falls from {before[j]:.3g} to {after[j]:.3g} times the noise"
+    if next_best:
+        left = np.array([test.ratio for test in next_best.whiteness()])
+        i = int(np.nanargmax(left))
+        cause = next_best.causes[-1]
+        text += f"; the next best, {cause.kind} at {cause.at}, leaves {left[i]:.3g} times the noise"
+        text += f" in {system.sensors[i].name}"
+    return text
