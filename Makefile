@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long mutants bench campaign lock clean
+.PHONY: help run test test-long mutants bench campaign lock clean figures
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -49,6 +49,9 @@ bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 
 campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many made faults, scored)
 	$(BIN)/python -m tests.campaign
+
+figures: .venv/test.stamp  ## set up, then make the generated files of this repository anew (half an hour)
+	$(BIN)/python docs/figures.py $(FIGURES)
 
 lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
 	$(PIP) install --quiet uv

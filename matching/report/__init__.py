@@ -1,4 +1,4 @@
-"""What a reader gets: figures, pages and text; how each result is shown stands in the ``view`` of its room."""
+"""Figures, pages and texts of results; each room registers the views of its results in its ``view`` module."""
 
 from importlib import import_module
 
@@ -19,8 +19,8 @@ VIEWS = {
 }
 
 
-def load_view(shown: type) -> None:
+def load_view(result_class: type) -> None:
     """Import the module that registers the views of a class, see :func:`modelling.common.display.register_provider`."""
-    module = VIEWS.get(f"{shown.__module__}.{shown.__qualname__}")
+    module = VIEWS.get(f"{result_class.__module__}.{result_class.__qualname__}")
     if module:
         import_module(module)

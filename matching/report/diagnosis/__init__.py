@@ -1,0 +1,1 @@
+"""Views of a diagnosis: figures, page, sentences."""

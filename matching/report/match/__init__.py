@@ -1,0 +1,1 @@
+"""Views of a match: figures, page, text."""

@@ -1,0 +1,1 @@
+"""Views of models and modes: energy shares, mode table, moving drawing, equations."""

@@ -1,0 +1,1 @@
+"""Views of simulations and frequency responses."""

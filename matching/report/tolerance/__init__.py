@@ -1,0 +1,1 @@
+"""Views of a tolerance study: distributions and their drivers."""

@@ -1,0 +1,1 @@
+"""Views of an uncertainty budget: contributions, Ishikawa diagram, table."""
