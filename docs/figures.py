@@ -1,7 +1,7 @@
 """Makes the generated files of this repository anew and writes ``docs/provenance.md``: ``make figures``.
 
-``python docs/figures.py NAME …`` makes only what is named. Every PNG carries the commit in its metadata (``Source``), every
-notebook in its metadata under ``rigmatch``. Files must not be made from uncommitted code: the commit would be wrong.
+``python docs/figures.py NAME …`` makes only what is named. Every PNG carries the commit in its metadata (``Source``),
+every notebook in its metadata under ``rigmatch``. Uncommitted code is refused: the commit would be wrong.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAP_AXES = (
 HEADER = """# Generated files of this repository
 
 Written by `make figures` (`docs/figures.py`). *Commit* is the state of the program that made the file; where it is
-unknown, the commit that stored the file is given.
+unknown, the last commit that changed the file is given.
 
 | file | made by | commit | date |
 |---|---|---|---|
@@ -131,7 +131,7 @@ def row(name: str, commit: str, date: str) -> str:
 def unknown(name: str) -> str:
     """A row for a file that was made before commits were recorded."""
     stored, date = _git("log", "-1", "--format=%h %ad", "--date=short", "--", name).split()
-    return row(name, f"unknown; stored in {stored}", date)
+    return row(name, f"unknown; last changed in {stored}", date)
 
 
 def _git(*words: str) -> str:

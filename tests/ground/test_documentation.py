@@ -64,7 +64,7 @@ def test_the_provenance_names_every_generated_file_and_its_commit():
     assert set(rows) == set(figures["generators"]())
     for name, row in rows.items():
         commit = row.split("|")[3].strip()
-        if not commit.startswith("unknown; stored in "):
+        if not commit.startswith("unknown; last changed in "):
             content = (ROOT / name).read_bytes()
             stated = f'"commit": "{commit}"' if name.endswith(".ipynb") else f"rigmatch {commit}"
             assert stated.encode() in content or name.startswith("tests/campaign"), name
