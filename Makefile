@@ -39,7 +39,8 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 
 test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
-	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --hypothesis-profile search --timeout 1800 -o faulthandler_timeout=1860
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \
+		|| [ $$? = 5 ]  # 5: there is none
 
 mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
 	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)

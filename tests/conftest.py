@@ -8,7 +8,7 @@ from modelling.common import floating_point
 
 mpl.use("agg")  # no display, whatever the machine has
 settings.register_profile("repeatable", derandomize=True, deadline=None)  # `make test`: the same examples every time
-settings.register_profile("search", deadline=None, max_examples=1000)  # `make test-long`: new ones each time
+settings.register_profile("search", deadline=None, max_examples=1000)  # on request: new ones each time
 settings.load_profile("repeatable")
 
 

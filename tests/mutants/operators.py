@@ -5,7 +5,7 @@ leaves out decorated functions and constants of modules. Here each fault is writ
 
 Left out, because no test can or should notice them:
 
-- texts: docstrings, strings with a blank, f-strings, and all that stands in ``raise`` and ``warn``
+- texts: docstrings, strings with a blank, f-strings, help of the command line, and all in ``raise`` and ``warn``
 - types: annotations, decorators, type aliases, ``cast``, ``TYPE_CHECKING``, abstract methods
 - checks of the programmer: ``assert``, ``strict=``, ``encoding=``, ``stacklevel=``
 - the look of figures: colours, widths, sizes and places of text (:data:`LOOK`)
@@ -37,6 +37,7 @@ _SYMMETRIC = """
 """
 LOOK, SYMMETRIC = set(_LOOK.split()), set(_SYMMETRIC.split())  # names of keyword arguments, of functions
 PROGRAMMER = {"strict", "encoding", "stacklevel", "errors"}
+TEXTS = {"help", "metavar", "description", "epilog"}  # of the command line
 PAIRS = (
     ("min", "max"),
     ("minimum", "maximum"),
@@ -251,7 +252,7 @@ class _Visitor(cst.CSTVisitor):
             return True
         if isinstance(node, cst.Import | cst.ImportFrom | cst.ConcatenatedString):
             return True
-        if isinstance(node, cst.Arg) and node.keyword and node.keyword.value in LOOK | PROGRAMMER:
+        if isinstance(node, cst.Arg) and node.keyword and node.keyword.value in LOOK | PROGRAMMER | TEXTS:
             return True
         if isinstance(node, cst.Call):
             function = node.func.attr if isinstance(node.func, cst.Attribute) else node.func

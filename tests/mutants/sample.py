@@ -34,4 +34,5 @@ def sample(by_file: dict[str, list[Fault]], count: int, seed: int) -> list[Fault
             for fault in lines[where]:
                 kinds[fault.kind].append(fault)
             chosen.append(draw.choice(kinds[draw.choice(sorted(kinds))]))
+    draw.shuffle(chosen)  # a stopped run is a sample, too
     return chosen
