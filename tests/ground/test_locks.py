@@ -14,7 +14,7 @@ def pins(name):
     return {requirement.strip(): hashes for requirement, *hashes in lines}
 
 
-@pytest.mark.parametrize("name", ["run", "test", "bench"])
+@pytest.mark.parametrize("name", ["run", "test", "mutants", "bench"])
 def test_every_requirement_is_pinned_by_hash(name):
     assert len(pins(name)) > 20
     for requirement, hashes in pins(name).items():
@@ -23,11 +23,11 @@ def test_every_requirement_is_pinned_by_hash(name):
         assert all(re.fullmatch(r"[0-9a-f]{64}", each.strip()) for each in hashes)
 
 
-@pytest.mark.parametrize("name", ["run", "test", "bench"])
+@pytest.mark.parametrize("name", ["run", "test", "mutants", "bench"])
 def test_no_place_to_download_from(name):
     assert not re.search(r"://|index-url|find-links", (LOCKS / f"{name}.txt").read_text())
 
 
-@pytest.mark.parametrize("name", ["test", "bench"])
+@pytest.mark.parametrize("name", ["test", "mutants", "bench"])
 def test_locks_agree(name):
     assert pins("run").keys() <= pins(name).keys()
