@@ -3,10 +3,12 @@
 import random
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from match import drawn
 
 from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
@@ -18,6 +20,7 @@ from matching.frequency.studies.map_point import Point, held_at, improved_at, ma
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"
+FLANGE = "rig.shafts.flange.stiffness"
 AXES = ("loop.dead_time=1 ms,2 ms,3 ms,4 ms", f"{STIFFNESS}=1e5:4e5:3")
 
 
@@ -159,21 +162,28 @@ def test_a_map_that_was_killed_goes_on_where_it_was(case, monkeypatch, tmp_path,
     assert len(second) == len(whole) - kept
 
 
-def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(case):
-    dead_time, here, beside = ("loop.dead_time", 2e-3), (STIFFNESS, 2e5), (STIFFNESS, 2.4e5)
-    own = match_at(case, dead_time, here, 0, 1)
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """One dynamometer, feed-forward, 12 ms."""
+    return load_case(drawn.draw(2, tmp_path_factory.mktemp("drawn")))
+
+
+def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(small):
+    dead_time, here, beside = ("loop.dead_time", 2e-3), (FLANGE, 2e5), (FLANGE, 2.4e5)
+    own = match_at(small, dead_time, here, 0, 1)
     near = ((own.values, own.pairs),)
     assert own.first == own.objective
-    assert improved_at(case, dead_time, here, Near(near, own.objective)) is None
-    found = match(held_at(held_at(case, *dead_time), *beside), near=Near(near))
-    assert found.objective < (1 + AGREE) * match_at(case, dead_time, beside, 0, 1).objective
+    assert improved_at(small, dead_time, here, Near(near, own.objective)) is None
+    found = match(held_at(held_at(small, *dead_time), *beside), near=Near(near))
+    assert found.objective < 1.05 * own.objective  # a flange a fifth stiffer changes little
     assert found.verification.stable
     assert np.isfinite(found.starts).all()
-    as_point = improved_at(case, dead_time, beside, Near(near, 1.1 * found.objective))
+    as_point = improved_at(small, dead_time, beside, Near(near, 1.1 * found.objective))
     assert as_point.objective == found.objective
 
 
-def test_what_limits_a_point_is_named(case):
-    soft = match_at(case, ("loop.dead_time", 2e-3), (STIFFNESS, 3e4), 0, 1)
+def test_what_limits_a_point_is_named(small):
+    limited = replace(small, limits={**small.limits, "shafts.flange.twist": 1e-5})
+    soft = match_at(limited, ("loop.dead_time", 2e-3), (FLANGE, 3e4), 0, 1)
     assert soft.status == "limited"
-    assert set(soft.limited_by) == {"shafts.flange_left.twist", "shafts.flange_right.twist"}
+    assert set(soft.limited_by) == {"shafts.flange.twist"}

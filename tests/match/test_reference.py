@@ -83,6 +83,7 @@ def test_poles_and_margin_by_other_means(reference):
     assert independent.margin(case, grid) == pytest.approx(reference.verification.modulus_margin, rel=2e-3)
 
 
+@pytest.mark.long
 def test_another_seed_ends_at_the_same(reference):
     again = match(load_case(reference.case.path), seed=5)
     assert again.status == "matched"

@@ -95,6 +95,7 @@ def test_unknown_objective_is_one_line(tmp_path):
         load_case(tmp_path / "case.toml")
 
 
+@pytest.mark.long
 def test_each_objective_wins_at_what_it_is_for(feedback):
     """The matched rig's R_XiL by the simulation, delays by the estimator: nothing of the objective's own code."""
     errors, fidelity = (match(replace(feedback, objective=own), starts=1) for own in ("response_error", "fidelity"))
