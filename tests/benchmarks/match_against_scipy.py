@@ -39,8 +39,11 @@ from matching.frequency.programme.margin_grid import SLOTS, margin_points
 from matching.frequency.programme.problem import Problem, eigenpairs
 from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.programme.terms import MEET
-from matching.frequency.search import solve as solving
-from matching.frequency.search.solve import AGREE, ENOUGH, MINORITY, Solution, Task, _check, _numbered, _run, solve
+from matching.frequency.solver import solve as solving
+from matching.frequency.solver.ends import check, run_from
+from matching.frequency.solver.solve import AGREEING_STARTS, ONE_AGREES_OF, solve
+from matching.frequency.solver.starts import numbered_start
+from matching.frequency.solver.task import AGREEMENT, Solution, Task
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import peer_runs, row
 from tests.match.programme import programme_of
@@ -70,7 +73,7 @@ def checked(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
     """Modulus margin, its frequency in Hz, and whether the loop is stable; off the clock."""
     global _spent_on_checks
     began = time.process_time()
-    found = _check(problem, v)
+    found = check(problem, v)
     _spent_on_checks += time.process_time() - began
     return found
 
@@ -291,7 +294,7 @@ def disagreement(helped: Reduced, plain: Plain) -> float:
 
 def descended(run: Reduced, seed: int, number: int, best: float, **tolerances: float) -> tuple[np.ndarray, float]:
     """End and value of ``least_squares`` from a start, penalty by penalty unless the end is poor against the best."""
-    end = _numbered(run.problem, seed, number)[: run.size]
+    end = numbered_start(run.problem, seed, number)[: run.size]
     run.roots = [goal.eigenvalue for goal in run.problem.goals]
     for run.penalty in PENALTIES:
         found = least_squares(run.residuals, end, bounds=(0.0, 1.0), x_scale=1.0, **tolerances)
@@ -326,7 +329,9 @@ def whole(task: Task, ours: Solution, seed: int) -> tuple[float, float, int]:
         end, value = descended(run, seed, number, min(ends, default=np.inf), ftol=LOOSE, xtol=LOOSE, gtol=LOOSE)
         if checked(run.problem, run.vector(end))[2]:
             ends.append(value)
-        if sum(value <= min(ends) * (1 + AGREE) for value in ends) >= max(ENOUGH, (number + 1) / MINORITY):
+        if sum(value <= min(ends) * (1 + AGREEMENT) for value in ends) >= max(
+            AGREEING_STARTS, (number + 1) / ONE_AGREES_OF
+        ):
             break
     return clock() - began, min(ends), number + 1
 
@@ -375,7 +380,7 @@ def watched(task: Task, ours: Solution, seed: int) -> float:
         began = clock()
         problem = task.build(slots=SLOTS)
     for number in range(min(seed, 1), 14):
-        _run(problem.oscillating(), _numbered(problem, seed, number), ours.added)
+        run_from(problem.oscillating(), numbered_start(problem, seed, number), ours.added)
         if run.arrived:
             return clock() - began
     raise SystemExit("none of our starts comes where the whole match ends")

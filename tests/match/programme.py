@@ -4,8 +4,8 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.demands import demands
 from matching.frequency.case.targets import target_modes
 from matching.frequency.case.weights import counterparts, free, shares_of
-from matching.frequency.search.attempt import task_of
-from matching.frequency.search.solve import Task
+from matching.frequency.search.solve_and_verify import task_of
+from matching.frequency.solver.task import Task
 from modelling.modal.modes import modes
 
 

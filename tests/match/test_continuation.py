@@ -10,7 +10,11 @@ from scipy.optimize import lsq_linear
 from matching.frequency.case.load import load_case
 from matching.frequency.programme.problem import LEAST_OSCILLATION, eigenpairs
 from matching.frequency.programme.scaling import scaled
-from matching.frequency.search.solve import End, Task, _check, _follows, _led, _start, _tight
+from matching.frequency.solver.continuation import continued_starts, follows_targets
+from matching.frequency.solver.ends import End, check
+from matching.frequency.solver.finish import finish
+from matching.frequency.solver.starts import start
+from matching.frequency.solver.task import Task
 from modelling.bed.structures import STRUCTURES
 from tests.match.programme import programme_of
 
@@ -44,16 +48,16 @@ def stationarity(problem, v, extra):
 
 
 def test_a_start_led_from_a_shorter_dead_time_ends_in_a_stable_minimum(task):
-    (end,) = _led(task, 0, (1,))
+    (end,) = continued_starts(task, 0, (1,))
     assert end is not None
-    assert _follows(task, end)
-    solution = _tight(task, end, ())
+    assert follows_targets(task, end)
+    solution = finish(task, end, ())
     problem = task.build(tight=True, slots=30)
     v, extra = np.array([*_scaled(problem, solution.values), *solution.pairs]), problem.extra(solution.added)
     value, rows = (part.full().ravel() for part in problem.objective(v, extra))
     assert value[0] == pytest.approx(solution.objective, rel=1e-9)
     assert problem.violation(rows) < 1e-5
-    margin, _, stable = _check(problem, v)
+    margin, _, stable = check(problem, v)
     assert stable
     assert margin >= task.case.limits["modulus_margin"]
     assert stationarity(problem, v, extra) < 0.02
@@ -75,9 +79,9 @@ def test_only_a_continued_start_may_let_a_root_become_real(task):
 
 def test_a_root_that_ran_away_follows_no_mode(task):
     problem = task.build()
-    end = End(0.0, _start(problem, None), False)
+    end = End(0.0, start(problem, None), False)
     pair = eigenpairs(end.v, len(task.moves), task.case)
     pair[0, :2] = (-1.0, 1.9)
-    assert not _follows(task, end)
+    assert not follows_targets(task, end)
     pair[0, :2] = (-1.0, 1.7)
-    assert _follows(task, end)
+    assert follows_targets(task, end)

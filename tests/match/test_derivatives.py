@@ -14,7 +14,7 @@ from matching.frequency.case.targets import goals, target_modes
 from matching.frequency.programme.build import _functions, build
 from matching.frequency.programme.evaluators import _REMEMBERED
 from matching.frequency.programme.objectives.response_error import ResponseErrorObjective
-from matching.frequency.search.solve import _start
+from matching.frequency.solver.starts import start
 from modelling.simulation.integrator.c_library import compiler, folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
@@ -52,7 +52,7 @@ def functions(problem):
 
 @pytest.fixture(scope="module")
 def point(problem):
-    return _start(problem, np.random.default_rng(7))
+    return start(problem, np.random.default_rng(7))
 
 
 def _differences(at, step=2e-4):

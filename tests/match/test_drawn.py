@@ -1,4 +1,4 @@
-"""Cases drawn at random (three, twenty in the long run) end matched and verified, or limited with a stated limit; checked by other means."""
+"""Cases drawn at random end matched and verified, or limited with a stated limit; checked by other means."""
 
 import numpy as np
 import pytest

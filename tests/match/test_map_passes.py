@@ -12,7 +12,7 @@ from match import drawn
 
 from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
-from matching.frequency.search.solve import AGREE, Near
+from matching.frequency.solver.task import AGREEMENT, Near
 from matching.frequency.studies import map as maps
 from matching.frequency.studies.map import map_case
 from matching.frequency.studies.map_passes import improved
@@ -47,7 +47,7 @@ def solved(tasks):
     found = []
     for task in tasks:
         best = min((point(task["x"], task["y"], values["valley"]) for values, _ in task["near"]), key=depth_of)
-        good = task["below"] is None or best.objective < task["below"] * (1 - AGREE)
+        good = task["below"] is None or best.objective < task["below"] * (1 - AGREEMENT)
         found.append(best if good else None)
     return found
 
@@ -70,7 +70,7 @@ def test_a_valley_found_once_is_found_wherever_it_is_the_deepest():
     for y, row in enumerate(end):
         for x, own in enumerate(row):
             best = min(depth(1e-3 * x, 1e5 * y, valley) for valley in (0, 1))
-            assert own.objective == pytest.approx(best, rel=AGREE)
+            assert own.objective == pytest.approx(best, rel=AGREEMENT)
             assert own.first == rows[y][x].first
     assert asked[0] >= 40
     assert all(later < asked[0] for later in asked[1:])  # only where a neighbour changed

@@ -14,7 +14,7 @@ from matching.frequency.programme.build import build
 from matching.frequency.programme.closed_loop import closed_loop
 from matching.frequency.programme.objectives.fidelity import FidelityObjective
 from matching.frequency.search.match import match
-from matching.frequency.search.solve import _start
+from matching.frequency.solver.starts import start
 from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -73,7 +73,7 @@ def test_gradient_by_differences(feedback, aim):
     v = ca.MX.sym("v", len(moves))
     f = problem.objective(v, [])[0]
     gradient = ca.Function("gradient", [v], [ca.gradient(f, v)])
-    at = _start(problem, None)
+    at = start(problem, None)
     numeric = [
         float(problem.objective(at + h, [])[0] - problem.objective(at - h, [])[0]) / 2e-5
         for h in 1e-5 * np.eye(len(moves))

@@ -29,6 +29,7 @@ FLOORS = [
     ["matching.frequency.loop"],
     ["matching.frequency.programme"],
     ["matching.frequency.programme.objectives"],
+    ["matching.frequency.solver"],
     ["matching.frequency.verification"],
     ["matching.frequency.search"],
     ["matching.frequency.studies"],

@@ -17,7 +17,8 @@ from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes, match_mode
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.scaling import unscaled
-from matching.frequency.search.solve import Solution, Task, warm
+from matching.frequency.solver.solve import warm
+from matching.frequency.solver.task import Solution, Task
 from modelling.modal.modes import Mode
 
 CORNERS = 6  # quantities up to which every corner of the bounds is a start

@@ -11,7 +11,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.demands import Demands
 from matching.frequency.search.infeasible_limits import Unkept
 from matching.frequency.search.result import TargetResult
-from matching.frequency.search.solve import Solution
+from matching.frequency.solver.task import Solution
 from matching.frequency.verification.peaks import Violation
 from matching.frequency.verification.verify import Verification
 from modelling.modal.modes import Mode, modes

@@ -15,11 +15,11 @@ from matching.frequency.case.weights import FREEZE_BELOW, counterparts, price, s
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.response_error import error_figures
 from matching.frequency.loop.responses import responses
-from matching.frequency.search.attempt import attempt
 from matching.frequency.search.infeasible_limits import sufficient_dead_time
 from matching.frequency.search.limits import limits
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.search.solve import Near, Solution, Task
+from matching.frequency.search.solve_and_verify import solve_and_verify
+from matching.frequency.solver.task import Near, Solution, Task
 from matching.frequency.verification.verify import Verification
 from modelling.bed.feed_forward_design import dead_time_lower_bound
 from modelling.bed.residual_vehicle import cut
@@ -27,9 +27,9 @@ from modelling.bed.structures.model_based import ModelBased
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import Mode, modes
 
-SEEN_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
+SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
 CURVE_POINTS = 400
-UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
+LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 Progress = Callable[[str], None]
@@ -77,7 +77,7 @@ def match(
     shares = shares_of(case, vehicle, on_rig)
     asked = demands(case)
     tell("vehicle, rig and manoeuvre")
-    found = attempt(case, shares, targets, asked, seed, starts, workers, tell, near)
+    found = solve_and_verify(case, shares, targets, asked, seed, starts, workers, tell, near)
     task, solution, tuned, checked = found.task, found.solution, found.tuned, found.checked
     results = tuple(
         _target(case, checked, number, pair, mode)
@@ -91,7 +91,7 @@ def match(
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
-        notes=(*_notes(task, solution, found.thawed, bool(stands)), *checked.notes),
+        notes=(*_notes(task, solution, found.released, bool(stands)), *checked.notes),
         case=case,
         tuned=tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
@@ -117,15 +117,15 @@ def _feedback_alone(case: Case, solution: Solution) -> bool:
     return not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.feasible
 
 
-def _notes(task: Task, solution: Solution, thawed: Mapping[str, str], limited: bool) -> list[str]:
+def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
     """That nothing had to move, and what moves for a limit's sake only."""
     found = []
-    own = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
-    if not limited and all(abs(value - move.start) <= UNMOVED * (move.upper - move.lower) for move, value in own):
+    ends = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
+    if not limited and all(abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends):
         found.append(NOTHING_MOVED)
     found += [
         f"{name} holds under {FREEZE_BELOW:.0%} of every target mode's energy and moves for the limit {limit} alone"
-        for name, limit in thawed.items()
+        for name, limit in released.items()
     ]
     return found
 
@@ -147,7 +147,7 @@ def _target(
         matched is not None and damping is not None and seen is not None
         and abs(matched / wanted.frequency - 1) <= target.frequency_tolerance
         and abs(damping - wanted.damping_ratio) <= target.damping_tolerance
-        and abs(seen.frequency / wanted.frequency - 1) <= SEEN_TOLERANCE
+        and abs(seen.frequency / wanted.frequency - 1) <= SIMULATED_FREQUENCY_TOLERANCE
         and abs(seen.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
     )  # fmt: skip
     return TargetResult(

@@ -136,7 +136,7 @@ class MatchResult(Displayed):
         See :mod:`matching.frequency.verification`.
     objective : float
         Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable); ``pairs`` as
-        :class:`matching.frequency.search.solve.Solution` has them.
+        :class:`matching.frequency.solver.solve.Solution` has them.
     """
 
     status: str

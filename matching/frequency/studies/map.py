@@ -13,7 +13,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
-from matching.frequency.search.solve import Near
+from matching.frequency.solver.task import Near
 from matching.frequency.studies.map_axis import Axis, axis, quantities
 from matching.frequency.studies.map_passes import Task, improved
 from matching.frequency.studies.map_point import Point, improved_at, match_at

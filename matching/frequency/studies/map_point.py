@@ -13,7 +13,7 @@ from matching.frequency.case.demands import demands
 from matching.frequency.case.tuned import apply
 from matching.frequency.search.match import match
 from matching.frequency.search.result import MatchResult
-from matching.frequency.search.solve import Near, NoBetter
+from matching.frequency.solver.task import Near, NoBetter
 from matching.frequency.studies.map_axis import quantities
 from modelling.common.errors import InputError, unknown
 
@@ -37,7 +37,7 @@ class Point:
     values : dict of str to float
         Tuned values by name, SI.
     pairs : tuple of float
-        The goals' eigenpairs, see :class:`matching.frequency.search.solve.Solution`: what a neighbour starts from
+        The goals' eigenpairs, see :class:`matching.frequency.solver.task.Solution`: what a neighbour starts from
         beside them.
     """
 

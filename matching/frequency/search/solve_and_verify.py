@@ -1,4 +1,4 @@
-"""Solving a case and verifying it; again where a limit needs what was frozen, or the simulation takes more."""
+"""Solving a case and verifying it; again where a limit needs a released quantity, or the simulation takes more."""
 
 from __future__ import annotations
 
@@ -15,41 +15,42 @@ from matching.frequency.case.weights import free, price
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
 from matching.frequency.search.infeasible_limits import Unkept, unkept
-from matching.frequency.search.solve import Near, Solution, Task, solve
+from matching.frequency.solver.solve import solve
+from matching.frequency.solver.task import Near, Solution, Task
 from matching.frequency.verification.verify import Verification, verify
 from modelling.modal.modes import Mode
 
-FURTHER = 1.01  # reserve on a limit that the simulation overran, when it is solved again
+LIMIT_RESERVE = 1.01  # on a limit that the simulation overran, when it is solved again
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Attempt:
+class VerifiedSolution:
     """A solution with what it solves, and its verification.
 
-    ``beyond`` are limits that no setting keeps, ``thawed`` the quantities that move for a limit's sake, with it.
+    ``beyond`` are limits that no setting keeps, ``released`` the quantities that move for a limit's sake, with it.
     """
 
     task: Task
     solution: Solution
     beyond: list[Unkept]
-    thawed: Mapping[str, str]
+    released: Mapping[str, str]
     tuned: Case
     checked: Verification
 
 
-def attempt(
+def solve_and_verify(
     case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands,
     seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
-) -> Attempt:  # fmt: skip
+) -> VerifiedSolution:  # fmt: skip
     """Solve and verify; a second time, with the limits drawn in, where the simulated manoeuvre overruns some.
 
     The programme takes the vehicle's torques for the rig's, and an optimum likes to lie on a limit: the rig, which
     answers a little otherwise, may then overrun it by as little.
     """
 
-    def once(asked: Demands) -> Attempt:
+    def once(asked: Demands) -> VerifiedSolution:
         return _verified(case, _solved(case, shares, targets, asked, seed, starts, workers, tell, near))
 
     first = once(asked)
@@ -57,26 +58,26 @@ def attempt(
     over = {own.limit: own.value / own.allowed for own in first.checked.violations if asked.quantities(own.limit)}
     if first.beyond or not first.checked.stable or not over or len(over) < len(first.checked.violations):
         return first
-    drawn_in = {name: asked.limits[name] / (FURTHER * excess) for name, excess in over.items()}
+    drawn_in = {name: asked.limits[name] / (LIMIT_RESERVE * excess) for name, excess in over.items()}
     second = once(replace(asked, limits={**asked.limits, **drawn_in}))
     tell("verification with limits drawn in")
     return first if second.beyond or second.checked.violations or not second.checked.stable else second
 
 
-def _verified(case: Case, found: tuple[Task, Solution, list[Unkept], dict[str, str]]) -> Attempt:
+def _verified(case: Case, found: tuple[Task, Solution, list[Unkept], dict[str, str]]) -> VerifiedSolution:
     tuned = apply(case, found[1].values)
-    return Attempt(*found, tuned, verify(tuned, case.rig))
+    return VerifiedSolution(*found, tuned, verify(tuned, case.rig))
 
 
 def _solved(
     case: Case, shares: np.ndarray, targets: list[tuple[Mode, Mode]], asked: Demands,
     seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
 ) -> tuple[Task, Solution, list[Unkept], dict[str, str]]:  # fmt: skip
-    """Task, solution, limits beyond reach, thawed; solved again where a limit at the end depends on what was frozen."""
+    """Solved again where a limit that shapes the solution depends on a fixed quantity."""
     moving = free(case, shares)
-    thawed = needed_to_keep(case, moving, asked)
+    released = needed_to_keep(case, moving, asked)
     while True:
-        moves = [move for move in case.moves if move in moving or move.name in thawed]
+        moves = [move for move in case.moves if move in moving or move.name in released]
         task, beyond = task_of(case, shares, moves, targets, asked), unkept(case, moves, asked)
         if beyond:  # no setting keeps them: the best that keeps the rest is worth more than none
             task = replace(task, demands=replace(asked, limits={}))
@@ -85,8 +86,8 @@ def _solved(
         if not beyond and solution.feasible:
             more = needed_for_more(case, moves, asked, apply(case, solution.values))
         if not more:
-            return task, solution, beyond, thawed
-        thawed |= more
+            return task, solution, beyond, released
+        released |= more
 
 
 def task_of(

@@ -1,0 +1,58 @@
+"""The best ends solved again to more digits, with the margin held between the grid as well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from matching.frequency.programme.margin_grid import SLOTS
+from matching.frequency.solver.ends import End, stable_ends
+from matching.frequency.solver.starts import gentler
+from matching.frequency.solver.task import AGREEMENT, Solution, Task
+
+ENDS_FINISHED = 3  # ends that are tried for one that holds the margin between the grid as well
+MARGIN_ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
+FREQUENCIES_AROUND = (
+    0.015  # about such a frequency more are held, as it moves when it is held; a third of it the next time
+)
+
+
+def first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
+    """The best end that can be made to hold the margin between the grid as well; the best of all if none can."""
+    found: list[Solution] = []
+    last = -np.inf
+    for end in sorted(ends, key=lambda end: end.objective):
+        if end.objective <= last + AGREEMENT * abs(last):  # the one before again
+            continue
+        last = end.objective
+        found.append(finish(task, end, starts))
+        if found[-1].holds or len(found) == ENDS_FINISHED:
+            break
+    return next((one for one in found if one.holds), found[0])
+
+
+def finish(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
+    """Solve again to more digits, and ask for the margin where it is missed between the grid, until it holds.
+
+    What IPOPT then does not call a minimum is solved once more with the exact Hessian.
+    """
+    problem, extra = task.build(tight=True, slots=SLOTS), np.zeros(0)
+    least = task.case.limits["modulus_margin"]
+    for number in range(MARGIN_ROUNDS):
+        if best.margin < least:
+            missed = np.append(problem.missed(best.v), best.margin_frequency)
+            apart = FREQUENCIES_AROUND / 3**number
+            extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
+        end = next(stable_ends(problem, [best.v, *gentler(problem, best.v)], extra), None)
+        if end is None:
+            break
+        best = end
+        if best.margin >= least:
+            break
+    if not best.converged:
+        exact = task.build(tight=True, exact=True, slots=SLOTS)
+        end = next(stable_ends(exact, [best.v], extra), None)
+        if end and end.objective < best.objective and end.margin >= least:
+            best = end
+    holds, pairs = best.margin >= least, best.v[len(problem.moves) :]
+    values = problem.values(best.v)
+    return Solution(values, best.objective, starts, True, holds, tuple(extra.tolist()), tuple(pairs.tolist()))

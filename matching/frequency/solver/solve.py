@@ -1,0 +1,144 @@
+"""The search: many starts, the best solved again tightly.
+
+Starts are not trusted that agree on a place where the loop has no root near a target mode any more.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from itertools import chain, islice
+from multiprocessing import get_context
+
+from matching.frequency.programme.problem import Problem
+from matching.frequency.solver.continuation import continued_starts, follows_targets
+from matching.frequency.solver.ends import End, stable_ends
+from matching.frequency.solver.finish import finish, first_that_holds
+from matching.frequency.solver.given_point import from_given, given_end, never_worse
+from matching.frequency.solver.starts import gentler, numbered_start, start, start_at
+from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, Task
+
+AGREEING_STARTS = 3  # starts that agree on the best before the search ends
+ONE_AGREES_OF = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
+PLAIN_STARTS_FIRST = 5  # starts before those that are led
+CONTINUED_STARTS = 4  # starts at a shorter dead time where the others do not agree
+PROCESS_WORTH_SECONDS = 4.0  # s that a start takes
+
+
+def solve(
+    task: Task, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None,
+    near: Near | None = None,
+) -> Solution:  # fmt: skip
+    """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
+
+    Parameters
+    ----------
+    task : Task
+    seed : int
+        Of the random starts; the first is the case's own start with a gentle loop.
+    starts : int
+        At most; the search ends when three, and a third, agree on the best, of the first five or of those after them,
+        which begin with four by continuation in dead time. What has lost a target mode counts for no agreement.
+    workers : int
+        Processes; the outcome does not depend on how many.
+    near : Near, optional
+        To start from these alone.
+
+    Raises
+    ------
+    NoBetter
+        If those lead to nothing better.
+    """
+    if near is not None:
+        return _from(task, near)
+    problem = task.build()
+    given = given_end(problem)
+    continued = 0
+    if task.objective.tracks_modes and not task.case.loop.torqueless:
+        continued = min(CONTINUED_STARTS, starts)
+    ends: list[End | None] = []
+    plain = _ends(task, seed, starts, workers)
+    for end in chain(islice(plain, PLAIN_STARTS_FIRST), continued_starts(task, seed, range(1, continued + 1)), plain):
+        ends.append(end)
+        if progress:
+            progress(f"start {len(ends)} of {starts + continued} at most")
+        if _agree(task, ends, min(AGREEING_STARTS, starts), given):
+            break
+    objectives = tuple(None if end is None else end.objective for end in ends)
+    kept = [end for end in ends if end]
+    if given and (end := from_given(problem, given)):
+        kept.append(end)
+    if not kept:
+        nothing = Solution(problem.values(start(problem, None)), float("nan"), objectives, False, False)
+        return never_worse(task, nothing, given)
+    return never_worse(task, first_that_holds(task, kept, objectives), given)
+
+
+def _agree(task: Task, ends: list[End | None], enough: int, given: End | None) -> bool:
+    """Whether enough ends agree on the best of them, and that is no worse than the given point."""
+    best = min((end for end in ends if end), key=lambda end: end.objective, default=None)
+    if best is None or not follows_targets(task, best):
+        return False
+    if given is not None and best.objective > given.objective * (1 + AGREEMENT):
+        return False
+    agreeing = sum(end.objective <= best.objective * (1 + AGREEMENT) for end in ends if end)
+    # plain starts that fail say little about those by continuation, which come after them
+    tried = len(ends) - (PLAIN_STARTS_FIRST if len(ends) > PLAIN_STARTS_FIRST else 0)
+    return agreeing >= max(enough, tried / ONE_AGREES_OF)
+
+
+def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
+    """The ends of the starts, in order; in other processes only where one takes longer than they take to begin."""
+    problem, began = task.build(), time.monotonic()
+    yield _one(problem, seed, 0)
+    if workers < 2 or time.monotonic() - began < PROCESS_WORTH_SECONDS:
+        for number in range(1, starts):
+            yield _one(problem, seed, number)
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), _prepare, (task,)) as pool:
+        waiting = [pool.submit(_one_prepared, seed, number) for number in range(1, starts)]
+        try:
+            for future in waiting:
+                yield future.result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+_prepared: list[Problem] = []
+
+
+def _prepare(task: Task) -> None:
+    """Build the programme once a process."""
+    _prepared[:] = [task.build()]
+
+
+def _one_prepared(seed: int, number: int) -> End | None:
+    return _one(_prepared[0], seed, number)
+
+
+def _one(problem: Problem, seed: int, number: int) -> End | None:
+    """One start, or None if it ends infeasible or unstable."""
+    return next(stable_ends(problem.oscillating(), [numbered_start(problem, seed, number)]), None)
+
+
+def _from(task: Task, near: Near) -> Solution:
+    """The best end from the solutions of like cases, with their eigenpairs and with those on their targets."""
+    problem = task.build()
+    begins = [start_at(problem, values, own) for values, pairs in near.solutions for own in (pairs, ())]
+    ends = list(stable_ends(problem, begins))
+    if not any(near.beaten_by(end.objective) for end in ends):
+        raise NoBetter
+    found = first_that_holds(task, ends, tuple(end.objective for end in ends))
+    if not near.beaten_by(found.objective):
+        raise NoBetter
+    return found
+
+
+def warm(task: Task, near: Solution) -> dict[str, float] | None:
+    """Solve a programme from the solution of a neighbouring one and from gentler loops; None if all are unstable."""
+    problem = task.build()
+    begin = start_at(problem, near.values)
+    good = list(stable_ends(problem, [start_at(problem, near.values, near.pairs), begin, *gentler(problem, begin)]))
+    return finish(task, min(good, key=lambda end: end.objective), ()).values if good else None

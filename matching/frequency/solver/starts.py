@@ -1,0 +1,61 @@
+"""Starts of the local search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from matching.frequency.programme.problem import Problem
+from matching.frequency.programme.scaling import scaled
+
+DRAWN_FOR_A_START = 12  # of which a random start is the most promising: far fewer of those end nowhere
+VIOLATION_WEIGHT = 10.0  # price of a missed constraint, scaled, in choosing it
+
+
+def numbered_start(problem: Problem, seed: int, number: int) -> np.ndarray:
+    """A start by its number; 0 is the case's own."""
+    return start(problem, np.random.default_rng([seed, number]) if number else None)
+
+
+def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
+    """Mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets.
+
+    The case's own start, or the most promising of some drawn at random.
+    """
+    names, pairs = [move.name for move in problem.moves], [np.zeros(0)]
+    loop = np.array([name.startswith("loop.") for name in names], bool)
+    gentle = np.array([0.4 if "gain" in name or "time" in name else 0.3 for name in names])
+    own = np.array([scaled(move.start, move) for move in problem.moves])
+    for goal in problem.goals:
+        s, pattern = goal.eigenvalue / abs(goal.eigenvalue), goal.pattern / np.linalg.norm(goal.pattern)
+        pairs += [np.array([s.real, s.imag]), pattern, 0 * pattern]
+
+    def begin(part: np.ndarray | float, shift: np.ndarray | float) -> np.ndarray:
+        moves = np.where(loop, gentle * part, own + shift)
+        return np.concatenate([np.clip(moves, 0.01, 0.99), *pairs])
+
+    def merit(v: np.ndarray) -> float:
+        f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
+        return float(np.nan_to_num(f[0] + VIOLATION_WEIGHT * min(problem.violation(g), 1.0), nan=np.inf))
+
+    if random is None:
+        return begin(0.5, 0.0)
+    drawn = (begin(random.random(len(own)), 0.2 * random.normal(size=len(own))) for _ in range(DRAWN_FOR_A_START))
+    return min(drawn, key=merit)
+
+
+def start_at(problem: Problem, values: Mapping[str, float], pairs: Sequence[float] = ()) -> np.ndarray:
+    """A start at given values, eigenpairs as given or on their targets."""
+    begin = start(problem, None)
+    own = [scaled(values[move.name], move) for move in problem.moves]
+    begin[: len(own)] = np.clip(own, 0.01, 0.99)
+    if len(pairs) == len(begin) - len(own):
+        begin[len(own) :] = pairs
+    return begin
+
+
+def gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
+    """The same with the loop's quantities turned back by a tenth and by a quarter of their ranges."""
+    loop = np.array([move.name.startswith("loop.") for move in problem.moves] + [False] * (len(v) - len(problem.moves)))
+    return [np.where(loop, np.clip(v - back, 0.01, 0.99), v) for back in (0.1, 0.25)]
