@@ -1,6 +1,7 @@
 """Starts by continuation in dead time: ends are judged by feasibility, optimality and the reported figure."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +12,14 @@ from matching.frequency.case.load import load_case
 from matching.frequency.programme.problem import LEAST_OSCILLATION, eigenpairs
 from matching.frequency.programme.scaling import scaled
 from matching.frequency.solver.continuation import continued_starts, follows_targets
-from matching.frequency.solver.ends import End, check
+from matching.frequency.solver.ends import End, check, run_from
 from matching.frequency.solver.finish import finish
 from matching.frequency.solver.starts import start
 from matching.frequency.solver.task import Task
 from modelling.bed.structures import STRUCTURES
 from tests.match.programme import programme_of
 
+REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 ACTIVE = 1e-3  # of a scaled variable or constraint: so near its bound it may carry a multiplier
 
 
@@ -85,3 +87,20 @@ def test_a_root_that_ran_away_follows_no_mode(task):
     assert not follows_targets(task, end)
     pair[0, :2] = (-1.0, 1.7)
     assert follows_targets(task, end)
+
+
+@pytest.mark.long
+def test_continued_starts_of_the_reference_case_are_optima_and_may_let_a_root_become_real():
+    """At 5 ms; a local search from each end stays there, whatever the processor's rounding."""
+    case = load_case(REFERENCE)
+    task = programme_of(replace(case, loop=case.loop.with_values({"dead_time": 0.005})))
+    problem = task.build()
+    ends = list(continued_starts(task, 0, (1, 2, 3)))
+    for end in ends:
+        assert end is not None
+        assert end.converged
+        assert follows_targets(task, end)
+        assert problem.violation(problem.objective(end.v, problem.extra())[1].full().ravel()) < 1e-5
+        assert run_from(problem, end.v).objective == pytest.approx(end.objective, rel=1e-5)
+    oscillation = [eigenpairs(end.v, len(problem.moves), task.case)[0, 1] for end in ends]
+    assert any(part < LEAST_OSCILLATION for part in oscillation)  # the 1.6 Hz mode is overdamped there
