@@ -1,0 +1,87 @@
+"""Confidence, its shares of evidence, and what a residual that is not noise is worth: closed forms."""
+
+import numpy as np
+import pytest
+from diagnosis.linear import KnownProblem, fit_at
+from scipy.signal import lfilter
+
+from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
+from matching.diagnosis.verdict.confidence import confidence, evidence_shares, residual_inflation
+from matching.diagnosis.verdict.named_causes import share_explained_by
+
+
+def with_cost(mean_square: float, variables: int = 1, readings: int = 1000) -> Hypothesis:
+    names = {f"p{i}": (-np.inf, np.inf) for i in range(variables)}
+    problem = KnownProblem(names, lambda v: np.full(readings, np.sqrt(mean_square)))
+    fit = fit_at(problem, np.ones(variables), np.ones((readings, variables)))
+    causes = tuple(Cause("sensor_offset", f"sensors.s{i}", ("offset",)) for i in range(variables))
+    return Hypothesis(ExtendedModel(None, causes, names, {}), fit)
+
+
+@pytest.mark.parametrize(
+    ("share", "explained", "part", "expected"),
+    [
+        (0.9, True, 0.1, 0.9),  # all is explained: the share itself
+        (0.9, False, 0.5, 0.49 * 0.9),  # most of the misfit stays
+        (1.0, False, 0.95, 0.49),
+        (1.0, False, 0.975, 0.67),  # half way
+        (1.0, False, 1.0, 0.85),
+        (0.5, False, 1.2, 0.425),
+    ],
+)
+def test_confidence(share: float, explained: bool, part: float, expected: float) -> None:
+    assert confidence(share, explained, part) == pytest.approx(expected)
+
+
+def test_shares_of_evidence_are_likelihood_ratios() -> None:
+    shares = evidence_shares(np.array([1000.0, 1002.0, 1e30]))
+    assert shares[0] / shares[1] == pytest.approx(np.e)
+    assert shares[2] == 0
+    assert shares.sum() == pytest.approx(1)
+
+
+def test_residual_inflation() -> None:
+    rng = np.random.default_rng(6)
+    white = rng.standard_normal((30_000, 1))
+    assert residual_inflation([white]) == pytest.approx(1.0, abs=0.05)
+    assert residual_inflation([0.5 * white]) == 1.0
+    assert residual_inflation([2 * white]) == pytest.approx(4, rel=0.1)
+    memory = 0.7
+    slow = lfilter([1], [1, -memory], white[:, 0])[:, None]
+    independent = (1 - memory) / (1 + memory)
+    assert residual_inflation([slow]) == pytest.approx(1 / (1 - memory**2) / independent, rel=0.2)
+    both = np.hstack([white, np.full_like(white, np.nan)])
+    assert residual_inflation([2 * both]) == pytest.approx(4, rel=0.1)
+
+
+def test_share_of_the_misfit_that_a_cause_explains() -> None:
+    parent, child = with_cost(5.0), with_cost(2.0)
+    assert share_explained(parent, child) == pytest.approx(3 / 4)  # beyond the noise, which is 1
+    assert share_explained(parent, with_cost(1.0)) == 1.0
+    assert share_explained(parent, with_cost(0.5)) == 1.0
+    assert share_explained(child, parent) == pytest.approx(-3.0)
+    assert share_explained(with_cost(0.9), with_cost(0.8)) == 1.0
+    assert share_explained(with_cost(0.9), with_cost(0.95)) == 0.0
+    assert share_explained_by(child, parent) == pytest.approx(3 / 4)
+
+
+def test_price_of_a_variable_is_the_logarithm_of_the_readings() -> None:
+    assert with_cost(1.0, 3).cost - with_cost(1.0, 1).cost == pytest.approx(2 * np.log(1000))
+
+
+def test_at_noise_judges_size_and_colour() -> None:
+    rng = np.random.default_rng(8)
+
+    def of(residual: np.ndarray) -> bool:
+        problem = KnownProblem({"a": (0.0, 1.0)}, lambda v: residual)
+        fit = fit_at(problem, np.array([0.5]), np.ones((len(residual), 1)))
+        return at_noise(Hypothesis(ExtendedModel(None, (), {}, {}), fit))
+
+    white = rng.standard_normal(50_000)
+    slow = np.sin(2 * np.pi * np.arange(50_000) / 20_000)
+    assert of(white)
+    assert not of(1.1 * white)  # 21 % more power
+    assert of(1.001 * white)
+    assert not of(white + 0.2 * slow)  # 2 % of the power, all of it slow
+    assert of(white + 0.05 * slow)  # 0.13 %, less than what matters

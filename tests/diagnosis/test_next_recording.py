@@ -1,0 +1,96 @@
+"""The proposed manoeuvre against closed-form responses of every manoeuvre."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from matching.diagnosis.candidates.cause import ExtendedModel
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import Fit
+from matching.diagnosis.fitting.problem import base_problem
+from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.verdict.next_recording import Manoeuvre, propose_manoeuvre, waveforms
+from modelling.model.files import from_dict
+
+NOISE, LARGEST = 0.02, 3.0
+STEP = 2e-3
+
+
+def hypothesis(J: float, drag: float) -> Hypothesis:
+    """An inertia with drag, recorded with torques between −1 and 3 N·m."""
+    system = from_dict({
+        "inertias": {"rotor": {"J": {"value": J, "tolerance": 0.5}, "drag": {"value": drag, "tolerance": 0.5}}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": NOISE}},
+    })  # fmt: skip
+    time = np.arange(200) * STEP
+    torque = np.linspace(-1.0, LARGEST, 200)[:, None]
+    data = FitData((Segment(time, torque, np.zeros((200, 1))),), np.array([NOISE]))
+    problem, v = base_problem(system, data)
+    residual = problem.residuals(v[None])[0]
+    fit = Fit(problem, v, residual, np.zeros((len(residual), len(v))), float(residual @ residual))
+    return Hypothesis(ExtendedModel(system, (), problem.bounds, fit.values), fit)
+
+
+def separations(one: tuple[float, float], other: tuple[float, float]) -> dict[tuple[str, float], float]:
+    """Root mean square difference in times the noise, by waveform and factor, J·ω̇ + b·ω = M from rest."""
+    time = STEP * np.arange(round(8.0 / STEP))
+    out = {}
+    for name, shape in waveforms(time).items():
+        for factor in (1.0, 2.0):
+            torque = factor * LARGEST * shape
+            speeds = [lsim(([-b / J], [1 / J], [1.0], [0.0]), torque, time)[1] for J, b in (one, other)]
+            out[name, factor] = float(np.sqrt(np.mean((speeds[0] - speeds[1]) ** 2))) / NOISE
+    return out
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "best"),
+    [
+        ((0.5, 0.3), (0.5, 0.36), "a step"),  # another drag shows in the steady speed
+        ((0.5, 0.02), (0.6, 0.02), "a step"),  # another inertia without much drag in a speed that grows
+        ((0.5, 3.0), (0.9, 3.0), "steps to and fro"),  # with much drag at every change of torque
+    ],
+)
+def test_the_manoeuvre_with_the_largest_difference_is_proposed(one, other, best) -> None:
+    expected = separations(one, other)
+    found = propose_manoeuvre(hypothesis(*one), hypothesis(*other))
+    assert found is not None
+    largest = max(expected, key=lambda key: expected[key])
+    assert (
+        (found.waveform, found.amplitude / LARGEST) == pytest.approx(largest) if False else largest[0] == found.waveform
+    )
+    assert found.waveform == best
+    assert found.amplitude == pytest.approx(2 * LARGEST)
+    assert found.separation == pytest.approx(expected[largest], rel=1e-3)
+    assert (found.input, found.sensor, found.duration) == ("motor", "speed", 8.0)
+
+
+def test_rivals_that_no_torque_separates_ask_for_a_sensor() -> None:
+    found = propose_manoeuvre(hypothesis(0.5, 0.3), hypothesis(0.5, 0.3))
+    assert found is not None
+    assert found.separation == 0
+    assert found.sentence("a", "b").startswith("no torque on the inputs tells a from b: at best 0 times the noise")
+
+
+def test_sentence_changes_at_a_difference_of_once_the_noise() -> None:
+    made = Manoeuvre("motor", "a step", 6.0, 8.0, 1.0, "speed")
+    assert made.sentence("a", "b") == (
+        "record a step of 6 N·m on motor for 8 s: a and b would differ by 1 times the noise of speed"
+    )
+    assert replace(made, separation=0.99).sentence("a", "b").startswith("no torque")
+
+
+def test_waveforms_stay_within_one_and_have_their_frequencies() -> None:
+    time = 1e-3 * np.arange(8000)
+    shapes = waveforms(time)
+    for shape in shapes.values():
+        assert np.abs(shape).max() <= 1
+    np.testing.assert_array_equal(shapes["a step"], time > 0.5)
+    rising = np.sum(np.diff(shapes["steps to and fro"]) > 0)
+    assert rising == 4  # four periods, each ends with a rise
+    np.testing.assert_allclose(shapes["a slow sine (0.5 Hz)"], np.sin(np.pi * time), atol=1e-9)
+    crossings = np.sum(np.diff(np.sign(shapes["a sweep from 0.5 to 30 Hz"])) != 0)
+    assert crossings == pytest.approx(2 * 8 * (0.5 + 30) / 2, abs=3)  # mean frequency times length, twice a period
