@@ -1,0 +1,26 @@
+"""Which verdict a diagnosis reaches, from what it found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis import diagnosis
+from matching.diagnosis.diagnosis import EXPLAINED_HOLDOUT_RATIO as RATIO
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(("at_noise", "causes", "after_holdout", "verdict"), [
+    (False, [], [0.5], "unexplained"),  # more than noise remains in the data that were fitted
+    (False, ["lash"], [0.5], "unexplained"),
+    (True, [], [9.0], "adequate"),  # nothing but noise, and nothing had to be added
+    (True, ["lash"], [0.9, 0.99 * RATIO], "explained"),
+    (True, ["lash"], [0.9, 1.01 * RATIO], "unexplained"),  # one sensor that was not fitted disagrees
+    (True, ["lash"], [1.01 * RATIO, NAN], "unexplained"),
+    (True, ["lash"], [1.0, NAN], "explained"),  # a sensor without held-out data says nothing
+    (True, ["lash"], [], "explained"),
+])  # fmt: skip
+def test_verdict(monkeypatch, at_noise, causes, after_holdout, verdict):
+    monkeypatch.setattr(diagnosis, "at_noise", lambda final: at_noise)
+    assert diagnosis._verdict(SimpleNamespace(causes=causes), np.array(after_holdout)) == verdict

@@ -1,0 +1,24 @@
+"""What stands where in an FMU: names that the FMI standards ask for."""
+
+import zipfile
+
+import pytest
+
+from matching.fmu.given import given
+from modelling.fmu.export import LICENCE, fmu
+
+
+@pytest.mark.parametrize(("fmi", "wrapper"), [("2.0", "fmi2.c"), ("3.0", "fmi3.c")])
+def test_names_of_the_files(lashed_model, fmi, wrapper, tmp_path):
+    made = fmu(given(lashed_model).block, fmi)
+    path = tmp_path / "a.fmu"
+    path.write_bytes(made.content)
+    with zipfile.ZipFile(path) as file:
+        names = set(file.namelist())
+        assert file.read("documentation/licenses/license.txt").decode() == LICENCE
+        assert "<html" in file.read("documentation/index.html").decode()
+    plain = {name for name in names if not name.startswith(("sources/", "binaries/"))}
+    assert plain == {"modelDescription.xml", "documentation/index.html", "documentation/licenses/license.txt"}
+    assert f"sources/{wrapper}" in names
+    assert ("sources/buildDescription.xml" in names) == (fmi == "3.0")
+    assert all(name.startswith(f"binaries/{made.platform}/{made.identifier}.") for name in names if "binaries/" in name)
