@@ -1,4 +1,4 @@
-"""What the verification of a match saw, in the form that figures, page and text use."""
+"""Results of the verification of a match, in the form that figures, page and text use."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from matching.frequency.search.result import MatchResult
+from matching.frequency.search.result import MatchResult, TargetResult
+from matching.frequency.verification.verify import Verification
 from matching.report.common.wording import hertz, number, practical, unit
 from matching.report.match.robustness_figure import Wrong
 from matching.report.match.trace_figure import Signal
 
+IDENTIFIED_WITHIN_PERCENT = 2  # of the vehicle's frequency; the identification itself is good to about 0.1 %
+ROUNDING = 1e-6  # relative, by which a solution at a limit may miss it
 PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad"}
 
 
 @dataclass(frozen=True)
 class Need:
-    """What the manoeuvre takes of something, SI; ``limit`` None where the case sets none."""
+    """Peak of a quantity in the manoeuvre, SI; ``limit`` is None where the case sets none."""
 
     what: str
     peak: float
@@ -26,7 +29,7 @@ class Need:
 
 @dataclass(frozen=True)
 class Check:
-    """One check of the result: what was looked at, what came out, whether it holds."""
+    """One check of the result: what was checked, the outcome, whether it passed."""
 
     what: str
     outcome: str
@@ -34,113 +37,116 @@ class Check:
 
 
 def signals(result: MatchResult) -> list[Signal]:
-    """The simulated manoeuvre: compared sensors, then what the dynamometers do; empty where the motion ran away."""
+    """The simulated manoeuvre: compared sensors, then the dynamometers; empty where the motion diverged."""
     traces = result.verification.traces
     if traces is None:
         return []
     by_name = {sensor.name: sensor for sensor in result.case.vehicle.sensors}
-    found = []
+    drawn = []
     for name in dict.fromkeys(pair.sensor for pair in result.case.compared):
         sources: Mapping[str, Any] = {"vehicle": traces.vehicle, "rig": traces.rig, "matched": traces.matched}
-        curves = {who: own[name] for who, own in sources.items() if name in own}
+        curves = {who: readings[name] for who, readings in sources.items() if name in readings}
         sensor = by_name[name]
         label = f"{sensor.measures.capitalize()} in {unit(sensor.unit)}"
-        found.append(Signal(name.replace("_", " ").capitalize(), label, traces.time, curves))
+        drawn.append(Signal(name.replace("_", " ").capitalize(), label, traces.time, curves))
     for dyno in result.case.loop.dynamometers:
         for what in ("torque", "speed"):
             limit = result.case.limits.get(f"dynamometer_{what}")
             curves = {"matched": traces.matched[f"dynamometers.{dyno.name}.{what}"]}
             label = f"{what.capitalize()} in {unit(PEAK_UNITS[what])}"
-            found.append(Signal(f"Dynamometer {dyno.name}, {what}", label, traces.time, curves, limit))
-    return found
+            drawn.append(Signal(f"Dynamometer {dyno.name}, {what}", label, traces.time, curves, limit))
+    return drawn
 
 
 def wrong_values(result: MatchResult) -> list[Wrong]:
-    """What one wrong value does."""
+    """The effect of single wrong values."""
     return [
-        Wrong(own.name, _off(own), own.response_error, own.stable, own.modulus_margin)
-        for own in result.verification.robustness
+        Wrong(wrong.name, _deviation(wrong), wrong.response_error, wrong.stable, wrong.modulus_margin)
+        for wrong in result.verification.robustness
     ]
 
 
 def needs(result: MatchResult) -> list[Need]:
     """Peaks of the manoeuvre: dynamometers, and shafts with a limit."""
-    limits, found = result.case.limits, []
+    limits, peaks = result.case.limits, []
     for name, peak in result.verification.peaks.items():
         what = name.rsplit(".", 1)[1]
         is_dyno = name.startswith("dynamometers.")
         limit = limits.get(f"dynamometer_{what}" if is_dyno else name)
         if is_dyno or limit is not None:
-            found.append(Need(name, peak, limit, PEAK_UNITS[what]))
-    return found
+            peaks.append(Need(name, peak, limit, PEAK_UNITS[what]))
+    return peaks
 
 
 def checks(result: MatchResult) -> list[Check]:
     """Every check with its outcome, stability first."""
-    seen = result.verification
-    found = [Check(*_said(name, seen), holds) for name, holds in seen.checks.items()]
+    verification = result.verification
+    rows = [Check(*_in_words(name, verification), holds) for name, holds in verification.checks.items()]
     limits = result.case.limits
-    margin, (least, at) = seen.modulus_margin, seen.least_damping
-    found.append(
+    margin, (least, at) = verification.modulus_margin, verification.least_damping
+    rows.append(
         Check(
             "Modulus margin of the feedback loop, exact dead time",
-            f"{number(margin, 3)} at {number(seen.margin_frequency, 3)} Hz, "
-            f"at least {number(limits['modulus_margin'])} asked",
-            margin >= limits["modulus_margin"] * (1 - 1e-6),
+            f"{number(margin, 3)} at {number(verification.margin_frequency, 3)} Hz, "
+            f"at least {number(limits['modulus_margin'])} required",
+            margin >= limits["modulus_margin"] * (1 - ROUNDING),
         )
     )
-    found.append(
+    rows.append(
         Check(
             "Smallest damping ratio of any mode of the loop",
-            f"{number(least, 3)} at {number(at, 3)} Hz, at least {number(limits['damping_ratio'])} asked",
-            least >= limits["damping_ratio"] * (1 - 1e-6),
+            f"{number(least, 3)} at {number(at, 3)} Hz, at least {number(limits['damping_ratio'])} required",
+            least >= limits["damping_ratio"] * (1 - ROUNDING),
         )
     )
     for target in result.targets:
-        off = None if target.seen is None else round(100 * (target.seen / target.vehicle - 1), 2) + 0.0
-        said = (
-            "not seen in the simulation" if off is None else f"{hertz(target.seen)} Hz, {off:+.2f} % from the vehicle"
-        )
-        near = off is not None and abs(off) <= 2
-        found.append(
-            Check(f"Mode {target.vehicle_mode} read off the simulated manoeuvre", said.replace("-", "−"), near)
-        )
-    broken = [own for own in seen.violations if own.limit not in ("modulus_margin", "damping_ratio")]
-    for own in broken:
-        si = PEAK_UNITS[own.where.rsplit(".", 1)[1]]
-        outcome = f"{practical(own.value, si)}, {practical(own.allowed, si)} allowed"
-        found.append(Check(f"Limit of {own.where}", outcome, False))
-    if not broken:
-        found.append(Check("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
-    return found
+        rows.append(Check(f"Mode {target.vehicle_mode} identified from the simulated manoeuvre", *_identified(target)))
+    exceeded = [row for row in verification.violations if row.limit not in ("modulus_margin", "damping_ratio")]
+    for violation in exceeded:
+        si = PEAK_UNITS[violation.where.rsplit(".", 1)[1]]
+        outcome = f"{practical(violation.value, si)}, {practical(violation.allowed, si)} allowed"
+        rows.append(Check(f"Limit of {violation.where}", outcome, False))
+    if not exceeded:
+        rows.append(Check("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
+    return rows
 
 
-def _said(name: str, seen: Any) -> tuple[str, str]:
-    """A check in words, and its figure."""
+def _identified(target: TargetResult) -> tuple[str, bool]:
+    """Outcome of a mode's identification from the simulation, and whether it lies near enough to the vehicle's."""
+    if target.seen is None:
+        return "not identified", False
+    deviation = round(100 * (target.seen / target.vehicle - 1), 2) + 0.0
+    return f"{hertz(target.seen)} Hz, {deviation:+.2f} % from the vehicle", abs(deviation) <= IDENTIFIED_WITHIN_PERCENT
+
+
+def _in_words(name: str, verification: Verification) -> tuple[str, str]:
+    """A check of the verification in words, and its outcome."""
     if name.startswith("poles, order "):
         order = int(name.rsplit(" ", 1)[1])
-        own = next(one for one in seen.approximations if one.order == order)
+        poles = next(row for row in verification.approximations if row.order == order)
         return f"Poles of the feedback loop, dead time by a Padé approximation of order {order}", (
-            f"rightmost at {number(own.abscissa, 3)} 1/s"
+            f"rightmost at {number(poles.abscissa, 3)} 1/s"
         )
     if name == "encirclements":
-        count = seen.winding.unstable
-        return "Encirclements of −1 by the exact loop", (
-            "none that should not be" if count == 0 else f"{number(count)} unstable poles"
-        )
+        count = verification.winding.unstable
+        return "Nyquist criterion with the exact dead time", "met" if count == 0 else f"{number(count)} unstable poles"
     if name == "sampled loop":
         return (
-            "Poles of the loop as it is sampled",
-            f"largest amount {number(max(abs(seen.sampled)), 5)}, below 1 is stable",
+            "Poles of the sampled loop",
+            f"largest magnitude {number(max(abs(verification.sampled)), 5)}, below 1 is stable",
         )
     if name == "twin":
-        return "Poles of the twin's own loop", f"rightmost at {number(max(seen.feed_forward_poles.real), 3)} 1/s"
+        return "Poles of the model-based feed-forward", (
+            f"rightmost at {number(max(verification.feed_forward_poles.real), 3)} 1/s"
+        )
     if name == "simulation":
-        outcome = "runs away" if seen.traces is None else "stays bounded"
-        return "Simulated manoeuvre, true delay line, sampled controller", outcome
+        outcome = "diverges" if verification.traces is None else "stays bounded"
+        return "Simulated manoeuvre with delay line and sampled controller", outcome
     return name.capitalize(), ""
 
 
-def _off(own: Any) -> str:
-    shown = practical(own.change, "s", 2) if own.name == "loop.dead_time" else f"{number(100 * own.change, 2)} %"
-    return f"+{shown}" if own.change > 0 else shown
+def _deviation(wrong: Any) -> str:
+    """The wrong value's deviation: relative, of the dead time in ms."""
+    is_time = wrong.name == "loop.dead_time"
+    text = practical(wrong.change, "s", 2) if is_time else f"{number(100 * wrong.change, 2)} %"
+    return f"+{text}" if wrong.change > 0 else text

@@ -16,14 +16,14 @@ from matching.report.match.trace_figure import trace_figure
 
 CAPTIONS = {
     "overview": "Response, manoeuvre and target modes at a glance.",
-    "modes": "Modes and where their energy sits. Shown in colour: the target modes, and on the free rig those of the "
-    "same symmetry. s symmetric, a antisymmetric left to right.",
-    "responses": "Frequency responses. The matched rig is to run inside the broad line of the vehicle; the grey band "
-    "is what was matched. Dotted: the matched rig when nobody announces the torque to the controller.",
-    "manoeuvre": "The manoeuvre, simulated with a true delay line and a sampled controller.",
-    "margin": "Distance of the feedback loop from instability, dead time exact.",
-    "quantities": "What was allowed to move, between its bounds, and the price a change of it had.",
-    "robustness": "What must be known how well: response error when one value is off.",
+    "modes": "Modes and their energy. In colour: the target modes, and on the rig without control those of the same "
+    "symmetry. s symmetric, a antisymmetric left to right.",
+    "responses": "Frequency responses. The line of the matched rig should run inside the broad line of the vehicle; "
+    "the grey band is the matched band. Dotted: the matched rig when the controller does not measure the torque.",
+    "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
+    "margin": "Distance of the feedback loop from instability, with the exact dead time.",
+    "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
+    "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
 }
 
 

@@ -1,4 +1,4 @@
-"""How far the feedback loop stays from instability: smallest singular value of I + L, and the loci of L."""
+"""Figure of the loop's distance from instability: smallest singular value of I + L, and the loci of L."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from matching.frequency.loop.parts import parts_of
 from matching.report.common.style import LIMIT, MATCHED, figure, styled
 from matching.report.common.wording import number
 
-LOWEST, HIGHEST, POINTS = 1e-2, 500.0, 4000  # Hz: below, the integrator alone acts; above, nothing is left
+LOWEST_HZ, HIGHEST_HZ = 1e-2, 500.0  # below, only the integrator acts; above, the loop gain is negligible
+POINTS = 4000
 
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
@@ -24,9 +25,9 @@ def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
 
 
 def frequencies_around(modes: list[float]) -> np.ndarray:
-    """A grid (f,) in Hz, dense round the modes, where a lightly damped loop turns fast."""
-    near = [np.linspace(0.92, 1.08, 201) * mode for mode in modes if LOWEST < mode < HIGHEST]
-    return np.unique(np.concatenate([np.geomspace(LOWEST, HIGHEST, POINTS), *near]))
+    """A grid (f,) in Hz, dense around the modes, where the response of a lightly damped loop changes fast."""
+    near = [np.linspace(0.92, 1.08, 201) * mode for mode in modes if LOWEST_HZ < mode < HIGHEST_HZ]
+    return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *near]))
 
 
 def margin_figure(case: Case, modes: list[float]) -> Figure:
@@ -37,21 +38,21 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
     case : Case
         With the tuned values.
     modes : list of float
-        Hz, where to look closely.
+        Hz; the grid is dense around them.
     """
     f = frequencies_around(modes)
     difference = return_difference(case, f)
     distance = np.linalg.svd(difference, compute_uv=False)[:, -1]
-    asked = case.limits["modulus_margin"]
+    required = case.limits["modulus_margin"]
     with styled():
-        drawn = figure(12.4, 4.6)
-        left, right = drawn.subplots(1, 2, width_ratios=[1.5, 1])
+        fig = figure(12.4, 4.6)
+        left, right = fig.subplots(1, 2, width_ratios=[1.5, 1])
         least = int(np.argmin(distance))
         left.plot(f, distance, color=MATCHED, linewidth=1.6)
-        left.axhspan(0, asked, color="#EEEEEE", zorder=0, linewidth=0)
-        left.axhline(asked, color=LIMIT, linestyle="--", linewidth=1.2)
+        left.axhspan(0, required, color="#EEEEEE", zorder=0, linewidth=0)
+        left.axhline(required, color=LIMIT, linestyle="--", linewidth=1.2)
         where = {"textcoords": "offset points", "fontsize": 8}
-        left.annotate(f"asked: {asked:g}", (f[0], asked), (4, -11), color=LIMIT, **where)
+        left.annotate(f"required: {required:g}", (f[0], required), (4, -11), color=LIMIT, **where)
         left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
         said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
         beside = (0, -13 if distance[least] > 0.2 else 9)
@@ -62,17 +63,17 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
         left.set_xlabel("Frequency in Hz")
         left.set_ylabel("Smallest singular value of I + L")
         left.set_title("Distance from instability")
-        _loci(right, np.linalg.eigvals(difference) - 1, asked)
-    return drawn
+        _loci(right, np.linalg.eigvals(difference) - 1, required)
+    return fig
 
 
-def _loci(axes: Any, loci: np.ndarray, asked: float) -> None:
-    loci = _followed(loci)
+def _loci(axes: Any, loci: np.ndarray, required: float) -> None:
+    loci = _continuous(loci)
     for k, line in enumerate(("-", (0, (4, 2)), ":")[: loci.shape[1]]):
         axes.plot(
             loci[:, k].real, loci[:, k].imag, color=MATCHED, linewidth=1.4, linestyle=line, label=f"locus {k + 1}"
         )
-    axes.add_patch(Circle((-1, 0), asked, facecolor="#EEEEEE", edgecolor=LIMIT, linestyle="--", linewidth=1.2))
+    axes.add_patch(Circle((-1, 0), required, facecolor="#EEEEEE", edgecolor=LIMIT, linestyle="--", linewidth=1.2))
     axes.plot(-1, 0, "+", color="#222222", markersize=10, markeredgewidth=1.6)
     axes.annotate("−1", (-1, 0), (4, 5), textcoords="offset points", fontsize=8)
     axes.set_aspect("equal")
@@ -85,8 +86,8 @@ def _loci(axes: Any, loci: np.ndarray, asked: float) -> None:
         axes.legend(fontsize=8, loc="lower right")
 
 
-def _followed(loci: np.ndarray) -> np.ndarray:
-    """Loci (f, u) with each column followed through from frequency to frequency."""
+def _continuous(loci: np.ndarray) -> np.ndarray:
+    """Loci (f, u) sorted so that each column is continuous over frequency."""
     out = loci.copy()
     for k in range(1, len(out)):
         _, order = linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))

@@ -12,7 +12,7 @@ from matching.report.common.style import MATCHED, RIG, VEHICLE
 from matching.report.modes.figures import Column, energy_figure
 from modelling.modal.modes import Mode
 
-HIGHEST = 1000.0  # Hz: above are poles of lags and of the dead time, which no one would call modes
+HIGHEST_HZ = 1000.0  # above are poles of lags and of the dead time, which are no modes of the drivetrain
 
 
 def match_modes_figure(result: MatchResult) -> Figure:
@@ -37,7 +37,7 @@ def columns(result: MatchResult) -> list[Column]:
             if aim is not None
         ]
         numbers = tuple(dict.fromkeys(mode.number for mode in shown if mode is not None))
-        low = [mode for mode in modes if mode.frequency <= HIGHEST]
+        low = [mode for mode in modes if mode.frequency <= HIGHEST_HZ]
         if not numbers:
             title += ", no target mode found: its first modes"
         if low:
@@ -53,5 +53,5 @@ def mode_of(entry: dict[str, Any]) -> Mode:
 
 def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
     """The mode of a symmetry whose frequency lies nearest."""
-    alike = [mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= HIGHEST]
+    alike = [mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= HIGHEST_HZ]
     return min(alike, key=lambda mode: abs(mode.frequency - frequency), default=None)

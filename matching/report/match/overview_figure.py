@@ -19,8 +19,8 @@ from matching.report.match.trace_figure import Signal, trace
 def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
     """Two responses on top, one signal and the target modes below."""
     with styled():
-        drawn = figure(8.0, 6.6)
-        cells = drawn.subplots(2, 2)
+        fig = figure(8.0, 6.6)
+        cells = fig.subplots(2, 2)
         for axes, index in zip(cells[0], _telling(result)):
             magnitude(axes, result, index)
             axes.set_ylabel(magnitude_label(result, result.case.compared[index]))
@@ -35,8 +35,8 @@ def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
         else:
             cells[1, 0].set_visible(False)
         _targets(cells[1, 1], result)
-        legend_above(drawn, cells[0, 0], 4, fontsize=8)
-    return drawn
+        legend_above(fig, cells[0, 0], 4, fontsize=8)
+    return fig
 
 
 def _telling(result: MatchResult) -> list[int]:

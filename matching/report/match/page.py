@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.frequency.search.result import MatchResult
+from matching.frequency.search.result import MatchResult, ParameterResult
 from matching.report.common.environment import embedded, environment
 from matching.report.common.mathml import LEGEND, equations
 from matching.report.common.style import RIG, VEHICLE
-from matching.report.common.wording import change, number, sentence
-from matching.report.match.checks import checks, needs
+from matching.report.common.wording import amount, change, component, number, sentence
+from matching.report.match.checks import checks, needs, wrong_values
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
@@ -20,21 +20,25 @@ from modelling.bed.loop import HARDWARE
 from modelling.model.system import System
 
 DEAD_TIME = (
-    "Whatever a controller commands acts one dead time later, so it can only answer what it foresees for that long; a "
-    "torque that steps at an unforeseeable moment is answered late by anyone. The bound is the error of the best "
+    "A command acts one dead time after it is given, so a controller can only act on what it predicts for that time; a "
+    "torque that steps at an unforeseeable moment is always answered late. The lower bound is the error of the best "
     "command that knows every state and every measured torque but nothing of the future."
 )
+SAME_RELATIVE = 1e-9  # values that differ by no more count as equal
+NEAR_BEST = 0.01  # relative: starts that end this near to the best objective count as agreeing
+MOST_POINTS = 4  # of a list on the first screen
 
 
-def page(result: MatchResult, drawn: Mapping[str, bytes]) -> str:
-    """The page.
+def page(result: MatchResult, images: Mapping[str, bytes]) -> str:
+    """The page as HTML.
 
     Parameters
     ----------
-    drawn : mapping of str to bytes
+    result : MatchResult
+    images : mapping of str to bytes
         Figures by the names of :func:`matching.report.match.figures.figures`, as SVG or PNG.
     """
-    return environment().get_template("match.html").render(context(result, drawn))
+    return environment().get_template("match.html").render(context(result, images))
 
 
 def summary_html(result: MatchResult) -> str:
@@ -49,8 +53,8 @@ def summary_html(result: MatchResult) -> str:
     return environment().from_string(template).render(values)
 
 
-def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
-    """What the template shows."""
+def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
+    """Values of the template."""
     tuned, error = result.tuned, result.response_error
     return {
         "title": result.case.title or "Match of a test bed to a vehicle",
@@ -63,43 +67,82 @@ def context(result: MatchResult, drawn: Mapping[str, bytes]) -> dict[str, Any]:
         "band": f"{number(error.band[0])}–{number(error.band[1])} Hz",
         "measured_note": _measured_note(result),
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
-        "honest": [*_honest(result), DEAD_TIME],
-        "adapters": [
-            own.to_dict() | {"change": change(own.start, own.tuned)}
-            for own in result.parameters
-            if own.name.startswith("rig.")
-        ],
+        "explanations": [*_explanations(result), DEAD_TIME],
+        "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in _adapters(result)],
+        "to_order": _to_order(result),
+        "to_watch": _to_watch(result),
         "needs": needs(result),
-        "manoeuvre": sentence([_manoeuvre(name, own) for name, own in tuned.manoeuvre.items()]),
+        "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in tuned.manoeuvre.items()]),
         "structure": tuned.loop.structure.name,
-        "twin": tuned.loop.structure.has_feed_forward,
+        "has_feed_forward": tuned.loop.structure.has_feed_forward,
         **_loop(result),
         "residual": _residual(result),
-        "frozen": [own for own in result.parameters if own.frozen],
+        "frozen": [row for row in result.parameters if row.frozen],
         "checks": checks(result),
-        "found": _found(result),
-        "swinging": _swinging(result),
-        "figures": {name: embedded(content) for name, content in drawn.items()},
+        "search": _search(result),
+        "animations": _animations(result),
+        "figures": {name: embedded(image) for name, image in images.items()},
         "captions": CAPTIONS,
         **_equations(result),
     }
 
 
-def _swinging(result: MatchResult) -> list[str]:
-    """Target modes of the vehicle, and the modes of the free rig that come nearest, as moving drawings."""
-    drawn = []
+def _adapters(result: MatchResult) -> list[ParameterResult]:
+    return [row for row in result.parameters if row.name.startswith("rig.")]
+
+
+def _to_order(result: MatchResult) -> list[str]:
+    """What to order, in short."""
+    adapters = _adapters(result)
+    changed = [row for row in adapters if abs(row.tuned - row.start) > SAME_RELATIVE * abs(row.start)]
+    orders = [
+        f"{component(row.name)}: {amount(row.tuned, row.unit)} instead of {amount(row.start, row.unit)}"
+        + (" (at its bound)" if row.at_bound else "")
+        for row in changed[:MOST_POINTS]
+    ]
+    if adapters and not changed:
+        orders = ["adapters as planned: no change of them helps"]
+    return orders or ["adapters as planned: none was allowed to change"]
+
+
+def _to_watch(result: MatchResult) -> list[str]:
+    """What limits the match or may spoil it, most important first."""
+    points = list(result.limits[1:])
+    points += [f"check failed: {check.what}: {check.outcome}" for check in checks(result) if not check.holds]
+    error = result.response_error
+    if _measured(result):
+        points.append(
+            f"response error {number(error.after, 2)} holds for measured torques; for unmeasured ones it is "
+            f"{number(error.unmeasured, 2)}"
+        )
+    wrong = wrong_values(result)
+    unstable = [f"{row.name} {row.off}" for row in wrong if not row.stable]
+    if unstable:
+        points.append(f"the loop becomes unstable with {sentence(unstable[:MOST_POINTS])}")
+    known = [row for row in wrong if row.stable and row.error is not None]
+    worst = max(known, key=lambda row: row.error or 0.0, default=None)
+    if worst is not None and (worst.error or 0.0) > error.after:
+        points.append(
+            f"{component(worst.name)} must be known best: {worst.off} makes the response error {number(worst.error, 2)}"
+        )
+    return points[:MOST_POINTS] or ["nothing: every check passed"]
+
+
+def _animations(result: MatchResult) -> list[str]:
+    """Target modes of the vehicle, and the nearest modes of the rig without control, as moving drawings."""
+    drawings = []
     for target in result.targets:
-        own = next(mode for mode in result.vehicle_modes if mode.number == target.vehicle_mode)
-        there = None if target.rig is None else nearest(result.rig_modes, target.rig, own.symmetry)
-        pairs = [("Vehicle", own, VEHICLE), ("Rig", there, RIG)]
-        drawn += [ModeAnimation(mode, colour, title).svg for title, mode, colour in pairs if mode and mode.shape]
-    return drawn
+        of_vehicle = next(mode for mode in result.vehicle_modes if mode.number == target.vehicle_mode)
+        of_rig = None if target.rig is None else nearest(result.rig_modes, target.rig, of_vehicle.symmetry)
+        pairs = [("Vehicle", of_vehicle, VEHICLE), ("Rig", of_rig, RIG)]
+        drawings += [ModeAnimation(mode, colour, title).svg for title, mode, colour in pairs if mode and mode.shape]
+    return drawings
 
 
 def _measured(result: MatchResult) -> list[str]:
     """Compared inputs whose torque the feed-forward takes as measured."""
     loop = result.tuned.loop
-    simulated = [own.name for part in result.tuned.residual_vehicle.parts for own in part.inputs]
+    simulated = [source.name for part in result.tuned.residual_vehicle.parts for source in part.inputs]
     measured = loop.structure.measured_inputs(loop.measured, simulated)
     compared = dict.fromkeys(pair.input for pair in result.case.compared)
     return [name for name in compared if name in measured]
@@ -110,17 +153,17 @@ def _measured_note(result: MatchResult) -> str:
     return f"{sentence([name.replace('_', ' ') for name in names])} measured" if names else "feedback alone"
 
 
-def _honest(result: MatchResult) -> list[str]:
+def _explanations(result: MatchResult) -> list[str]:
     names = _measured(result)
     error = result.response_error
     if not names:
-        return ["No torque is measured for feed-forward: all of this is done by feedback alone."]
+        return ["No torque is measured for a feed-forward: these errors are those of feedback alone."]
     return [
         f"Measured torques ({sentence([name.replace('_', ' ') for name in names])}) reach the feed-forward, "
         f"a model of rig and vehicle that predicts across the dead time: error {number(error.after, 3)}. "
         "To an unmeasured torque, such as a brake on the shaft or a torque the model lacks, the rig reacts by "
-        f"feedback alone: error {number(error.unmeasured, 3)}. Both are true of this rig; which one counts depends on "
-        "where the torque comes from."
+        f"feedback alone: error {number(error.unmeasured, 3)}. Both errors are true of this rig; which one counts "
+        "depends on where the torque comes from."
     ]
 
 
@@ -140,39 +183,39 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
     rows = []
     for part in result.tuned.residual_vehicle.parts:
         for name, quantity in part.parameters.items():
-            own = result.case.vehicle.parameters[name].value
-            if quantity.value == 0 and own == 0:
+            in_vehicle = result.case.vehicle.parameters[name].value
+            if quantity.value == 0 and in_vehicle == 0:
                 continue
-            moved = abs(quantity.value - own) > 1e-9 * abs(own)
-            rows.append(
-                {"name": name, "value": quantity.value, "unit": part.units[name], "vehicle": own, "moved": moved}
-            )
+            moved = abs(quantity.value - in_vehicle) > SAME_RELATIVE * abs(in_vehicle)
+            row = {"name": name, "value": quantity.value, "unit": part.units[name], "vehicle": in_vehicle}
+            rows.append(row | {"moved": moved})
     return rows
 
 
-def _manoeuvre(name: str, own: Any) -> str:
-    return f"{own.kind.replace('_', '-')} of {number(own.amplitude)} N·m on {name.replace('_', ' ')}"
+def _manoeuvre(name: str, torque: Any) -> str:
+    return f"{torque.kind.replace('_', '-')} of {number(torque.amplitude)} N·m on {name.replace('_', ' ')}"
 
 
-def _found(result: MatchResult) -> str:
-    good = [value for value in result.starts if value is not None]
-    if not good:
-        return f"Found in {number(result.seconds, 2)} s."
-    best = min(good)
-    near = sum(value <= best * 1.01 + 1e-12 for value in good)
+def _search(result: MatchResult) -> str:
+    stable = [value for value in result.starts if value is not None]
+    if not stable:
+        return f"The search took {number(result.seconds, 2)} s."
+    best = min(stable)
+    agreeing = sum(value <= best * (1 + NEAR_BEST) + 1e-12 for value in stable)
     return (
-        f"Found in {number(result.seconds, 2)} s from {len(result.starts)} starts, of which {len(good)} ended in a "
-        f"stable loop and {near} within 1 % of the best."
+        f"The search took {number(result.seconds, 2)} s and {len(result.starts)} starts, of which {len(stable)} ended "
+        f"in a stable loop and {agreeing} within 1 % of the best."
     )
 
 
 def _equations(result: MatchResult) -> dict[str, Any]:
     systems: list[tuple[str, System]] = [("Vehicle", result.case.vehicle), ("Rig", result.case.rig)]
     parts = result.case.residual_vehicle.parts
-    systems += [("Residual vehicle" + (f", part {k}" if len(parts) > 1 else ""), own) for k, own in enumerate(parts, 1)]
-    shown = []
+    for place, part in enumerate(parts, 1):
+        systems.append(("Residual vehicle" + (f", part {place}" if len(parts) > 1 else ""), part))
+    blocks = []
     for title, system in systems:
-        found = equations(system)
-        lines = [line for key in ("T", "V", "D", "motion") for line in found[key]]
-        shown.append({"title": f"{title}: {system.title}" if system.title else title, "lines": lines})
-    return {"equations": shown, "legend": LEGEND}
+        written = equations(system)
+        lines = [line for key in ("T", "V", "D", "motion") for line in written[key]]
+        blocks.append({"title": f"{title}: {system.title}" if system.title else title, "lines": lines})
+    return {"equations": blocks, "legend": LEGEND}

@@ -1,4 +1,4 @@
-"""Tuned quantities within their bounds, and how dear a change of each was."""
+"""Figure of the tuned quantities between their bounds, and of the weight on a change of each."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from matching.report.common.wording import number, unit
 
 
 def quantity_figure(result: MatchResult) -> Figure:
-    """A bar from bound to bound for every quantity that might move, with start, tuned value and price of change."""
+    """A bar from bound to bound for every quantity that was allowed to move, with start, tuned value and weight."""
     rows = result.parameters
     with styled():
-        drawn = figure(12.4, 1.2 + 0.36 * max(len(rows), 1))
-        bars, prices = drawn.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
+        fig = figure(12.4, 1.2 + 0.36 * max(len(rows), 1))
+        bars, weights = fig.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
         for place, row in enumerate(rows):
             _bar(bars, place, row)
-            prices.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
-            prices.annotate(
+            weights.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
+            weights.annotate(
                 number(row.weight, 2),
                 (row.weight, place),
                 (3, 0),
@@ -33,14 +33,14 @@ def quantity_figure(result: MatchResult) -> Figure:
         bars.set_xlim(-0.22, 1.22)
         bars.set_xticks([0, 0.5, 1], ["lower bound", "middle", "upper bound"])
         bars.grid(False, axis="y")
-        prices.grid(False, axis="y")
-        prices.set_xlabel("Price of change (weight)")
-        prices.tick_params(left=False)
-        prices.margins(x=0.2)
+        weights.grid(False, axis="y")
+        weights.set_xlabel("Weight on a change")
+        weights.tick_params(left=False)
+        weights.margins(x=0.2)
         handles, labels = bars.get_legend_handles_labels()
         unique = dict(zip(labels, handles))
-        drawn.legend(list(unique.values()), list(unique), loc="outside upper center", ncols=4)
-    return drawn
+        fig.legend(list(unique.values()), list(unique), loc="outside upper center", ncols=4)
+    return fig
 
 
 def _bar(axes: Any, place: int, row: ParameterResult) -> None:
@@ -66,7 +66,7 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
         else {"label": "tuned", "markerfacecolor": MATCHED, "marker": "D"}
     )
     if row.frozen:
-        marker = {"label": "stays, needs no identification", "markerfacecolor": "white", "marker": "D"}
+        marker = {"label": "not moved, need not be identified accurately", "markerfacecolor": "white", "marker": "D"}
     axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
     axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=7.5)
     axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=7.5)

@@ -24,8 +24,8 @@ def response_figure(result: MatchResult) -> Figure:
     across = min(len(compared), _ACROSS)
     down = -(-len(compared) // across)
     with styled():
-        drawn = figure(0.8 + 3.9 * across, 0.6 + 3.9 * down)
-        cells = drawn.subplots(2 * down, across, squeeze=False, sharex=True, height_ratios=[2, 1] * down)
+        fig = figure(0.8 + 3.9 * across, 0.6 + 3.9 * down)
+        cells = fig.subplots(2 * down, across, squeeze=False, sharex=True, height_ratios=[2, 1] * down)
         for number_, pair in enumerate(compared):
             row, column = divmod(number_, across)
             upper, lower = cells[2 * row, column], cells[2 * row + 1, column]
@@ -39,12 +39,12 @@ def response_figure(result: MatchResult) -> Figure:
             row, column = divmod(spare, across)
             cells[2 * row, column].set_visible(False)
             cells[2 * row + 1, column].set_visible(False)
-        legend_above(drawn, cells[0, 0])
-    return drawn
+        legend_above(fig, cells[0, 0])
+    return fig
 
 
 def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
-    """Responses (f,) of a compared function by what answers; without those that have no path."""
+    """Responses (f,) of a compared function by system; without those that have no path."""
     named = {name: getattr(result.curves, name)[:, index] for name in LINES}
     if np.array_equal(named["unmeasured"], named["matched"]):
         del named["unmeasured"]  # without feed-forward the rig reacts to all torques alike
@@ -73,7 +73,7 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
 
 
 def phase(axes: Any, result: MatchResult, index: int) -> None:
-    """Phase of one compared function, by whole turns as near to the vehicle's as may be."""
+    """Phase of one compared function, shifted by multiples of 360° to lie near the vehicle's."""
     f = result.curves.frequencies
     band = result.response_error.band
     inside = (f >= band[0]) & (f <= band[1])
@@ -87,7 +87,7 @@ def phase(axes: Any, result: MatchResult, index: int) -> None:
 
 
 def shade(axes: Any, band: tuple[float, float]) -> None:
-    """The band that is matched."""
+    """Shade the matched band."""
     axes.axvspan(*band, color=BAND, zorder=0, linewidth=0)
 
 

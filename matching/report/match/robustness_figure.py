@@ -1,4 +1,4 @@
-"""What must be known how well: the response error when one value is off."""
+"""Figure of the response error when one value is wrong: how accurately each must be known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matching.report.common.wording import number
 
 @dataclass(frozen=True)
 class Wrong:
-    """A value that is off: what and by how much, the response error then (None: unknown), whether it is stable."""
+    """A wrong value: its name, its deviation, the response error it causes (None: unknown), stability, margin."""
 
     name: str
     off: str
@@ -23,13 +23,13 @@ class Wrong:
 
 
 def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Figure:
-    """Bars from the error as matched to the error with one value off, the worst on top; unstable ones are hatched."""
+    """Bars from the error as matched to the error with one value wrong, the largest on top; unstable ones hatched."""
     names = list(dict.fromkeys(row.name for row in rows))
     worst = {name: max(_rank(row, error) for row in rows if row.name == name) for name in names}
     names = sorted(names, key=lambda name: -worst[name])[:most]
     with styled():
-        drawn = figure(12.4, 1.3 + 0.34 * max(len(names), 1))
-        axes = drawn.subplots()
+        fig = figure(12.4, 1.3 + 0.34 * max(len(names), 1))
+        axes = fig.subplots()
         top = max([error, *(row.error for row in rows if row.error is not None and row.stable)]) * 1.25
         for place, name in enumerate(names):
             own = sorted((row for row in rows if row.name == name), key=lambda row: row.off.startswith("+"))
@@ -50,8 +50,8 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, top * 1.12)
         axes.grid(False, axis="y")
-        axes.set_xlabel(f"Response error with one value off (dashed: as matched, {number(error, 2)})")
-    return drawn
+        axes.set_xlabel(f"Response error with one value wrong (dashed: as matched, {number(error, 2)})")
+    return fig
 
 
 _TINTS = (MATCHED, "#99D8C7")

@@ -12,15 +12,15 @@ from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
 from modelling.bed.structures import STRUCTURES
 
-MOST = 20
+MOST_LINES, MOST_TARGETS, MOST_NEEDS, MOST_NAMES = 20, 4, 4, 3  # of the summary for a terminal
 
 
 def content(result: MatchResult) -> dict[str, Any]:
     """The content of ``result.json``: the result, what was ``asked`` for, what the manoeuvre ``needs``."""
-    own = result.to_dict()
+    entries = result.to_dict()
     if not math.isfinite(result.objective):  # no start ended within the limits
-        own["objective"] = None
-    return own | {"asked": dict(result.case.limits), "needs": [vars(need) for need in needs(result)]}
+        entries["objective"] = None
+    return entries | {"asked": dict(result.case.limits), "needs": [vars(need) for need in needs(result)]}
 
 
 def answer(result: Mapping[str, Any]) -> str:
@@ -29,63 +29,76 @@ def answer(result: Mapping[str, Any]) -> str:
     before, after = error["before"], number(error["after"], 2)
     fall = f"is {after}" if before is None else f"falls from {number(before, 2)} to {after}"
     if result["status"] == "matched":
-        aims = sentence([f"{hertz(target['vehicle'])} Hz" for target in result["targets"]])
+        frequencies = sentence([f"{hertz(target['vehicle'])} Hz" for target in result["targets"]])
         mode = "mode" if len(result["targets"]) == 1 else "modes"
         return (
-            f"The rig answers like the vehicle: it shows the target {mode} at {aims} within tolerance, "
+            f"The rig reproduces the vehicle's response: it has the target {mode} at {frequencies} within tolerance, "
             f"and its response error over {_band(error)} {fall}."
         )
     first = result["limits"][0] if result["limits"] else "a check fails"
     first = first[:1].lower() + first[1:] if first[1:2].islower() else first
-    return f"The rig cannot be made to answer like the vehicle within these bounds: {first.rstrip('.')}."
+    return f"The rig cannot reproduce the vehicle's response within these bounds: {first.rstrip('.')}."
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result for a terminal, at most twenty lines."""
-    error, asked = result["response_error"], result.get("asked", {})
+    """The result for a terminal, at most twenty lines: the answer, what limits it, targets and errors, what moved."""
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
-    body = [_target(target) for target in result["targets"][:4]]
-    free = "" if error["before"] is None else f", free rig {number(error['before'], 3)}"
-    alone = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
-    if not STRUCTURES[result["structure"]].has_feed_forward:  # feedback answers all torques alike
-        alone = ""
-    body.append(
-        f"error {_band(error)}: {number(error['after'], 3)} matched{free}{alone}; "
-        f"dead time leaves {number(error['bound'], 3)} sampled, {number(error['bound_unsampled'], 3)} unsampled"
-    )
-    if fidelity := result.get("fidelity"):
-        body.append(fidelity_line(fidelity))
-    margin = f" (asked {number(asked['modulus_margin'], 3)})" if "modulus_margin" in asked else ""
-    body.append(
-        f"loop {'stable' if result['stable'] else 'NOT STABLE'}, modulus margin {number(result['modulus_margin'], 3)}"
-        f"{margin}, slowest pole {number(result['spectral_abscissa'], 3)} 1/s"
-    )
-    body += _needed(result.get("needs", []))[:4]
-    tail = [f"also: {limit}" for limit in result["limits"][1:3]]
-    frozen = [component(own["name"]) for own in result["parameters"] if own["frozen"]]
-    if frozen:
-        more = f" and {len(frozen) - 3} more" if len(frozen) > 3 else ""
-        tail.append(f"needs no identification: {'; '.join(frozen[:3])}{more}")
-    moved = [own for own in result["parameters"] if not own["frozen"] and own["tuned"] != own["start"]]
-    moved.sort(key=lambda own: -abs(own["tuned"] - own["start"]) / (own["upper"] - own["lower"]))
-    room = max(0, MOST - len(head) - len(body) - len(tail))
-    checked = result.get("verification", {}).get("notes", [])
-    told = [f"note: {note}" for note in result.get("notes", []) if note not in checked]  # where there is room
-    return "\n".join([*head, *body, *(_moved(own) for own in moved[:room]), *tail, *told][:MOST])
+    head += [f"also: {limit}" for limit in result["limits"][1:3]]
+    body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
+    body += [_errors(result), *_fidelity(result), _loop(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
+    tail = _not_moved(result["parameters"])
+    moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]
+    moved.sort(key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
+    room = max(0, MOST_LINES - len(head) - len(body) - len(tail))
+    of_checks = result.get("verification", {}).get("notes", [])
+    notes = [f"note: {note}" for note in result.get("notes", []) if note not in of_checks]  # where there is room
+    return "\n".join([*head, *body, *(_moved(row) for row in moved[:room]), *tail, *notes][:MOST_LINES])
 
 
 def _band(error: Mapping[str, Any]) -> str:
     return f"{number(error['band'][0])}–{number(error['band'][1])} Hz"
 
 
+def _errors(result: Mapping[str, Any]) -> str:
+    error = result["response_error"]
+    before = "" if error["before"] is None else f", rig without control {number(error['before'], 3)}"
+    unmeasured = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
+    if not STRUCTURES[result["structure"]].has_feed_forward:  # the same for all torques
+        unmeasured = ""
+    return (
+        f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
+        f"the dead time {number(error['bound'], 3)} sampled, {number(error['bound_unsampled'], 3)} without sampling"
+    )
+
+
+def _fidelity(result: Mapping[str, Any]) -> list[str]:
+    fidelity = result.get("fidelity")
+    return [fidelity_line(fidelity)] if fidelity else []
+
+
+def _loop(result: Mapping[str, Any]) -> str:
+    limits = result.get("asked", {})
+    required = f" (required {number(limits['modulus_margin'], 3)})" if "modulus_margin" in limits else ""
+    return (
+        f"loop {'stable' if result['stable'] else 'NOT STABLE'}, modulus margin {number(result['modulus_margin'], 3)}"
+        f"{required}, slowest pole {number(result['spectral_abscissa'], 3)} 1/s"
+    )
+
+
 def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
     """One line for each dynamometer and shaft."""
-    by_place: dict[str, list[str]] = {}
+    by_component: dict[str, list[str]] = {}
     for need in rows:
-        allowed = f" of {practical(need['limit'], need['unit'])}" if need["limit"] else ""
-        place = component(need["what"].rsplit(".", 1)[0])
-        by_place.setdefault(place, []).append(f"{practical(need['peak'], need['unit'])}{allowed}")
-    return [f"{place} needs {sentence(parts)}" for place, parts in by_place.items()]
+        limit = f" of {practical(need['limit'], need['unit'])}" if need["limit"] else ""
+        name = component(need["what"].rsplit(".", 1)[0])
+        by_component.setdefault(name, []).append(f"{practical(need['peak'], need['unit'])}{limit}")
+    return [f"{name} needs {sentence(parts)}" for name, parts in by_component.items()]
+
+
+def _not_moved(parameters: list[Mapping[str, Any]]) -> list[str]:
+    names = [component(row["name"]) for row in parameters if row["frozen"]]
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return [f"need not be identified accurately: {'; '.join(names[:MOST_NAMES])}{more}"] if names else []
 
 
 def _target(target: Mapping[str, Any]) -> str:
@@ -93,11 +106,11 @@ def _target(target: Mapping[str, Any]) -> str:
     return (
         f"mode {target['vehicle_mode']:<3}{side:13} vehicle {hertz(target['vehicle'])} Hz, "
         f"rig {hertz(target['rig'])}, matched {hertz(target['matched'])}, "
-        f"seen in simulation {hertz(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
+        f"from simulation {hertz(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
     )
 
 
-def _moved(own: Mapping[str, Any]) -> str:
-    much = ", ".join(filter(None, [change(own["start"], own["tuned"]), "at its bound" if own["at_bound"] else ""]))
-    moved = f"{own['name']}: {number(own['start'])} → {number(own['tuned'])} {unit(own['unit'])}".rstrip()
-    return f"{moved} ({much})" if much else moved
+def _moved(row: Mapping[str, Any]) -> str:
+    remarks = [change(row["start"], row["tuned"]), "at its bound" if row["at_bound"] else ""]
+    moved = f"{row['name']}: {number(row['start'])} → {number(row['tuned'])} {unit(row['unit'])}".rstrip()
+    return f"{moved} ({', '.join(filter(None, remarks))})" if any(remarks) else moved

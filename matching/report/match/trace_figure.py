@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import LIMIT, figure, styled
 
-CLOSE = 1.2  # s after the beginning: some periods of a shuffle
+CLOSE_UP_S = 1.2  # after the beginning: some periods of a shuffle
+NEAR_LIMIT = 0.6  # share of a limit from which it is drawn
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Signal:
     time : ndarray (t,)
         s.
     curves : mapping of str to ndarray (t,)
-        By what answers: ``vehicle``, ``rig``, ``matched``, ``unmeasured``.
+        By system: ``vehicle``, ``rig``, ``matched``, ``unmeasured``.
     limit : float, optional
         Largest amount allowed.
     """
@@ -39,23 +40,23 @@ class Signal:
 
 
 def trace_figure(signals: Sequence[Signal], begins: float) -> Figure:
-    """Every signal over time: the whole manoeuvre on the left, what follows its beginning (s) close up on the right."""
+    """Every signal over time: the whole manoeuvre on the left, a close-up of its beginning (s) on the right."""
     with styled():
-        drawn = figure(12.4, 0.7 + 1.75 * len(signals))
-        rows = drawn.subplots(len(signals), 2, squeeze=False, sharex="col", width_ratios=[1.5, 1])
+        fig = figure(12.4, 0.7 + 1.75 * len(signals))
+        rows = fig.subplots(len(signals), 2, squeeze=False, sharex="col", width_ratios=[1.5, 1])
         for (whole, close), signal in zip(rows, signals):
             trace(whole, signal)
-            trace(close, signal, (begins - 0.1, begins + CLOSE))
+            trace(close, signal, (begins - 0.1, begins + CLOSE_UP_S))
             close.set_ylabel("")
         for axes in rows[-1]:
             axes.set_xlabel("Time in s")
         first = max(range(len(signals)), key=lambda i: len(signals[i].curves))
-        legend_above(drawn, rows[first, 0])
-    return drawn
+        legend_above(fig, rows[first, 0])
+    return fig
 
 
 def trace(axes: Any, signal: Signal, window: tuple[float, float] | None = None) -> None:
-    """One signal, of a window (s) if given; how near it comes to its limit."""
+    """One signal, within a window (s) if there is one, and its peak as a share of its limit."""
     inside = np.ones(len(signal.time), bool)
     if window is not None:
         inside = (signal.time >= window[0]) & (signal.time <= window[1])
@@ -65,17 +66,17 @@ def trace(axes: Any, signal: Signal, window: tuple[float, float] | None = None) 
     axes.set_xlim(time[0], time[-1])
     axes.set_ylabel(signal.label)
     axes.set_title(signal.title, fontsize=9)
-    followed = [values for name, values in signal.curves.items() if name != "rig"] or list(signal.curves.values())
-    low, high = min(values[inside].min() for values in followed), max(values[inside].max() for values in followed)
+    relevant = [values for name, values in signal.curves.items() if name != "rig"] or list(signal.curves.values())
+    low, high = min(values[inside].min() for values in relevant), max(values[inside].max() for values in relevant)
     room = 0.08 * (high - low) or 1.0
-    axes.set_ylim(low - room, high + room)  # a free rig may run away from the picture
+    axes.set_ylim(low - room, high + room)  # a rig without control may leave the picture
     if signal.limit is None or window is not None:
         return
-    share = max(float(np.abs(values).max()) for values in followed) / signal.limit
+    share = max(float(np.abs(values).max()) for values in relevant) / signal.limit
     axes.annotate(
-        f"peak {100 * share:.0f} % of what is allowed", (0.98, 0.04), xycoords="axes fraction", fontsize=8, ha="right"
+        f"peak {100 * share:.0f} % of the limit", (0.98, 0.04), xycoords="axes fraction", fontsize=8, ha="right"
     )
-    if share > 0.6:
+    if share > NEAR_LIMIT:
         for side in (-signal.limit, signal.limit):
             axes.axhline(side, color=LIMIT, linestyle="--", linewidth=1.2)
         axes.set_ylim(*_reaching(low - room, high + room, signal.limit))
@@ -83,4 +84,4 @@ def trace(axes: Any, signal: Signal, window: tuple[float, float] | None = None) 
 
 def _reaching(low: float, high: float, limit: float) -> tuple[float, float]:
     """The range, widened to the limits that the signal comes near."""
-    return (-1.08 * limit if low < -0.6 * limit else low, 1.08 * limit if high > 0.6 * limit else high)
+    return (-1.08 * limit if low < -NEAR_LIMIT * limit else low, 1.08 * limit if high > NEAR_LIMIT * limit else high)
