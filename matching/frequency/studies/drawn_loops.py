@@ -165,7 +165,9 @@ class Loops:
 
 
 def determinant(D: np.ndarray) -> np.ndarray:
-    """Of matrices (…, k, k) with one or two rows."""
+    """Of matrices (…, k, k); one and two rows are written out, which is faster."""
+    if D.shape[-1] > 2:
+        return np.linalg.det(D)
     return D[..., 0, 0] if D.shape[-1] == 1 else D[..., 0, 0] * D[..., 1, 1] - D[..., 0, 1] * D[..., 1, 0]
 
 
@@ -177,7 +179,9 @@ def _valleys(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _distance(D: np.ndarray) -> np.ndarray:
-    """Least singular values of matrices (…, k, k) with one or two rows: from trace and determinant of DᴴD."""
+    """Least singular values (…,) of matrices (…, k, k); up to two rows from trace and determinant of DᴴD."""
+    if D.shape[-1] > 2:
+        return np.linalg.svd(D, compute_uv=False)[..., -1]
     square = np.sum(np.abs(D) ** 2, axis=(-2, -1))
     if D.shape[-1] == 1:
         return np.sqrt(square)
