@@ -1,29 +1,33 @@
-"""Units of budgets and fidelity cases: what a unit string means in SI, by pint."""
+"""Units of any quantity, as budgets and fidelity cases have them: what a unit's text means in SI."""
 
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from modelling.common.errors import InputError
-from modelling.units.quantities import factor
-from modelling.units.registry import pint_spelling, registry
+from modelling.units.registry import registry
+from modelling.units.spelling import Powers, SpellingError, parse
 
-# Towers such as m^9^9^9 keep pint's arithmetic busy for ever.
-_TOWER = re.compile(r"(\^|\*\*)\s*[(\d.\s-]*(\^|\*\*)|(\^|\*\*)\s*\(?-?\d\d")
+_EXAMPLES = "write it like N*m, 1/min, degC, nm or %"
+_OFFSET_UNITS = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}  # in a product: a difference
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as an affine map into SI: ``si = scale * x + offset`` (the offset is for °C alone)."""
+    """A unit as an affine map into SI: ``si = scale * x + offset`` (the offset is for °C and °F alone).
+
+    ``dimension`` is pint's, an angle being a plain number. ``counts`` says of a number of events per time whether it
+    counts ``"turns"`` (1/min, rpm: its SI value is in rad/s) or ``"cycles"`` (Hz); else it is empty.
+    """
 
     text: str
     scale: float
     offset: float
     dimension: Any
+    counts: str = ""
 
     def value_to_si(self, value: Any) -> Any:
         """A value in this unit as SI."""
@@ -47,34 +51,73 @@ def _unit(text: str) -> Unit:
     units = registry()
     if text.strip() in ("", "1", "-"):
         return Unit("1", 1.0, 0.0, units.dimensionless.dimensionality)
-    parsed = units.Unit(pint_spelling(text))
-    zero, one = (float(units.Quantity(value, parsed).to_base_units().magnitude) for value in (0.0, 1.0))
-    return Unit(text, one - zero, zero, parsed.dimensionality)
+    powers = parse(text)
+    if len(powers) == 1 and powers[0][0] in _OFFSET_UNITS and powers[0][1] == 1:
+        zero, one = (float(units.Quantity(value, powers[0][0]).to_base_units().magnitude) for value in (0.0, 1.0))
+        return Unit(text, one - zero, zero, units.Unit(powers[0][0]).dimensionality)
+    product = units.Quantity(1.0, "dimensionless")
+    for name, exponent in powers:
+        product = product * units.Quantity(1.0, _OFFSET_UNITS.get(name, name)) ** exponent
+    base = product.to_base_units()
+    counts = _counts(powers, base.dimensionality)
+    scale = float(base.magnitude) * (2 * math.pi if counts == "turns" and "turn" not in dict(powers) else 1.0)
+    return Unit(text, scale, 0.0, base.dimensionality, counts)
+
+
+def _counts(powers: Powers, dimension: Any) -> str:
+    """What a number per time counts.
+
+    Raises
+    ------
+    SpellingError
+        If it leaves open whether it counts turns, radians or cycles, as 1/s and 1/h do.
+    """
+    units = registry()
+    rates = {units.hertz.dimensionality: 1, (units.hertz**2).dimensionality: 2}
+    if dimension not in rates:
+        return ""
+    names = {name for name, _ in powers}
+    if "turn" in names:
+        return "turns"
+    if not all(units.Unit(name).dimensionality == units.second.dimensionality for name in names):
+        if dict(powers).get("becquerel") or any("hertz" not in n and _is_rate(n) for n in names):
+            raise SpellingError("is no speed and no frequency")
+        return "cycles" if any("hertz" in name for name in names) else ""
+    if "minute" in names:
+        return "turns"
+    raise SpellingError("leaves open whether it counts turns, radians or cycles; write 1/min, rad/s or Hz")
+
+
+def _is_rate(name: str) -> bool:
+    """Whether a unit by itself is a number per time, as Bq and Ci are."""
+    return bool(registry().Unit(name).dimensionality == registry().hertz.dimensionality)
 
 
 def unit_of(text: Any, where: str) -> Unit:
-    """The unit a text names; no text at all is a plain number.
+    """The unit that a text names; no text at all is a plain number. 1/min counts turns, as on every test bed.
 
     Raises
     ------
     InputError
-        The text is no unit pint knows.
+        If the text is no unit, or leaves open whether it counts turns, radians or cycles.
     """
     if not isinstance(text, str):
         raise InputError(where, f"a unit must be text, not {text!r}", 'for example unit = "N*m"')
-    if len(text) > 60 or _TOWER.search(text):
-        raise InputError(where, f"'{text[:60]}' is no unit", "write it like N*m, 1/min, degC, nm or %")
     try:
         return _unit(text)
-    except Exception as error:  # pint raises its own, Python's tokenizer's and arithmetic errors alike
-        raise InputError(where, f"unknown unit '{text}'", "write it like N*m, 1/min, degC, nm or %") from error
+    except SpellingError as error:
+        if "leaves open" in str(error):
+            raise InputError(where, f"unit '{text}' {error}") from None
+        raise InputError(where, f"unknown unit '{text[:60]}'", _EXAMPLES) from None
+    except Exception as error:  # pint raises its own and arithmetic errors alike
+        raise InputError(where, f"unknown unit '{text[:60]}'", _EXAMPLES) from error
 
 
 def signal_unit(text: Any, where: str) -> Unit:
-    """The unit of a signal: as ``unit_of``, but 1/min counts turns as on every test bed, and 1/s is refused for it."""
+    """The unit of a signal, as :func:`unit_of`, but Hz is refused: a speed in Hz could count radians or turns."""
     unit = unit_of(text, where)
-    if unit.dimension == unit_of("1/s", where).dimension:
-        return Unit(unit.text, factor(unit.text, "rad/s", where), 0.0, unit.dimension)
+    if unit.counts == "cycles":
+        raise InputError(where, f"{text!r} leaves open whether it counts radians or turns", "write rad/s or 1/min")
     return unit
 
 

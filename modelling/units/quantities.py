@@ -1,23 +1,20 @@
-"""Quantities with units → SI, by pint. Nothing else in rigmatch knows any unit but SI."""
+"""What each quantity may be written in, and values with units → SI.
+
+A quantity is named by its SI unit. It may be written in any product of units that measures the same and is built from
+the kinds of unit in ``_KINDS``: ``kN*mm/deg`` is a stiffness, ``eV/rad`` or ``N*m/%`` is not. Turns and radians are told
+apart: an angle that is left out is a radian (``N*m`` of a stiffness), beside minutes a turn (``1/min``), and where only
+a time is left (``1/s``, ``Hz`` of a speed) it is refused.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
 import re
-from typing import Any
-
-import pint
 
 from modelling.common.errors import InputError
-from modelling.units.registry import pint_spelling, registry
-
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
-_UNIT = re.compile(r"[A-Za-zµ°Ωω%·*/ ()²³⁻¹1-9^-]{1,60}")
-_TOWER = re.compile(r"\^\s*\(?-?\d\d|\^.{0,4}\^|\*\s*\*.{0,4}\*\s*\*|\*\*\s*\d\d")
-_SPEED = "rad/s"
-_AMBIGUOUS_SPEEDS = {"hz", "khz", "1/s", "s^-1", "1/second", "hertz"}
-
+from modelling.units.registry import registry
+from modelling.units.spelling import Powers, SpellingError, parse
 
 # SI unit of every quantity that stands in a table of a model file
 QUANTITY_UNITS = {
@@ -29,44 +26,89 @@ QUANTITY_UNITS = {
 }
 SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
 
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
+# The kind of every unit that a quantity of a model or case may be written in, by pint's name without prefix
+_KINDS = {
+    "newton": "force", "force_pound": "force", "force_kilogram": "force", "gram": "mass", "pound": "mass",
+    "meter": "length", "foot": "length", "inch": "length", "second": "time", "minute": "time", "hour": "time",
+    "radian": "angle", "degree": "angle", "turn": "angle", "arcminute": "angle", "arcsecond": "angle",
+    "hertz": "frequency", "watt": "power", "horsepower": "power", "metric_horsepower": "power",
+    "percent": "number", "permille": "number", "ppm": "number",
+}  # fmt: skip
+_TURN = 2 * math.pi  # rad
+_INERTIA = {"mass": 1, "length": 2}
+_AMBIGUOUS = "leaves open whether it counts radians or turns"
+
 
 @functools.lru_cache(maxsize=1024)
 def factor(unit: str, si: str, where: str = "") -> float:
-    """Factor that takes a value in ``unit`` to the SI unit ``si``.
-
-    ``1/min`` of a speed counts turns, as test beds write it; ``1/s`` and ``Hz`` of a speed could
-    mean radians or turns and are refused.
+    """Factor that takes a value in ``unit`` to the SI unit ``si``; no unit at all is SI.
 
     Raises
     ------
     InputError
-        If the unit is unknown or measures something else than ``si``.
+        If the unit is unknown, measures something else than ``si``, or leaves open whether it counts radians or turns.
     """
     text = unit.strip()
     if text == si or not text:
         return 1.0
-    if si == _SPEED:
-        compact = text.replace(" ", "").lower()
-        if compact in {"1/min", "min^-1", "min⁻¹", "u/min", "1/minute"}:
-            return 2 * math.pi / 60
-        if compact in _AMBIGUOUS_SPEEDS:
-            raise InputError(where, f"{text!r} leaves open whether it counts radians or turns", "write rad/s or 1/min")
     right = f"a unit like {si} is expected" if si != "1" else "a plain number is expected"
-    if not _UNIT.fullmatch(text) or _TOWER.search(text):
-        raise InputError(where, f"{text!r} is no unit", right)
-    units = registry()
     try:
-        parsed = units.parse_units(pint_spelling(text))
-        return float(units.Quantity(1.0, parsed).to(_pint_si(si)).magnitude)
-    except pint.DimensionalityError:
-        raise InputError(where, f"unit {text!r} does not fit", right) from None
-    except Exception:  # pint raises many kinds for text it cannot read
-        raise InputError(where, f"unknown unit {text!r}", right) from None
+        powers = parse("1" if text == "-" else text)
+    except SpellingError:
+        raise InputError(where, f"{_short(text)} is no unit", right) from None
+    kinds = [_kind(name) for name, _ in powers]
+    if "" in kinds or ("number" in kinds and (si != "1" or len(powers) > 1)):
+        raise InputError(where, f"unit {text!r} does not fit", right)
+    found, wanted = _signature(powers), _signature(parse(si))
+    scale = math.prod((_to_base(name) ** exponent for name, exponent in powers), start=1.0)
+    hours = any(name == "hour" for name, _ in powers)
+    if wanted == {"frequency": 1}:
+        scale *= _per_cycle(powers, found)
+        found = wanted if found in ({"time": -1}, {"angle": 1, "time": -1}) and not hours else found
+    elif "angle" not in found and (angle := wanted.get("angle")):
+        rest = {kind: exponent for kind, exponent in wanted.items() if kind != "angle"}
+        minutes = any(name == "minute" for name, _ in powers)
+        only_time = set(rest) <= {"time"} and set(found) <= {"time", "frequency"}
+        if only_time and not (minutes and found == rest):
+            raise InputError(where, f"{text!r} {_AMBIGUOUS}", f"write {si}" + " or 1/min" * (si == "rad/s"))
+        if found == rest and not hours:
+            scale, found = scale * (_TURN**angle if minutes else 1.0), wanted
+    elif wanted == _INERTIA and ("radian", found.get("angle")) in powers:
+        found = {kind: exponent for kind, exponent in found.items() if kind != "angle"}  # N·m·s²/rad, kg·m²/rad²
+    if found != wanted:
+        raise InputError(where, f"unit {text!r} does not fit", right)
+    return scale
+
+
+def _per_cycle(powers: Powers, signature: dict[str, int]) -> float:
+    """Cycles in the angle of a frequency: 1 for Hz and 1/s, 1/2π for rad/s, 1 for a turn that is left out in 1/min."""
+    return 1 / _TURN if signature == {"angle": 1, "time": -1} else 1.0
 
 
 @functools.cache
-def _pint_si(si: str) -> Any:
-    return registry().parse_units(si if si != "1" else "dimensionless")
+def _kind(name: str) -> str:
+    """Kind of a unit by pint's name with prefix; empty if no quantity is written in it."""
+    candidates = registry().parse_unit_name(name)
+    return _KINDS.get(candidates[0][1], "") if candidates else ""
+
+
+def _signature(powers: Powers) -> dict[str, int]:
+    """Exponents by kind; a force is mass·length/time², a plain number nothing."""
+    exponents: dict[str, int] = {}
+    for name, exponent in powers:
+        kind = _kind(name)
+        parts = {"mass": 1, "length": 1, "time": -2} if kind == "force" else {} if kind == "number" else {kind: 1}
+        for part, power in parts.items():
+            exponents[part] = exponents.get(part, 0) + power * exponent
+    return {kind: exponent for kind, exponent in exponents.items() if exponent}
+
+
+@functools.cache
+def _to_base(name: str) -> float:
+    """Value of one such unit in kg, m, s, rad, and 1."""
+    units = registry()
+    return float(units.Quantity(1.0, name).to_base_units().magnitude)
 
 
 def to_si(value: object, si: str, where: str) -> float:
