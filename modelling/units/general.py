@@ -80,7 +80,7 @@ def _counts(powers: Powers, dimension: Any) -> str:
     if "turn" in names:
         return "turns"
     if not all(units.Unit(name).dimensionality == units.second.dimensionality for name in names):
-        if dict(powers).get("becquerel") or any("hertz" not in n and _is_rate(n) for n in names):
+        if any("hertz" not in name and _is_rate(name) for name in names):
             raise SpellingError("is no speed and no frequency")
         return "cycles" if any("hertz" in name for name in names) else ""
     if "minute" in names:

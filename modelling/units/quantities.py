@@ -1,9 +1,9 @@
 """What each quantity may be written in, and values with units → SI.
 
 A quantity is named by its SI unit. It may be written in any product of units that measures the same and is built from
-the kinds of unit in ``_KINDS``: ``kN*mm/deg`` is a stiffness, ``eV/rad`` or ``N*m/%`` is not. Turns and radians are told
-apart: an angle that is left out is a radian (``N*m`` of a stiffness), beside minutes a turn (``1/min``), and where only
-a time is left (``1/s``, ``Hz`` of a speed) it is refused.
+the kinds of unit in ``_KINDS``: ``kN*mm/deg`` is a stiffness, ``eV/rad`` or ``N*m/%`` is not. Where the angle is left
+out it is a radian (``N*m`` of a stiffness) or, beside minutes, a turn (``1/min`` of a speed). Where it could be either
+(``1/s`` or ``Hz`` of a speed) the unit is refused.
 """
 
 from __future__ import annotations

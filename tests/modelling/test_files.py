@@ -84,7 +84,7 @@ SPOILED = {
     "unknown unit": (
         '"1.0 kg*m^2"', '"1.0 stone"', r"inertias\.load\.J: unit 'stone' does not fit|unknown unit 'stone'",
     ),
-    "nonsense unit": ('"1.0 kg*m^2"', '"1.0 blub"', r"inertias\.load\.J: unknown unit 'blub'; a unit like kg\*m\^2"),
+    "nonsense unit": ('"1.0 kg*m^2"', '"1.0 blub"', r"inertias\.load\.J: 'blub' is no unit; a unit like kg\*m\^2"),
     "unit of another dimension": ('"1.0 kg*m^2"', '"1.0 N*m"', r"unit 'N\*m' does not fit"),
     "unit tower": ('"1.0 kg*m^2"', '"1 9^9^9"', r"'9\^9\^9' is no unit"),
     "unit tower of metres": ('"1.0 kg*m^2"', '"1 m^9^9^9^9"', r"is no unit"),

@@ -81,7 +81,7 @@ def test_formula_with_anything_but_mathematics(formula):
     [
         ("measurand/unit", "N", "but the unit N is"),
         ("measurand/unit", "furlongs_per", "unknown unit"),
-        ("inputs/F/unit", "m^9^9^9^9", "is no unit"),
+        ("inputs/F/unit", "m^9^9^9^9", "unknown unit"),
         ("inputs/F/unit", 5, "must be text"),
         ("measurand/formula", "F + r", "cannot be added"),
         ("measurand/formula", "F*r*sin(F)", "must be a plain number"),

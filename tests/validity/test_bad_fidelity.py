@@ -133,7 +133,7 @@ def test_cases(tmp_path, changes, words):
             [f"{n / 100},{'' if 20 <= n <= 40 else n}" for n in range(200)],
             "0.22 s of values",
         ),
-        ("time [s],speed [1/s]", ["0,1", "1,2", "3,4"], "radians or turns"),
+        ("time [s],speed [1/s]", ["0,1", "1,2", "3,4"], "turns, radians or cycles"),
         ("time [s],torque [N*m]", ["0,1", "0.01,1"], "cut or resample both"),
         ("time [s],torque [N*m]", ["0,1", "0.01,1", "0.5,1"], "equal steps"),
         ("time [s]", ["0"], "fewer than two rows"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import sympy
 
 from modelling.common.errors import InputError
-from modelling.units import registry
+from modelling.units import Unit, registry, unit_of
 
 
 def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:
@@ -72,3 +75,49 @@ def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any
 def _exact(exponent: Any) -> float:
     value = float(exponent)
     return int(value) if value == int(value) else value
+
+
+def check_turns(expression: Any, units: Mapping[str, Unit], result: Unit, where: str) -> None:
+    """Check that a formula converts between turns, cycles and radians exactly once.
+
+    A speed in 1/min is taken in rad/s, so a factor 2·pi beside it would count it twice; a frequency in Hz is a number
+    of cycles, so a torque times it is a power only with that factor.
+
+    Raises
+    ------
+    InputError
+        Naming the input.
+    """
+    for product in expression.atoms(sympy.Mul):
+        factors = {factor.base if factor.is_Pow else factor for factor in product.args}
+        counted = {units[symbol.name].counts: symbol for symbol in factors if symbol.is_Symbol}
+        if "turns" in counted and sympy.pi in factors:
+            name = counted["turns"].name
+            raise InputError(
+                where,
+                f"multiplies {name} by pi, but {name} in {units[name].text} is taken in rad/s already",
+                f"leave out the factor 2*pi, or give {name} in Hz",
+            )
+        torques = [symbol for symbol in factors if symbol.is_Symbol and _is_torque(units[symbol.name])]
+        power = unit_of("W", where).dimension
+        if "cycles" in counted and torques and result.dimension == power and not expression.has(sympy.pi):
+            raise InputError(
+                where,
+                f"multiplies the torque {torques[0]} by the frequency {counted['cycles']}, which counts cycles",
+                "write the factor 2*pi, or give a speed in 1/min or rad/s",
+            )
+
+
+def result_unit(expression: Any, unit: Unit) -> Unit:
+    """The unit of a measurand: 1/min of a formula that divides by pi, as angle/(2·pi·time) does, counts cycles."""
+    divides = any(
+        factor.is_Pow and factor.base == sympy.pi and factor.exp == -1 for factor in expression.atoms(sympy.Pow)
+    )
+    if unit.counts != "turns" or not divides:
+        return unit
+    return replace(unit, scale=unit.scale / (2 * math.pi), counts="cycles")
+
+
+def _is_torque(unit: Unit) -> bool:
+    """Whether it is written as a force times a length; an energy in J is none."""
+    return unit.dimension == unit_of("N*m", "").dimension and "N" in unit.text

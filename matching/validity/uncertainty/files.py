@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.validity.uncertainty.budget import Budget, Input, Measurand
-from matching.validity.uncertainty.dimensions import dimension_of
+from matching.validity.uncertainty.dimensions import check_turns, dimension_of, result_unit
 from matching.validity.uncertainty.formula import functions, parse_formula
 from matching.validity.uncertainty.inputs import read_input, read_line
 from modelling.common.errors import InputError
@@ -134,6 +134,7 @@ def _measurands(tables: dict[str, Any], inputs: list[Input], where: str) -> tupl
     else:
         given = check_keys(tables["measurands"], tables["measurands"], f"{where}: measurands")
     dimensions = {one.name: one.unit.dimension for one in inputs}
+    units = {one.name: one.unit for one in inputs}
     measurands = []
     for name, table in given.items():
         here = f"{where}: measurand {name}"
@@ -141,6 +142,8 @@ def _measurands(tables: dict[str, Any], inputs: list[Input], where: str) -> tupl
         unit = unit_of(table.get("unit", "1"), f"{here}.unit")
         expression = parse_formula(text(table, "formula", here), dimensions, f"{here}.formula")
         dimension = dimension_of(expression, dimensions, f"{here}.formula")
+        check_turns(expression, units, unit, f"{here}.formula")
+        unit = result_unit(expression, unit)
         if dimension != unit.dimension:
             raise InputError(
                 f"{here}.formula",
