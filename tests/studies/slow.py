@@ -9,5 +9,5 @@ def prepare(given):
 
 
 def square(prepared, chunk):
-    time.sleep(prepared["given"])
+    time.sleep(1000 if os.environ.get("SLOW_STOPS_AT") == str(chunk) else prepared["given"])  # 1000: until it is killed
     return {"square": chunk**2, "prepared": prepared["prepared"], "pid": prepared["pid"]}

@@ -62,7 +62,7 @@ from pathlib import Path
 from matching.studies import executor_of, run
 if __name__ == "__main__":
     with executor_of(1) as executor:
-        rows = run(slow.square, slow.prepare, 0.3, list(range(8)), executor, content="k", record=Path({record!r}))
+        rows = run(slow.square, slow.prepare, 0.1, list(range(8)), executor, content="k", record=Path({record!r}))
     print([row["square"] for row in rows])
 """
 
@@ -71,8 +71,10 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
     record, script = tmp_path / "record.jsonl", tmp_path / "study.py"
     script.write_text(STUDY.format(here=str(HERE), record=str(record)))
     words, where = [sys.executable, str(script)], {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
-    process = subprocess.Popen(words, env=where, start_new_session=True, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
+    process = subprocess.Popen(
+        words, env=where | {"SLOW_STOPS_AT": "4"}, start_new_session=True, stderr=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 200  # on a busy machine
     while time.monotonic() < deadline and (not record.exists() or len(record.read_text().splitlines()) < 2):
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
@@ -88,9 +90,9 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
 def test_workers_end_with_the_study_that_is_killed(tmp_path):
     record, script = tmp_path / "record.jsonl", tmp_path / "study.py"
     script.write_text(STUDY.format(here=str(HERE), record=str(record)))
-    where = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
+    where = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}", "SLOW_STOPS_AT": "4"}
     process = subprocess.Popen([sys.executable, str(script)], env=where, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 200  # on a busy machine
     while time.monotonic() < deadline and (not record.exists() or not record.read_text()):
         time.sleep(0.05)
     worker = json.loads(record.read_text().splitlines()[0])["result"]["pid"]
@@ -110,9 +112,9 @@ def _runs(pid):
     return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
-def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same():
+def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same(monkeypatch):
     distributed = pytest.importorskip("distributed")
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(HERE), os.environ.get("PYTHONPATH", "")])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(HERE), os.environ.get("PYTHONPATH", "")]))
     killed = []
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50

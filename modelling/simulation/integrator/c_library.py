@@ -59,16 +59,22 @@ _LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
 
 def library(functions: Functions) -> ctypes.CDLL | None:
     """The library with ``field`` and ``reading``, compiled if the cache lacks it; None without a working compiler."""
+    if not compiler():
+        return None
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        made = _load(generated(functions.field, functions.reading), GENERATED) if compiler() else None
+        made = _load(generated(functions.field, functions.reading), GENERATED)
         kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
 
 
-@functools.cache
 def driver() -> ctypes.CDLL | None:
-    """The library with ``run``, one for all models."""
+    """The library with ``run``, one for all models; None without a working compiler."""
+    return _driver() if compiler() else None
+
+
+@functools.cache
+def _driver() -> ctypes.CDLL | None:
     return _load(Path(__file__).with_name("driver.c").read_text(encoding="utf-8"), DRIVER)
 
 
