@@ -74,6 +74,7 @@ def test_sidebands_left_out_cost_little(reference):
 def test_reference_case_is_stable_under_every_check(verified):
     assert verified.stable
     assert set(verified.checks) == {f"poles, order {n}" for n in (3, 5, 8)} | {
+        "dynamic stiffness",
         "encirclements",
         "sampled loop",
         "twin",

@@ -26,6 +26,7 @@ FLOORS = [
     ["matching.validity.fidelity"],
     ["matching.validity"],
     ["matching.frequency.case"],
+    ["matching.frequency.independent"],
     ["matching.frequency.loop"],
     ["matching.frequency.programme"],
     ["matching.frequency.programme.objectives"],

@@ -35,6 +35,7 @@ def limits(
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
+    found += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
     missed = [target for target in targets if not target.met]
     if checked.stable and not solution.feasible and (missed or checked.violations):
         found.append(

@@ -1,6 +1,7 @@
-"""Independent verification of a tuned case: poles, encirclements, simulation and responses by NumPy and SciPy.
+"""Verification of a tuned case: poles, encirclements, simulation, responses, and all of it by an independent method.
 
-It starts from the linear models and shares no code with the CasADi loop that the optimiser differentiates.
+It shares nothing with the CasADi programme. With the search, which accepts ends by poles and encirclements, it shares
+:mod:`matching.frequency.loop`; :mod:`matching.frequency.independent` shares nothing with either.
 """
 
 from __future__ import annotations

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.independent.check import IndependentCheck, check
 from matching.frequency.loop.encirclements import Encirclements, encirclements
 from matching.frequency.loop.loop_modes import LoopMode, feed_forward_modes, feedback_modes, match_mode
 from matching.frequency.loop.motion import is_linear
 from matching.frequency.loop.pade import phase_error
-from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.parts import Parts, parts_of
 from matching.frequency.loop.poles import (
     BELIEVED,
     Approximation,
@@ -23,19 +24,27 @@ from matching.frequency.loop.poles import (
     sampled_poles,
 )
 from matching.frequency.loop.response_error import ErrorFigures, error_figures
+from matching.frequency.loop.responses import responses
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
 from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
+from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 
+COMPARED_FREQUENCIES = 20  # over the band, at which both methods have to give the same responses
+
 
 @dataclass(frozen=True)
 class Verification:
-    """A tuned case, checked by code the optimiser does not use.
+    """A tuned case, checked.
+
+    Poles, encirclements and responses are those of :mod:`matching.frequency.loop`, which the search uses as well to
+    accept an end. What shares nothing with it is ``independent``: the closed loop by dynamic stiffness, straight from
+    the model files; the simulation shares the models and nothing of the loop's algebra.
 
     Attributes
     ----------
@@ -49,6 +58,10 @@ class Verification:
     modulus_margin, margin_frequency : float
         Least singular value of I + L, and where, Hz.
     winding : Encirclements
+    independent : IndependentCheck
+        Unstable poles, margin and responses by dynamic stiffness.
+    disagreements : tuple of str
+        Where it differs from what stands here; a match with any is no match.
     approximations : tuple of Approximation
         Poles of the feedback loop by order of the dead time's approximation.
     sampled : ndarray
@@ -83,6 +96,8 @@ class Verification:
     modulus_margin: float
     margin_frequency: float
     winding: Encirclements
+    independent: IndependentCheck
+    disagreements: tuple[str, ...]
     approximations: tuple[Approximation, ...]
     sampled: np.ndarray = field(repr=False)
     feed_forward_poles: np.ndarray = field(repr=False)
@@ -109,6 +124,7 @@ class Verification:
                 "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
                 "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
             },
+            "independent": self.independent.to_dict() | {"disagreements": list(self.disagreements)},
             "poles": [
                 {
                     "pade_order": own.order, "spectral_abscissa": own.abscissa,
@@ -157,6 +173,11 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     counted = _believed(orders, delay, winding.gain_edge, notes)
     checks = {f"poles, order {own.order}": own.unstable(neutral) == 0 for own in counted}
     checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
+    independent = _independent(case, parts, feed_forward)
+    if independent.unstable_poles is not None:
+        checks["dynamic stiffness"] = independent.unstable_poles == 0
+    if independent.not_covered:
+        notes.append(f"not checked by the independent method, which does not cover {independent.not_covered}")
     checks["sampled loop"] = _inside(sampled, neutral)
     feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
     if feed_forward is not None:
@@ -183,11 +204,18 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     return Verification(
         all(checks.values()), checks,
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
-        margin, winding.margin_frequency, winding, orders, sampled, feed_forward_poles, every,
+        margin, winding.margin_frequency, winding, independent,
+        tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
         _targets(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
         error_figures(case, parts, feed_forward),
         robustness(parts, feed_forward) if deviations else (), traces, tuple(notes),
     )  # fmt: skip
+
+
+def _independent(case: Case, parts: Parts, feed_forward: FeedForward | None) -> IndependentCheck:
+    frequencies = np.geomspace(*case.band, COMPARED_FREQUENCIES)
+    found = responses(case, frequencies, parts, feed_forward)
+    return check(case, frequencies, found.vehicle, found.unmeasured)
 
 
 def _inside(z: np.ndarray, neutral: int) -> bool:

@@ -1,0 +1,137 @@
+"""The independent method against the search's own and against closed forms."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.frequency.case.load import load_case
+from matching.frequency.independent.chain import Chain, NotCovered
+from matching.frequency.independent.check import IndependentCheck, check
+from matching.frequency.independent.closed_loop import ClosedLoop, plain_response
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.responses import responses
+from modelling.linear.response import response
+from modelling.model.files import from_dict
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module", params=["road_to_rig", "compact_bev", "adapter_only"])
+def case(request):
+    return load_case(EXAMPLES / request.param / "case.toml")
+
+
+def test_examples_agree_by_both_methods(case):
+    frequencies = np.geomspace(*case.band, 15)
+    parts = parts_of(case)
+    found = responses(case, frequencies, parts)
+    winding = encirclements(parts)
+    own = check(case, frequencies, found.vehicle, found.unmeasured)
+    assert own.not_covered == ""
+    assert own.unstable_poles == winding.unstable == 0
+    assert own.modulus_margin == pytest.approx(winding.modulus_margin, abs=1e-5)
+    assert own.vehicle_difference < 1e-9
+    assert own.rig_difference < 1e-9
+    assert own.disagreements(True, winding.modulus_margin) == []
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"proportional_gain": 400.0, "dead_time": 0.02},
+        {"proportional_gain": 300.0, "integral_gain": 4000.0, "torque_feed_forward": 1.2},
+        {"acceleration_feed_forward": 2.0, "dead_time": 0.008},
+        {"torque_feed_forward": 1.5, "dead_time": 0.05, "lead_time": 0.0},
+    ],
+)
+def test_unstable_poles_are_counted_alike(values):
+    case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
+    case = replace(case, loop=case.loop.with_values(values))
+    expected = encirclements(parts_of(case)).unstable
+    assert expected > 0
+    assert ClosedLoop(case).unstable_poles() == expected
+
+
+def test_an_undamped_oscillator_grows_with_negative_drag():
+    """One pole pair of a two-mass drive whose load drives itself; counted on the half plane alone."""
+    case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
+    still = replace(case, loop=case.loop.with_values(dict.fromkeys(
+        ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0
+    )))  # fmt: skip
+    assert ClosedLoop(still).unstable_poles() == 0
+    assert np.allclose(ClosedLoop(still).return_difference(2j * np.pi * np.array([1.0, 10.0])), np.eye(2))
+
+
+BRANCHED = {
+    "inertias": {"motor": {"J": 0.05}, "cage": {"J": 0.02}, "left": {"J": 1.0, "drag": 0.2}, "right": {"J": 1.4},
+                 "body": {"J": 80.0, "drag": 1.0}},
+    "gears": {"reduction": {"between": ["motor", "cage"], "ratio": 9.0}},
+    "differentials": {"axle": {"cage": "cage", "left": "left", "right": "right"}},
+    "shafts": {
+        "side": {"between": ["left", "body"], "stiffness": 9e3, "damping": 12.0, "ratio": 0.8},
+        "other": {"between": ["right", "body"], "stiffness": 7e3, "damping": 5.0},
+    },
+    "inputs": {"torque": {"on": "motor"}},
+    "sensors": {
+        "twist_torque": {"measures": "torque", "of": "side"},
+        "speed": {"measures": "speed", "of": "body"},
+        "angle": {"measures": "angle", "of": "right"},
+        "acceleration": {"measures": "acceleration", "of": "left"},
+    },
+}  # fmt: skip
+EFFECTS = [
+    [],
+    [{"kind": "slip", "at": "shafts.side", "coefficient": 40.0}],
+    [{"kind": "compliance", "at": "shafts.other", "stiffness": 2e4, "J": 0.03}],
+    [{"kind": "hysteresis", "at": "shafts.side", "torque": 4.0, "angle": 0.01}],
+    [{"kind": "wrong_parameter", "at": "inertias.right.J", "value": 2.5}],
+    [{"kind": "backlash", "at": "shafts.side", "gap": 0.02}, {"kind": "hardening", "at": "shafts.side", "cubic": 1e6}],
+]
+
+
+@pytest.mark.parametrize("effects", EFFECTS, ids=lambda effects: "+".join(own["kind"] for own in effects) or "linear")
+def test_responses_of_a_model_are_those_of_its_equations(effects):
+    """Gear, differential, ratios and every effect that is linear at rest, against the derived equations."""
+    system = from_dict({**BRANCHED, "effects": effects})
+    f = np.geomspace(0.3, 80, 12)
+    derived = response(system, f)
+    for j, sensor in enumerate(BRANCHED["sensors"]):
+        own = plain_response(Chain(system), 2j * np.pi * f, "torque", sensor)
+        np.testing.assert_allclose(own, derived.values[:, j, 0], rtol=1e-7)
+
+
+def test_two_masses_in_closed_form():
+    """J₁ and J₂ on a spring: the torque over the drive is J₂·k/(J₁·J₂·s² + k·(J₁ + J₂))."""
+    J1, J2, k = 0.1, 1.0, 200.0
+    system = from_dict(
+        {
+            "inertias": {"a": {"J": J1}, "b": {"J": J2}},
+            "shafts": {"link": {"between": ["a", "b"], "stiffness": k}},
+            "inputs": {"torque": {"on": "a"}},
+            "sensors": {"link_torque": {"measures": "torque", "of": "link"}},
+        }
+    )
+    s = 2j * np.pi * np.array([0.5, 3.0, 20.0])
+    own = plain_response(Chain(system), s, "torque", "link_torque")
+    np.testing.assert_allclose(own, J2 * k / (J1 * J2 * s**2 + k * (J1 + J2)), rtol=1e-12)
+
+
+def test_what_is_not_known_is_said():
+    system = from_dict({**BRANCHED, "effects": [{"kind": "coulomb_friction", "at": "inertias.left", "torque": 3.0}]})
+    with pytest.raises(NotCovered, match="coulomb_friction"):
+        Chain(system)
+
+
+def test_every_kind_of_disagreement_has_its_sentence():
+    good = IndependentCheck("", 0, 0.5, 10.0, 1e-12, 1e-12)
+    assert good.disagreements(True, 0.5) == []
+    assert good.disagreements(False, 0.5) != []
+    assert good.disagreements(True, 0.502) != []
+    assert good.disagreements(True, 0.498) != []
+    assert IndependentCheck("", 2, 0.5, 10.0, 0.0, 0.0).disagreements(True, 0.5) != []
+    assert IndependentCheck("", 0, 0.5, 10.0, 1e-5, 0.0).disagreements(True, 0.5) != []
+    assert IndependentCheck("", 0, 0.5, 10.0, 0.0, float("nan")).disagreements(True, 0.5) != []
+    assert IndependentCheck("slip").disagreements(True, 0.5) == []
