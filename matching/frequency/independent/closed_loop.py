@@ -192,7 +192,8 @@ class ClosedLoop:
 
 def torque_into(system: System, shaft: Shaft, rotor: str) -> float:
     """Torque into the side of a shaft where ``rotor`` hangs, for 1 N·m that the shaft transmits."""
-    joined = [set(own.between) for own in (*system.shafts, *system.gears) if own.name != shaft.name]
+    joined = [set(own.between) for own in system.shafts if own.name != shaft.name]
+    joined += [set(own.between) for own in system.gears]
     joined += [{own.cage, own.left, own.right} for own in system.differentials]
     side = {rotor}
     for _ in system.inertias:
