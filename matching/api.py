@@ -82,15 +82,15 @@ def response(model: System | File, frequencies: np.ndarray) -> Response:
 def simulate(
     model: System | File, recording: Recording | File, *, channels: File | None = None, start: Any = "recorded"
 ) -> Simulation:
-    """The model's answer to the inputs of a recording.
+    """The model's response to the inputs of a recording.
 
     Parameters
     ----------
     channels : path, optional
         A file that says what the channels are called in the recording.
     start : "recorded", "rest", "steady", states by name or all states
-        ``"recorded"``: as the first quarter second of the recorded sensors tells, at rest if there are none; the others
-        as :func:`modelling.simulation.simulate.simulate` has them.
+        ``"recorded"``: estimated from the first quarter second of the recorded sensors, at rest if there are none;
+        others as :func:`modelling.simulation.simulate.simulate` has them.
     """
     from modelling.equations.compiled import compiled
     from modelling.simulation.recorded_start import recorded_start
@@ -108,7 +108,7 @@ def simulate(
 def match(
     case: Case | File, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None
 ) -> MatchResult:
-    """Tune what the case lets move until the rig answers like the vehicle, and verify it by other means.
+    """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
     See :func:`matching.frequency.search.match.match`.
     """
@@ -122,10 +122,12 @@ def map(  # noqa: A001
     seed: int = 0, starts: int = 2,
     workers: int | None = None, record: File | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Map:  # fmt: skip
-    """The achievable error over two quantities, each ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``.
+    """The response error that a match reaches over two quantities.
+
+    Each is ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``.
 
     It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
-    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped goes on. See
+    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped continues. See
     :func:`matching.frequency.studies.map.map_case`.
     """
     from matching.frequency.studies.map import map_case
@@ -149,15 +151,15 @@ def tolerance(
     from matching.frequency.studies.tolerance import tolerance as run
     from matching.studies import executor_of
 
-    with nullcontext(executor) if executor else executor_of(workers) as own:
-        return run(_case(case), draws, own, seed=seed, added=added, record=_path(record), progress=progress)
+    with nullcontext(executor) if executor else executor_of(workers) as pool:
+        return run(_case(case), draws, pool, seed=seed, added=added, record=_path(record), progress=progress)
 
 
 def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
     holdout: Recording | File | None = None, *, channels: File | None = None, tell: Callable[[str], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
-    """Find out what a model lacks against recordings; see :func:`matching.diagnosis.diagnosis.diagnose`."""
+    """Find what a model lacks, from recordings; see :func:`matching.diagnosis.diagnosis.diagnose`."""
     from matching.diagnosis.diagnosis import diagnose as run
     from modelling.measurement.recording import Recording
 

@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The front door: `rigmatch COMMAND …`. Exit 0: answered; 2: bad input, said in one line; 1: a fault of the program."""
+"""The command line: `rigmatch COMMAND …`. Exit 0: answered; 2: wrong input, one line; 1: a fault of the program."""
 
 import argparse
 import os
@@ -18,14 +18,21 @@ from modelling.common.version import VERSION
 
 ANSWERED, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-# What the operating system says of a path that a user gave wrongly; a full disk, say, is not among them.
+# Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
 WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
     FileNotFoundError: ("no such file", "a path that exists"),
     IsADirectoryError: ("is a directory", "a file"),
-    NotADirectoryError: ("goes through a file as if it were a directory", "a path through directories"),
-    FileExistsError: ("is there already and is not a directory", "another name"),
+    NotADirectoryError: ("has a file where a directory is needed", "a path of directories"),
+    FileExistsError: ("exists and is not a directory", "another name"),
     PermissionError: ("access denied", "a path you may read, or write to for output"),
 }
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Help that wraps paragraphs and leaves the lines of examples as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith("examples:") else super()._fill_text(text, width, indent)
 
 
 class Parser(argparse.ArgumentParser):
@@ -67,7 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     """Parser for all commands, of which only the one that `words` call for is imported (help must be instant)."""
-    about = "Tunes a powertrain test bed until it answers like the vehicle."
+    about = (
+        "Tunes a powertrain test bed until it reproduces the vehicle's response, and checks models against recordings."
+    )
     tab = 'Tab completion in bash or zsh: eval "$(register-python-argcomplete rigmatch)"'
     parser = Parser(prog="rigmatch", description=about, epilog=tab, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"rigmatch {VERSION}")
@@ -75,7 +84,7 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     wanted = next((word for word in words if not word.startswith("-")), None)
     modules = {}
     for name, line in available().items():
-        command = commands.add_parser(name, help=line, allow_abbrev=False)
+        command = commands.add_parser(name, help=line, allow_abbrev=False, formatter_class=HelpFormatter)
         command.add_argument(
             "--json", action="store_true", help="print the result object on standard output, nothing else"
         )
@@ -83,6 +92,7 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
         if name == wanted:
             modules[name] = import_module(f"matching.commands.{name}")
             command.description = modules[name].HELP
+            command.epilog = "examples:\n" + "".join(f"  {example}\n" for example in modules[name].EXAMPLES)
             modules[name].add_arguments(command)
     return parser, modules
 
@@ -107,23 +117,23 @@ def _run(words: Sequence[str]) -> None:
 
 
 def _one_thread_for_blas() -> None:
-    """Matrices here are small: more threads of OpenBLAS (read when NumPy is imported) wait for work and burn a core
-    each, in worker processes too. What the user has set stays."""
+    """Matrices here are small: more threads of OpenBLAS (read when NumPy is imported) only wait and occupy a
+    core each, in worker processes too. A value that the user has set is kept."""
     if not {"OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"} & os.environ.keys():
         os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 
 def _wrong_path(error: Exception, words: Sequence[str]) -> str:
-    """Line for a wrong path on the command line that no reader caught; empty if the error is the program's own."""
+    """Line for a wrong path on the command line that no reader caught; empty if the error is a fault of the program."""
     if type(error) not in WRONG_PATH or not isinstance(error, OSError):
         return ""
     if not isinstance(error.filename, str | bytes | os.PathLike):
         return ""
     wrong, right = WRONG_PATH[type(error)]
     path = Path(os.fsdecode(error.filename))
-    given = [Path(word.partition("=")[2] if word.startswith("--") else word).absolute() for word in words]
-    was_given = any(path.absolute() in (each, *each.parents) for each in given)
-    return str(InputError(str(path), wrong, f"give {right}")) if was_given else ""
+    on_command_line = [Path(word.partition("=")[2] if word.startswith("--") else word).absolute() for word in words]
+    is_users = any(path.absolute() in (each, *each.parents) for each in on_command_line)
+    return str(InputError(str(path), wrong, f"give {right}")) if is_users else ""
 
 
 def _place(error: Exception) -> str:

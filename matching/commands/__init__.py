@@ -2,7 +2,7 @@
 
 A command's module has
 
-- `HELP`: a paragraph on what the command does, shown by `rigmatch COMMAND --help`,
+- `HELP`: a paragraph on what the command does, and `EXAMPLES`: two calls, both shown by `rigmatch COMMAND --help`,
 - `add_arguments(parser)`: its arguments, except `--json` and `--traceback`, which every command has,
 - `run(arguments) -> dict`: does it, writes its files by `modelling.common.output.write_all`, returns the result object,
 - optionally `summary(result) -> str`: the same for a reader at a terminal, printed unless `--json` is given.
@@ -12,13 +12,13 @@ from importlib.util import find_spec
 
 ONE_LINE = {
     "modes": "modes of a model with energy shares and symmetry",
-    "match": "tune loop, residual vehicle and adapters until the rig answers like the vehicle",
-    "map": "draw the achievable error over two quantities",
+    "match": "tune loop, residual vehicle and adapters until the rig reproduces the vehicle's response",
+    "map": "response error that a match reaches, over two quantities",
     "simulate": "run a model on recorded inputs",
-    "diagnose": "find out what a model lacks against recordings",
+    "diagnose": "find what a model lacks, from recordings",
     "uncertainty": "measurement uncertainty budget after the GUM",
     "fidelity": "partial and total XiL fidelity",
-    "tolerance": "how manufacturing and identification tolerances spread a match",
+    "tolerance": "spread of a match over the tolerances of the bed",
     "export": "write the tuned residual vehicle as an FMU",
     "new": "write a commented case to start from",
 }

@@ -1,4 +1,4 @@
-"""`rigmatch diagnose`: find out what a model lacks against recordings."""
+"""`rigmatch diagnose`: find what a model lacks, from recordings."""
 
 import argparse
 import sys
@@ -7,16 +7,22 @@ from typing import Any
 HELP = """Fits the model to recordings, shows where it fails, names the cause and its place, and writes the extended
 model. Writes diagnosis.json, extended.toml, report.html and figures. A quantity of the model with a range is fitted
 within it; one without is taken as known. Every sensor's uncertainty is also the noise that the fit assumes. Without
---holdout the last 30 % of every recording is kept from all fits and judges the result."""
+--holdout the last 30 % of every recording is not fitted but used to judge the result."""
+EXAMPLES = (
+    "rigmatch diagnose model.toml recording.csv --out out/diagnosis",
+    "rigmatch diagnose model.toml a.mf4 b.mf4 --holdout c.mf4 --channels channels.toml --out out/diagnosis",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Model, recordings, hold-out, place to write to."""
+    """Model, recordings, held-out recording, output directory."""
     parser.add_argument("model", metavar="MODEL", help="model file (TOML)")
     parser.add_argument(
         "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF, .mat, Parquet)"
     )
-    parser.add_argument("--holdout", metavar="RECORDING", help="a recording that judges and is not fitted")
+    parser.add_argument(
+        "--holdout", metavar="RECORDING", help="a recording that is not fitted but used to judge the result"
+    )
     parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recordings (TOML)")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 

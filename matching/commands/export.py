@@ -9,6 +9,10 @@ or a case file (then with the start values of its [move]); a model file is writt
 parameter that can be set, named and in SI as in the model."""
 
 VERSIONS = ("2.0", "3.0")
+EXAMPLES = (
+    "rigmatch export out/road_to_rig --fmu rvm.fmu",
+    "rigmatch export model.toml --fmu model.fmu --fmi 3.0",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,12 +1,16 @@
-"""`rigmatch fidelity CASE`: partial and total XiL fidelity, its uncertainty, where it is lost and to what."""
+"""`rigmatch fidelity CASE`: partial and total XiL fidelity, its uncertainty and its causes."""
 
 import argparse
 from typing import Any
 
 HELP = (
     "Judge how faithfully a test bed reproduces a manoeuvre: partial fidelities of system dynamics, residual vehicle "
-    "model and measurement, their total R_XiL with its uncertainty, and what is lost where; write fidelity.json, the "
-    "table and figures. Recordings that the case names may be CSV, MDF, .mat or Parquet."
+    "model and measurement, their total R_XiL with its uncertainty, and which causes reduce it; write fidelity.json, "
+    "the table and figures. Recordings that the case names may be CSV, MDF, .mat or Parquet."
+)
+EXAMPLES = (
+    "rigmatch fidelity examples/fidelity/tab2.toml --out out/fidelity",
+    "rigmatch fidelity case.toml --channels channels.toml --arithmetic published --out out/fidelity",
 )
 
 

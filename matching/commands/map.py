@@ -1,17 +1,21 @@
-"""`rigmatch map`: the achievable error over two quantities."""
+"""`rigmatch map`: the response error that a match reaches, over two quantities."""
 
 import argparse
 from typing import Any
 
 HELP = """Match the case at every pair of values of two quantities and draw the response error that is reached. A
 quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and the
-number of values, or all of them: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images go
-along. Every point is then tried again from its neighbours' solutions until none gets better. Writes map.json, map.svg
-and map.png. Points are kept in map.partial.jsonl as they come; started again, a map that was stopped goes on."""
+number of values, or all of them: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images get
+the same value. Every point is then solved again from its neighbours' solutions until none improves. Writes map.json,
+map.svg and map.png. Points are kept in map.partial.jsonl as they come; a map that was stopped continues from them."""
+EXAMPLES = (
+    "rigmatch map case.toml --x loop.dead_time=1ms:8ms:6 --y rig.shafts.flange_left.stiffness --out out/map",
+    'rigmatch map case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag --starts 1 --out out/map',
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Case file, both quantities, place to write to, and how hard to work."""
+    """Case file, both quantities, output directory, and effort."""
     from matching.arguments import completed, count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
@@ -67,7 +71,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def summary(result: dict[str, Any]) -> str:
-    """The best point, how many match, and how many are better than from starts of their own."""
+    """The best point, how many match, and how many were improved from their neighbours' solutions."""
     from matching.report.common.wording import amount, number
 
     points = [own for own in result["points"] if own["error"] is not None]

@@ -1,16 +1,20 @@
-"""`rigmatch match`: tune loop, residual vehicle and adapters until the rig answers like the vehicle."""
+"""`rigmatch match`: tune loop, residual vehicle and adapters until the rig reproduces the vehicle's response."""
 
 import argparse
 from typing import Any
 
-HELP = """Tune what the case lets move until the rig answers like the vehicle, check the result by other means than
-those it was found by, and write result.json, report.html, figures, and the tuned model files (case.toml, vehicle.toml,
-rig.toml, residual_vehicle*.toml), which rigmatch reads again. Where the targets cannot be met the status is "limited"
-and the limits say what binds."""
+HELP = """Tune the quantities under [move] of the case until the rig reproduces the vehicle's response, check the
+result by methods other than those of the tuning, and write result.json, report.html, figures, and the tuned model
+files (case.toml, vehicle.toml, rig.toml, residual_vehicle*.toml), which rigmatch reads again. Where the targets
+cannot be met the status is "limited" and the limits name the reasons."""
+EXAMPLES = (
+    "rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig",
+    "rigmatch match case.toml --seed 3 --starts 20 --workers 4 --out out/match",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Case file, place to write to, and how hard to search."""
+    """Case file, output directory, and effort of the search."""
     from matching.arguments import count
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML)")
@@ -18,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", metavar="N", type=count(0), default=0, help="seed of the starting points (default: 0)"
     )
-    parser.add_argument("--starts", metavar="N", type=count(1), help="starting points to search from at most")
+    parser.add_argument("--starts", metavar="N", type=count(1), help="largest number of starting points (default: 14)")
     parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
 
 

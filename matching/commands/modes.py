@@ -9,6 +9,10 @@ if TYPE_CHECKING:
 HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
 Undamped unless --damped. Writes modes.json, modes.svg (frequencies and shares of the first modes) and
 energy_shares.svg (all shares)."""
+EXAMPLES = (
+    "rigmatch modes examples/road_to_rig/vehicle.toml --out out/modes",
+    'rigmatch modes rig.toml --damped --change "inertias.rotor_left.J=1.8 kg*m^2" --out out/modes',
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

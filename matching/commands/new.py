@@ -5,6 +5,10 @@ from typing import Any
 
 HELP = """Write a vehicle, a rig and a case that run as they are, every key with a comment, into a new or empty
 directory. Nothing is overwritten."""
+EXAMPLES = (
+    "rigmatch new my_bed",
+    "rigmatch new bench/electric_drive",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

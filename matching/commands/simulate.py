@@ -8,6 +8,10 @@ sensor of the model, SI) and simulated.svg. Where the recording has sensors, the
 given for each, in the sensor's SI unit and as a share of its range."""
 
 STARTS = ("recorded", "rest", "steady")
+EXAMPLES = (
+    "rigmatch simulate model.toml recording.csv --out out/simulated",
+    "rigmatch simulate model.toml recording.mf4 --channels channels.toml --start steady --out out/simulated",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,13 +24,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start",
         choices=STARTS,
         default="recorded",
-        help="where to start: what the first quarter second of the recorded sensors tells (default; at rest if there "
+        help="start state: estimated from the first quarter second of the recorded sensors (default; at rest if there "
         "are none), at rest, or in steady motion under the first inputs",
     )
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Simulate and write files; the result object tells what was run, and the misfit by sensor."""
+    """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
     import numpy as np
 
     from matching.report.common.style import image

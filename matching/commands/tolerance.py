@@ -4,9 +4,14 @@ import argparse
 from typing import Any
 
 HELP = """Draw the rig's quantities from the ranges in its file (and of --tolerance), keep the controller as it is,
-and give the spread of modulus margin, loop modes and response error, the yield, and what drives it. CASE is the
-case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json and tolerance.svg;
-finished chunks are kept in tolerance.partial.jsonl until the end: a study that was stopped goes on from there."""
+and give the spread of modulus margin, loop modes and response error, the yield, and which quantities cause the
+spread. CASE is the case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json
+and tolerance.svg; finished parts are kept in tolerance.partial.jsonl until the end: a study that was stopped
+continues from them."""
+EXAMPLES = (
+    "rigmatch tolerance out/road_to_rig/case.toml -n 10000 --out out/tolerance",
+    "rigmatch tolerance case.toml --tolerance 'rig.*.stiffness=0.05' --tolerance loop.dead_time=0.1 --out out/t",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,10 @@ HELP = (
     "Evaluate a measurement uncertainty budget after the GUM: first and second order, degrees of freedom, Monte Carlo "
     "(JCGM 101) and the check of one by the other; write uncertainty.json, the budget table and figures."
 )
+EXAMPLES = (
+    "rigmatch uncertainty examples/sensors/torque_M2.toml --out out/torque",
+    'rigmatch uncertainty budget.toml --wanted "0.5 N*m" --out out/budget',
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

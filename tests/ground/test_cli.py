@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,11 @@ def answer(monkeypatch):
 
     def install(run, **more):
         module = SimpleNamespace(
-            HELP="A command for the test.", add_arguments=lambda parser: parser.add_argument("model"), run=run, **more
+            HELP="A command for the test.",
+            EXAMPLES=(),
+            add_arguments=lambda parser: parser.add_argument("model"),
+            run=run,
+            **more,
         )
         monkeypatch.setattr(cli, "available", lambda: {"modes": "modes", "match": "match"})
         monkeypatch.setattr(cli, "import_module", {"matching.commands.modes": module}.__getitem__)
@@ -141,8 +146,20 @@ def test_every_command_there_is_keeps_the_agreement():
         _, modules = cli.build_parser([name])
         module = modules[name]
         assert module.HELP.strip()
+        assert len(module.EXAMPLES) == 2
+        for example in module.EXAMPLES:  # as a user would type it
+            program, *words = shlex.split(example)
+            assert program == "rigmatch"
+            assert cli.build_parser(words)[0].parse_args(words).command == name
+        assert all(example in help_of(name) for example in module.EXAMPLES)
         assert callable(module.run)
     assert {path.stem for path in _command_files()} <= set(commands.ONE_LINE)
+
+
+def help_of(name):
+    parser, _ = cli.build_parser([name])
+    commands_action = next(action for action in parser._actions if action.dest == "command")
+    return commands_action.choices[name].format_help()
 
 
 def _command_files():
@@ -184,7 +201,7 @@ def with_modes(result, summary, words):
     """Program that runs `words` with a command `modes` of that result and summary (all three as Python)."""
     return (
         "import sys, types; from matching import cli; "
-        f"module = types.SimpleNamespace(HELP='', add_arguments=lambda p: None, run=lambda a: {result}, "
+        f"module = types.SimpleNamespace(HELP='', EXAMPLES=(), add_arguments=lambda p: None, run=lambda a: {result}, "
         f"summary=lambda r: {summary}); "
         "cli.available = lambda: {'modes': ''}; cli.import_module = lambda name: module; "
         f"sys.exit(cli.main({words}))"
@@ -220,7 +237,7 @@ def completions(line, tmp_path):
     code = (
         "import types; from matching import cli; "
         "add = lambda parser: parser.add_argument('--damped', action='store_true'); "
-        "module = types.SimpleNamespace(HELP='', add_arguments=add); "
+        "module = types.SimpleNamespace(HELP='', EXAMPLES=(), add_arguments=add); "
         "cli.available = lambda: {'modes': '', 'match': ''}; cli.import_module = lambda name: module; cli.main([])"
     )
     python(["-c", code], **asked)
