@@ -1,10 +1,12 @@
 """What stands where in an FMU: names that the FMI standards ask for."""
 
 import zipfile
+from dataclasses import replace
 
 import pytest
 
 from matching.fmu.given import given
+from modelling.fmu import export
 from modelling.fmu.export import LICENCE, fmu
 
 
@@ -22,3 +24,14 @@ def test_names_of_the_files(lashed_model, fmi, wrapper, tmp_path):
     assert f"sources/{wrapper}" in names
     assert ("sources/buildDescription.xml" in names) == (fmi == "3.0")
     assert all(name.startswith(f"binaries/{made.platform}/{made.identifier}.") for name in names if "binaries/" in name)
+
+
+@pytest.mark.parametrize(("name", "identifier"), [
+    ("drive (left)", "drive_left"),
+    ("3-mass drive", "model_3_mass_drive"),  # names of C begin with a letter
+    ("§", "model"),
+    ("_x_", "x"),
+])  # fmt: skip
+def test_identifier_is_a_name_in_c(monkeypatch, lashed_model, name, identifier):
+    monkeypatch.setattr(export, "binary", lambda code, model: (None, "not compiled here"))
+    assert fmu(replace(given(lashed_model).block, name=name)).identifier == identifier
