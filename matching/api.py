@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from matching.frequency.studies.map import Map
     from matching.frequency.studies.map_axis import Axis
     from matching.frequency.studies.tolerance import Tolerance
-    from matching.validity.answers import Uncertainty, XilFidelity
+    from matching.validity.fidelity.result import XilFidelity
+    from matching.validity.uncertainty.result import Uncertainty
     from modelling.linear.response import Response
     from modelling.measurement.recording import Recording
     from modelling.modal.modes import Modes
@@ -59,7 +60,7 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
         A file that says what the channels are called there (:func:`modelling.measurement.channels.read_channels`).
     """
     from modelling.measurement.channels import read_channels
-    from modelling.measurement.recording import read_recording as read
+    from modelling.measurement.read import read_recording as read
 
     return read(Path(path), _system(model), None if channels is None else read_channels(channels))
 
@@ -99,6 +100,7 @@ def simulate(
 
     built = compiled(_system(model))
     measured = _recording(recording, built.system, channels)
+    measured.check_continuous()
     inputs = measured.inputs(built.system)
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, prepare(built, measured.time, inputs, built.p0)[0])
@@ -173,12 +175,10 @@ def diagnose(
 
 def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:
     """A budget file evaluated after the GUM, first order and by Monte Carlo."""
-    from matching.validity.answers import Uncertainty
-    from matching.validity.uncertainty.evaluate import as_json, evaluate
-    from matching.validity.uncertainty.files import read_budget
+    from matching.validity.budget.budget_file import read_budget
+    from matching.validity.uncertainty.evaluate import evaluate
 
-    read = read_budget(str(budget))
-    return Uncertainty(as_json(read, *evaluate(read, seed=seed, draws=draws, digits=digits)))
+    return evaluate(read_budget(str(budget)), seed=seed, draws=draws, digits=digits)
 
 
 def fidelity(
@@ -186,13 +186,12 @@ def fidelity(
     draws: int = 20_000, seed: int = 1,
 ) -> XilFidelity:  # fmt: skip
     """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23); everything as the command has it."""
-    from matching.validity.answers import XilFidelity
-    from matching.validity.fidelity.files import read_case
-    from matching.validity.fidelity.result import as_json
+    from matching.validity.fidelity.case_file import read_case
+    from matching.validity.fidelity.result import xil_fidelity
     from modelling.measurement.channels import read_channels
 
     names = None if channels is None else read_channels(channels)
-    return XilFidelity(as_json(*read_case(str(case), arithmetic, nrmse, names), draws, seed))
+    return xil_fidelity(*read_case(str(case), arithmetic, nrmse, names), draws, seed)
 
 
 def export(result: File, fmu: File, fmi: str = "2.0") -> Path:

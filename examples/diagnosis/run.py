@@ -11,7 +11,7 @@ from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.diagnosis.page import content
 from matching.report.diagnosis.sentences import summary
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import load
 
 HERE = Path(__file__).parent

@@ -10,9 +10,10 @@ import numpy as np
 
 from matching.report.common import style
 from matching.report.fidelity import figures as fidelity_figures
-from matching.validity.fidelity.files import read_case
-from matching.validity.fidelity.result import as_json
-from modelling.fidelity.assess import SignalPair, fidelity_of_signals
+from matching.validity.fidelity.case_file import read_case
+from matching.validity.fidelity.result import xil_fidelity
+from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.fidelity import SignalPair
 
 HERE = Path(__file__).parent
 NAMES = ("system_dynamics", "residual_vehicle_model", "measurement_uncertainty", "R_XiL")
@@ -23,7 +24,7 @@ BY_DEFINITION = ("74.72", "95.10", "99.70", "88.54")
 def main(folder: Path | None = None) -> dict[str, float]:
     """R_XiL by both readings and from signals; figures go into the folder."""
     print(f"{'':26}{'definition':>12}{'published':>12}")
-    answers = {way: as_json(*read_case(HERE / "tab2.toml", way)) for way in ("definition", "published")}
+    answers = {way: xil_fidelity(*read_case(HERE / "tab2.toml", way)).to_dict() for way in ("definition", "published")}
     shown = {
         way: tuple(f"{100 * value:.2f}" for value in (*one["domains"].values(), one["R_XiL"]))
         for way, one in answers.items()
@@ -33,7 +34,7 @@ def main(folder: Path | None = None) -> dict[str, float]:
     print(*answers["published"]["notes"][:1], sep="\n")
     assert shown == {"definition": BY_DEFINITION, "published": TAB3}
     found = {way: one["R_XiL"] for way, one in answers.items()}
-    measured = as_json("Drive-away, made signals", from_signals())
+    measured = xil_fidelity("Drive-away, made signals", from_signals()).to_dict()
     found["signals"] = measured["R_XiL"]
     spread = measured["uncertainty"]["total"]
     low, high = spread["interval"]
@@ -74,19 +75,14 @@ def from_signals():
         return signal + sigma * generator.standard_normal(len(time))
 
     dynamics = {
-        "torque": SignalPair(
-            noisy(torque(time), 4), noisy(torque(time - 0.005, 1.3), 4), 0.69, noise=(4, 4), unit="N*m"
-        ),
-        "speed": SignalPair(
-            noisy(speed(time), 0.05), noisy(speed(time), 0.05), 0.167, noise=(0.05, 0.05), unit="rad/s"
-        ),
+        "torque": SignalPair(noisy(torque(time), 4), noisy(torque(time - 0.005, 1.3), 4), 0.69, noise=(4, 4)),
+        "speed": SignalPair(noisy(speed(time), 0.05), noisy(speed(time), 0.05), 0.167, noise=(0.05, 0.05)),
     }
     model = {
         "acceleration": SignalPair(
             noisy(torque(time) / 600, 0.02),
             noisy(0.97 * torque(time - 0.001) / 600, 0.02),
             noise=(0.02, 0.02),
-            unit="m/s^2",
         )
     }
     return fidelity_of_signals(time, dynamics, model, f_max=30.0)

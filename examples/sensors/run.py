@@ -8,8 +8,8 @@ from pathlib import Path
 
 from matching.report.common import style
 from matching.report.uncertainty import figures as uncertainty_figures
-from matching.validity.uncertainty.evaluate import as_json, evaluate
-from matching.validity.uncertainty.files import read_budget
+from matching.validity.budget.budget_file import read_budget
+from matching.validity.uncertainty.evaluate import evaluate
 from matching.validity.uncertainty.inverse import required
 
 HERE = Path(__file__).parent
@@ -30,8 +30,7 @@ def main(folder: Path | None = None) -> dict[str, float]:
     found = {}
     for name, published in PUBLISHED.items():
         budget = read_budget(HERE / f"{name}.toml")
-        results, correlation = evaluate(budget)
-        (answer,) = as_json(budget, results, correlation)["measurands"]
+        (answer,) = evaluate(budget).to_dict()["measurands"]
         found[name] = answer["expanded_uncertainty"]
         low, high = answer["monte_carlo"]["shortest_interval"]
         print(

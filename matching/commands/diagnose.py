@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.diagnosis.page import content, page
     from modelling.common.output import strict_json, write_all
     from modelling.measurement.channels import read_channels
-    from modelling.measurement.recording import read_recording
+    from modelling.measurement.read import read_recording
     from modelling.model.files import dumps, load
 
     system = load(arguments.model)

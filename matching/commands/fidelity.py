@@ -34,8 +34,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common import style
     from matching.report.fidelity import figures as fidelity_figures
     from matching.report.fidelity import text
-    from matching.validity.fidelity.files import read_case
-    from matching.validity.fidelity.result import as_json
+    from matching.validity.fidelity.case_file import read_case
+    from matching.validity.fidelity.result import xil_fidelity
     from modelling.common.errors import InputError
     from modelling.common.output import strict_json, write_all
     from modelling.measurement.channels import read_channels
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
     channels = read_channels(arguments.channels) if arguments.channels else None
     judged = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
-    answer = as_json(*judged, arguments.draws, arguments.seed)
+    answer = xil_fidelity(*judged, arguments.draws, arguments.seed).to_dict()
     files: dict[str, str | bytes] = {
         "fidelity.json": strict_json(answer),
         "fidelity.txt": text.summary(answer),

@@ -38,7 +38,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.common.output import write_all
     from modelling.equations.compiled import compiled
     from modelling.measurement.channels import read_channels
-    from modelling.measurement.recording import csv_text, read_recording
+    from modelling.measurement.read import read_recording
+    from modelling.measurement.write import csv_text
     from modelling.model.files import load
     from modelling.simulation.recorded_start import recorded_start
     from modelling.simulation.simulate import prepare, simulate
@@ -46,6 +47,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
     recording = read_recording(arguments.recording, system, channels)
+    recording.check_continuous()
     model = compiled(system)
     inputs, start = recording.inputs(system), arguments.start
     if start == "recorded":

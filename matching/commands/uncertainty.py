@@ -37,9 +37,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and write; returns the object of ``uncertainty.json``."""
     from matching.report.common import style
     from matching.report.uncertainty import figures as uncertainty_figures
-    from matching.validity.uncertainty.evaluate import as_json, evaluate
-    from matching.validity.uncertainty.files import read_budget
-    from matching.validity.uncertainty.inverse import inverse_as_json
+    from matching.validity.budget.budget_file import read_budget
+    from matching.validity.uncertainty.evaluate import evaluate
     from modelling.common.errors import InputError
     from modelling.common.output import strict_json, write_all
 
@@ -48,10 +47,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.seed < 0:
         raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
     budget = read_budget(arguments.budget)
-    results, correlation = evaluate(budget, seed=arguments.seed, draws=arguments.draws, digits=arguments.digits)
-    answer = as_json(budget, results, correlation)
-    if arguments.wanted is not None:
-        answer["inverse"] = [inverse_as_json(budget, one, arguments.wanted) for one in budget.measurands]
+    answer = evaluate(
+        budget, seed=arguments.seed, draws=arguments.draws, digits=arguments.digits, wanted=arguments.wanted
+    ).to_dict()
     files: dict[str, str | bytes] = {"uncertainty.json": strict_json(answer), "uncertainty.txt": summary(answer)}
     for one in answer["measurands"]:
         prefix = f"{one['name']}_" if len(answer["measurands"]) > 1 else ""

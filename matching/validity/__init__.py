@@ -1,1 +1,1 @@
-"""How far a test bed's answer can be trusted: measurement uncertainty (GUM) and XiL fidelity."""
+"""What a test bed's results are worth: measurement uncertainty (GUM) and XiL fidelity."""

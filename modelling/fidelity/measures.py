@@ -17,7 +17,7 @@ import numpy as np
 from modelling.common.errors import InputError
 
 ARITHMETICS = ("definition", "published")
-NRMSE = ("definition", "literal")
+NRMSE_FORMS = ("definition", "literal")
 PUBLISHED_DIVISOR = 6
 WEIGHTS = {"system_dynamics": 0.4, "residual_vehicle_model": 0.4, "measurement_uncertainty": 0.2}
 
@@ -30,11 +30,6 @@ def signal_range(reference: np.ndarray, where: str = "signal") -> float:
             where, "the reference signal is constant: its range is zero", "choose a manoeuvre that excites it"
         )
     return width
-
-
-def nrmse_fidelity(reference: np.ndarray, test: np.ndarray, form: str = "definition", where: str = "signal") -> float:
-    """R_NRMSE of Eq. 18 for two signals ``(t,)`` in the same unit, cut at 0."""
-    return nrmse_fidelity_of(float(np.mean((reference - test) ** 2)), signal_range(reference, where), form)
 
 
 def nrmse_fidelity_of(mean_square: float, width: float, form: str = "definition") -> float:

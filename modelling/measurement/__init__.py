@@ -1,0 +1,1 @@
+"""Measured data: files of several formats become recordings in SI on one time base."""

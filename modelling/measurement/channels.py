@@ -1,9 +1,9 @@
-"""What channels are called in somebody's measurement files: a small file that maps them to a model's names.
+"""What channels are called in measurement files: a small file that maps them to a model's names.
 
 [channels]
 motor_torque = "T_EM_actual"                                  # name in the model = name in the measurement
 motor_speed = { channel = "n_EM", unit = "1/min" }            # a unit where the file has none, or a wrong one
-flange_torque = { channel = "M_dyno", sign = -1 }             # counted the other way round
+flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction
 time = "t"
 """
 
@@ -19,15 +19,16 @@ import numpy as np
 
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml
-from modelling.measurement.readers import Table
+from modelling.measurement.readers.table import Table
 from modelling.units import factor
 
 KEYS = ("channel", "unit", "sign")
+CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of a measurement file: name there, unit (None: as the file says), and the sign it is counted by."""
+    """A channel of a measurement file: its name there, its unit (None: as the file says), and its sign."""
 
     name: str
     unit: str | None = None
@@ -50,23 +51,25 @@ def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
     table = data.get("channels")
     if not isinstance(table, dict) or not table:
         raise InputError(f"{path}: channels", "is missing or empty", 'write [channels] with NAME = "channel" rows')
-    found = {name: _channel(value, f"{path}: channels.{name}") for name, value in table.items()}
-    used: dict[str, str] = {}
-    for name, own in found.items():
-        if own.name in used:
+    channels = {name: _channel(value, f"{path}: channels.{name}") for name, value in table.items()}
+    first_use: dict[str, str] = {}
+    for name, channel in channels.items():
+        if channel.name in first_use:
             raise InputError(
-                f"{path}: channels.{name}", f"{own.name!r} is {used[own.name]!r} already", "name another channel"
+                f"{path}: channels.{name}",
+                f"{channel.name!r} is {first_use[channel.name]!r} already",
+                "name another channel",
             )
-        used[own.name] = name
-    return found
+        first_use[channel.name] = name
+    return channels
 
 
 def _channel(value: Any, where: str) -> Channel:
-    given = value if isinstance(value, dict) else {"channel": value}
-    for key in given:
+    table = value if isinstance(value, dict) else {"channel": value}
+    for key in table:
         if key not in KEYS:
             raise unknown(key, list(KEYS), where)
-    name, unit, sign = given.get("channel"), given.get("unit"), given.get("sign", 1)
+    name, unit, sign = table.get("channel"), table.get("unit"), table.get("sign", 1)
     if not isinstance(name, str) or not name.strip():
         raise InputError(where, "names no channel", 'write "channel" or { channel = "…", unit = "…", sign = -1 }')
     if unit is not None and not isinstance(unit, str):
@@ -76,48 +79,60 @@ def _channel(value: Any, where: str) -> Channel:
     return Channel(name.strip(), unit, float(sign))
 
 
-def _same(unit: str, other: str) -> bool:
-    """Whether two units of a sensor or input are one, as rpm and 1/min."""
-    for si in ("rad/s", "N*m", "rad", "rad/s^2", "s"):
+def _same_unit(first: str, second: str) -> bool:
+    """Whether two units of a sensor or input are the same, as rpm and 1/min."""
+    for si in CHANNEL_UNITS:
         try:
-            return factor(unit, si) == factor(other, si)
+            return factor(first, si) == factor(second, si)
         except InputError:
             continue
-    return unit == other
+    return first == second
 
 
-def called(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
-    """What names of the model are called in the file; time under its own name too."""
+def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
+    """What channels of the model, and time, are called in the file."""
     return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
 
 
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
-    """A table with its columns named, and signed, as the model counts them; columns nobody names stay.
+    """A table with the model's names and signs; columns without an entry in ``channels`` keep theirs.
 
     Raises
     ------
     InputError
         If a channel is not in the file; with what it might be.
     """
-    header, values, notes = list(table.header), table.values.copy(), list(table.notes)
-    names = [text.partition("[")[0].strip() for text in header]
-    for name, own in channels.items():
-        if own.name not in names:
-            if own.name in table.others or (name == "time" and names[0] == "time"):
-                continue  # nobody asked for it; or a format whose time has no name of its own
-            raise unknown(own.name, [*names, *table.others], f"{source}: channel of {name!r}")
-        if name in names and name != own.name:
-            raise InputError(source, f"has a column {name!r} beside {own.name!r}, which is to be {name!r}", "drop one")
-        column = names.index(own.name)
-        there = table.header[column].partition("[")[2].rpartition("]")[0]
-        unit = own.unit if own.unit is not None else there
-        if there and not _same(there, unit):
-            notes.append(f"{own.name} is in {there} by the file, taken in {unit or 'SI'} by the channel file")
-        header[column] = f"{name} [{unit}]" if unit else name
-        if own.sign < 0:
-            values[:, column] = -values[:, column]
-    if "time" in channels:
-        first = names.index(channels["time"].name)
-        order = [first, *(i for i in range(len(header)) if i != first)]
-        header, values = [header[i] for i in order], values[:, order]
-    return replace(table, header=header, values=np.ascontiguousarray(values), notes=tuple(notes))
+    if "time" in channels and channels["time"].name in table.names and table.names[0] != channels["time"].name:
+        table = _time_first(table, channels["time"].name)
+    names, units, values, notes = list(table.names), list(table.units), table.values.copy(), list(table.notes)
+    for name, channel in channels.items():
+        if channel.name not in table.names:
+            time_has_no_name = name == "time" and table.names[:1] == ["time"]
+            if channel.name in table.others or time_has_no_name:
+                continue
+            raise unknown(channel.name, [*table.names, *table.others], f"{source}: channel of {name!r}")
+        if name in table.names and name != channel.name:
+            wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
+            raise InputError(source, wrong, "drop one")
+        index = table.names.index(channel.name)
+        stated, unit = table.units[index], channel.unit if channel.unit is not None else table.units[index]
+        if stated and not _same_unit(stated, unit):
+            notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
+        names[index], units[index] = name, unit
+        if channel.sign < 0:
+            values[:, index] = -values[:, index]
+    return replace(table, names=names, units=units, values=values, notes=tuple(notes))
+
+
+def _time_first(table: Table, time: str) -> Table:
+    """The column that is to be time in front; another one called ``time`` is left out."""
+    first = table.names.index(time)
+    order = [first, *(i for i, name in enumerate(table.names) if name not in (time, "time"))]
+    left_out = ("time",) if "time" in table.names else ()
+    return replace(
+        table,
+        names=[table.names[i] for i in order],
+        units=[table.units[i] for i in order],
+        values=np.ascontiguousarray(table.values[:, order]),
+        others=(*left_out, *table.others),
+    )

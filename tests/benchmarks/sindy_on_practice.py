@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import load
 from tests.benchmarks.row import peer_runs
 

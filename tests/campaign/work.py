@@ -51,7 +51,7 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     from plant.calibrate import OutOfReach
 
     from matching.diagnosis.diagnosis import diagnose
-    from modelling.measurement.recording import read_recording
+    from modelling.measurement.read import read_recording
     from modelling.model.files import load
 
     order = given.orders[number]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from matching.diagnosis.diagnosis import diagnose
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import load
 
 EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"

@@ -17,7 +17,7 @@ from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import estimates
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.refinement import with_sharpest_friction
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import load
 from modelling.model.system import System
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made

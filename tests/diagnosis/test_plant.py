@@ -10,7 +10,7 @@ from plant.marks import needs_compiler
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
 from modelling.common.tables import read_toml
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import dumps, from_dict, load
 
 pytestmark = needs_compiler

@@ -16,7 +16,7 @@ from matching.diagnosis.fitting.fit import solve
 from matching.diagnosis.fitting.holdout import OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.search import search_window
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import load
 
 pytestmark = needs_compiler

@@ -8,7 +8,7 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnosis import diagnose
 from modelling.effects import EFFECTS
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import from_dict, load
 
 DRIVE = {

@@ -7,7 +7,7 @@ import rigmatch as rm
 from matching.cli import main
 from modelling.common.errors import InputError
 from modelling.measurement.channels import Channel, read_channels
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import from_dict
 
 MODEL = """

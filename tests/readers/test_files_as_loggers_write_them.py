@@ -7,7 +7,7 @@ import pytest
 
 from modelling.common.errors import InputError
 from modelling.measurement.channels import Channel
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import from_dict
 
 SYSTEM = from_dict({

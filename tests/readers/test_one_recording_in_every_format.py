@@ -13,7 +13,7 @@ from matching.diagnosis.diagnosis import diagnose
 from modelling.common.errors import InputError
 from modelling.common.output import strict_json
 from modelling.measurement.channels import Channel
-from modelling.measurement.recording import read_recording
+from modelling.measurement.read import read_recording
 from modelling.model.files import from_dict, to_dict
 
 NOISE = 0.02  # rad/s
@@ -202,7 +202,7 @@ def test_other_names_in_files_without_a_header_row(suffix, tmp_path, channels, f
 
 def test_a_mat_file_whose_time_is_called_otherwise(tmp_path, channels):
     savemat(tmp_path / "run.mat", {"t": TIME, **channels, "units": UNITS, "other": np.arange(3)})
-    with pytest.raises(InputError, match="has no vector 'time'"):
+    with pytest.raises(InputError, match="has no column 'time'"):
         read_recording(tmp_path / "run.mat", SYSTEM)
     got = read_recording(tmp_path / "run.mat", SYSTEM, {"time": Channel("t")})
     np.testing.assert_allclose(got.time, TIME, atol=1e-12)

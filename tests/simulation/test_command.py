@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from modelling.measurement.recording import csv_text, read_recording
+from modelling.measurement.read import read_recording
+from modelling.measurement.write import csv_text
 from modelling.model.files import dumps
 from modelling.simulation.simulate import simulate
 from tests.simulation.drives import excitation, system_with

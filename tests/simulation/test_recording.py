@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from modelling.common.errors import InputError
-from modelling.measurement.recording import Recording, csv_text, read_recording
+from modelling.measurement.read import read_recording
+from modelling.measurement.recording import Recording
+from modelling.measurement.write import csv_text
 from tests.simulation.drives import system_with
 
 HEADER = "time [s],motor_torque [N*m],brake_torque [N*m],motor_speed [1/min],link_torque"
@@ -53,8 +55,8 @@ def test_missing_values_are_bridged_in_inputs_and_left_out_of_sensors(tmp_path):
     np.testing.assert_allclose(got["motor_torque"], 0.1 * np.arange(20))
     assert np.isnan(got["motor_speed"][4])
     assert np.isfinite(got["motor_speed"]).sum() == 19
-    assert "motor_torque: 2 values missing, first at 0.003 s; bridged" in got.notes[0]
-    assert "motor_speed: 1 values missing" in got.notes[1]
+    assert "motor_torque: 2 values are missing, first at 0.003 s; bridged" in got.notes[0]
+    assert "motor_speed: 1 value is missing, first at 0.004 s; left out" in got.notes[1]
 
 
 def test_a_sensor_without_any_value_is_unused(tmp_path):
@@ -73,7 +75,7 @@ def test_duplicates_gaps_and_jitter_are_told(tmp_path):
     lines = rows(40)
     got = read_recording(written(tmp_path, [*lines[:10], lines[9], *lines[10:]]), SYSTEM)
     assert len(got.time) == 40
-    assert "1 time stamps stand twice, first at 0.009 s" in got.notes[0]
+    assert "1 time stamps are repeated, first at 0.009 s" in got.notes[0]
     got = read_recording(written(tmp_path, lines[:10] + lines[25:]), SYSTEM)
     assert "gaps in time (0.016 s at 0.009 s)" in got.notes[0]
     shaken = np.arange(40) * 0.001 + np.random.default_rng(0).uniform(-1, 1, 40) * 1e-4
@@ -83,6 +85,57 @@ def test_duplicates_gaps_and_jitter_are_told(tmp_path):
     slower = np.cumsum(np.linspace(0.001, 0.0012, 40))
     got = read_recording(written(tmp_path, [f"{t:.9g},1,1,1,1" for t in np.sort(slower)]), SYSTEM)
     assert "uneven" in got.notes[0] or "jitter" in got.notes[0]
+
+
+def test_a_gap_is_one_whether_cells_are_empty_or_rows_are_missing(tmp_path):
+    """Up to 0.1 s of an input are bridged; a longer gap divides the recording, and nothing is made up in it."""
+    lines = rows(500)
+    short = (
+        lines[:100] + [line.replace(f",{0.1 * k:.4g},", ",,", 1) for k, line in enumerate(lines)][100:199] + lines[199:]
+    )
+    for kept in (short, lines[:100] + lines[199:]):
+        got = read_recording(written(tmp_path, kept), SYSTEM)
+        np.testing.assert_allclose(np.interp(0.15, got.time, got["motor_torque"]), 15.0)
+        got.check_continuous()
+    assert len(read_recording(written(tmp_path, short), SYSTEM).time) == 500
+    empty = [line.replace(f",{0.1 * k:.4g},", ",,", 1) for k, line in enumerate(lines)]
+    for kept in (lines[:100] + empty[100:200] + lines[200:], lines[:100] + lines[200:]):
+        got = read_recording(written(tmp_path, kept), SYSTEM)
+        assert len(got.time) == 400
+        assert not ((got.time > 0.0995) & (got.time < 0.1995)).any()
+        with pytest.raises(InputError, match=r"has a gap from 0\.099 to 0\.2 s; cut the recording there"):
+            got.check_continuous()
+
+
+def test_rows_before_the_first_value_of_an_input_are_left_out(tmp_path):
+    lines = [f"{k * 0.001:.6g},{k if k >= 7 else ''},{k if k < 95 else ''},{60 * k},1" for k in range(100)]
+    got = read_recording(written(tmp_path, lines), SYSTEM)
+    np.testing.assert_allclose(got["motor_torque"], np.arange(7, 95))
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * np.arange(7, 95))
+    assert "motor_torque: 7 values are missing, first at 0 s" in got.notes[0]
+    assert "7 rows left out" in got.notes[0]
+
+
+def test_columns_that_are_not_used_may_hold_anything(tmp_path):
+    """Text, no name, no cells, a name that is there twice; blank lines before the header."""
+    header = "\n \ntime [s],remark,motor_torque,brake_torque,x,,x,motor_speed [1/min],"
+    lines = ["0,start,1,1.5,,,7,0,", "0.001,,2,1.5,off,,8,60,,", "0.002,done,3,1.5,,,9,120,"]
+    got = read_recording(written(tmp_path, lines, header), SYSTEM)
+    np.testing.assert_allclose(got["motor_torque"], [1, 2, 3])
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * np.arange(3))
+    assert got.notes == ("not in the model, unused: remark, x, x",)
+    with pytest.raises(InputError, match="line 5: 'x' in column 'motor_torque'"):
+        read_recording(written(tmp_path, [lines[0], lines[1].replace("2", "x", 1)], header), SYSTEM)
+
+
+def test_an_absolute_time_starts_at_zero_and_needs_enough_digits(tmp_path):
+    lines = [f"{1.7e9 + 0.001 * k:.3f},{k},1,1,1" for k in range(3000)]
+    got = read_recording(written(tmp_path, lines), SYSTEM)
+    np.testing.assert_allclose(got.time, 0.001 * np.arange(3000), atol=1e-8)
+    assert "time starts at 1700000000 s in the file" in got.notes[0]
+    rounded = [f"{1.7e9 + 0.001 * k:.10g},{k},1,1,1" for k in range(3000)]
+    with pytest.raises(InputError, match=r"2996 of 3000 time stamps are repeated.*write time with more digits"):
+        read_recording(written(tmp_path, rounded), SYSTEM)
 
 
 def test_time_stamps_that_were_rounded_lie_on_the_grid(tmp_path):
@@ -98,7 +151,7 @@ BAD = {
     "empty": ("", "is empty"),
     "header only": (HEADER + "\n", "has 0 rows"),
     "one row": (HEADER + "\n0,1,1,1,1\n", "has 1 row of numbers"),
-    "no time": ("motor_torque,brake_torque\n1,2\n2,3\n", "line 1: the first column is 'motor_torque'"),
+    "no time": ("motor_torque,brake_torque\n1,2\n2,3\n", "has no column 'time'; there are motor_torque, brake_torque"),
     "text in numbers": (HEADER + "\n0,1,1,1,1\n0.001,1,off,1,1\n", r"line 3: 'off' in column 'brake_torque \[N\*m\]'"),
     "short row": (HEADER + "\n0,1,1,1,1\n0.001,1,1\n", "line 3: 3 cells; the header has 5"),
     "all rows short": (HEADER + "\n0,1,1\n0.001,1,1\n", "line 2: 3 cells"),
@@ -116,13 +169,11 @@ BAD = {
         "did you mean 'motor_torqe'",
     ),
     "input without value": (HEADER + "\n0,,1,1,1\n1,,1,1,1\n", "column 'motor_torque': has no value"),
-    "input with a hole": (
-        HEADER + "\n0,1,1,1,1\n1,,1,1,1\n2,,1,1,1\n3,1,1,1,1\n4,1,1,1,1\n",
-        "3 s of values",
-    ),
     "infinite": (HEADER + "\n0,1,1,1,1\n1,1,1,inf,1\n", "line 3: 'motor_speed' is infinite"),
-    "column twice": (HEADER + ",motor_speed\n0,1,1,1,1,1\n1,1,1,1,1,1\n", "'motor_speed' stands twice"),
-    "column without name": ("time,motor_torque,,brake_torque\n0,1,1,1\n", "column 3 has no name"),
+    "column twice": (
+        HEADER + ",motor_speed\n0,1,1,1,1,1\n1,1,1,1,1,1\n",
+        "line 1: column 'motor_speed' is there twice",
+    ),
     "thousands": ("time [s];motor_torque;brake_torque\n0;1.500,5;2\n", "points here and commas there"),
     "underscored number": (HEADER + "\n0,1,1,1,1\n1,1_0,1,1,1\n", "line 3: '1_0'"),
     "zero bytes": ("\0" * 50, "line 1 is no header row"),
@@ -172,7 +223,7 @@ def test_cut_and_resampled():
     np.testing.assert_allclose(finer["motor_torque"][::2], time**2)
     assert np.isnan(finer["motor_speed"][100])
     assert "resampled to 200 Hz" in finer.notes[0]
-    assert "folded" in recording.resampled(20.0).notes[1]
+    assert "frequencies above 10 Hz alias" in recording.resampled(20.0).notes[1]
     part = recording.cut(0.2, 0.4)
     assert part.time[0] == pytest.approx(0.2)
     assert len(part.time) == 20
@@ -230,9 +281,9 @@ def test_mdf_files(tmp_path):
             file.append([signal])
         file.save(tmp_path / "a.mf4")
     got = read_recording(tmp_path / "a.mf4", SYSTEM)
-    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * time)
-    np.testing.assert_allclose(got["brake_torque"][:-1], time[:-1], atol=1e-12)
-    assert "brake_torque: 15 values missing" in got.notes[0]
+    np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * time[:-1])  # the slower input ends a step earlier
+    np.testing.assert_allclose(got["brake_torque"], time[:-1], atol=1e-12)
+    assert "brake_torque: 15 values are missing, first at 0.002 s" in got.notes[0]
     (tmp_path / "b.mf4").write_text("no such thing")
     with pytest.raises(InputError, match="is no MDF file"):
         read_recording(tmp_path / "b.mf4", SYSTEM)

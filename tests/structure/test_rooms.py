@@ -22,6 +22,7 @@ FLOORS = [
     ["modelling.bed.structures"],
     ["modelling.fmu"],
     ["matching.studies"],
+    ["matching.validity.budget"],
     ["matching.validity.uncertainty"],
     ["matching.validity.fidelity"],
     ["matching.validity"],

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from matching.validity.uncertainty.files import budget_from_tables
+from matching.validity.budget.budget_file import budget_from_tables
 from matching.validity.uncertainty.propagate import output_correlation, propagate
 
 GTC = pytest.importorskip("GTC")

@@ -4,8 +4,8 @@ import copy
 
 import pytest
 
+from matching.validity.budget.budget_file import budget_from_tables, read_budget
 from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.files import budget_from_tables, read_budget
 from modelling.common.errors import InputError
 
 GOOD = {
@@ -28,7 +28,7 @@ def changed(path, value):
 
 
 def test_the_good_one_is_good():
-    assert evaluate(budget_from_tables(GOOD), draws=20_000)[0][0].propagation.value == pytest.approx(30)
+    assert evaluate(budget_from_tables(GOOD), draws=20_000).measurands[0].propagation.value == pytest.approx(30)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from matching.validity.fidelity.files import fidelity_from_tables, read_case
+from matching.validity.fidelity.case_file import fidelity_from_tables, read_case
 from modelling.common.errors import InputError
-from modelling.fidelity.assess import SignalPair, fidelity_of_signals
+from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.fidelity import SignalPair
 
 TIME = 0.01 * np.arange(200)
 STEP = np.tanh((TIME - 1) / 0.1)
@@ -82,7 +83,10 @@ def test_recordings_in_other_units_and_from_another_start_are_the_same_signals(t
         ({"recordings": {"reference": "road.csv", "test": "none.csv"}}, "none.csv: does not exist"),
         ({"system_dynamics": {"force": {}}}, "has no column 'force'"),
         ({"system_dynamics": {"torque": {"test": "speed"}}}, "reference is in N*m, test in rad/s"),
-        ({"system_dynamics": {"torque": {"nrmse_fidelity": 0.9, "test": "speed"}}}, "values and signals at once"),
+        (
+            {"system_dynamics": {"torque": {"nrmse_fidelity": 0.9, "test": "speed"}}},
+            "states values and names signals at once",
+        ),
         ({"system_dynamics": {"torque": {"nrmse_fidelity": 1.9}}}, "not in 0 ... 1"),
         ({"system_dynamics": {"torque": {"delay": 0.1}}}, "'nrmse_fidelity' is missing"),
         ({"system_dynamics": {"torque": {"nrmse_fidelity": 0.9, "delay": "5 kg"}}}, "does not fit"),
@@ -136,7 +140,7 @@ def test_cases(tmp_path, changes, words):
         ("time [s],speed [1/s]", ["0,1", "1,2", "3,4"], "turns, radians or cycles"),
         ("time [s],torque [N*m]", ["0,1", "0.01,1"], "cut or resample both"),
         ("time [s],torque [N*m]", ["0,1", "0.01,1", "0.5,1"], "equal steps"),
-        ("time [s]", ["0"], "fewer than two rows"),
+        ("time [s]", ["0"], "has 1 row of numbers"),
     ],
 )
 def test_recordings(tmp_path, header, lines, words):

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from matching.validity.fidelity.attribution import attribute
 from matching.validity.fidelity.spectrum import bands
-from modelling.fidelity.assess import SignalPair, fidelity_of_signals
+from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.distribution import fidelity_distribution, probability_better
+from modelling.fidelity.fidelity import SignalPair
 from modelling.fidelity.measures import delay_fidelity
 from modelling.fidelity.objective import SmoothFidelity
-from modelling.fidelity.spread import probability_better, spread
 
 COUNT, STEP = 400, 5e-3
 TIME = STEP * np.arange(COUNT)
@@ -65,7 +66,7 @@ def test_identical_signals_score_exactly_one(kind, seed):
         TIME, {"torque": SignalPair(reference, reference.copy(), 0.0)}, f_max=30.0, weights=WEIGHTS
     )
     assert fidelity.total == 1
-    assert attribute(fidelity) == [] or max(loss.loss for loss in attribute(fidelity)) < 1e-9
+    assert max((loss.loss for loss in attribute(fidelity).losses), default=0.0) < 1e-9
 
 
 def test_a_signal_without_relation_scores_zero_at_worst():
@@ -115,7 +116,7 @@ def test_bands_add_up_and_losses_too(reference, test, seed):
     whole = float(np.mean((pair.reference - pair.test) ** 2))
     assert sum(band.mean_square for band in found) == pytest.approx(whole, rel=1e-9, abs=1e-20)
     fidelity = judge(pair.reference, pair.test)
-    assert sum(loss.loss for loss in attribute(fidelity)) == pytest.approx(1 - fidelity.total**2, abs=1e-9)
+    assert sum(loss.loss for loss in attribute(fidelity).losses) == pytest.approx(1 - fidelity.total**2, abs=1e-9)
 
 
 def test_bands_find_where_and_by_how_much():
@@ -149,7 +150,7 @@ def test_uncertainty_of_fidelity_is_that_of_repetitions():
         )
         fidelity = fidelity_of_signals(TIME, {"torque": pair}, f_max=30.0, weights={"system_dynamics": 1.0})
         totals.append(fidelity.total)
-        told.append(spread(fidelity, 4000).total.std())
+        told.append(fidelity_distribution(fidelity, 4000).total.std())
     assert np.mean(told) == pytest.approx(np.std(totals, ddof=1), rel=0.35)
 
 
@@ -160,7 +161,7 @@ def test_a_value_with_an_undetermined_delay_is_the_upper_end_of_its_interval():
     found = fidelity_of_signals(time, {"torque": pair}, f_max=30.0, weights={"system_dynamics": 1.0})
     assert found.signals["system_dynamics"][0].delay.value is None
     for one, value in (("total", found.total), ("system_dynamics", found.domains["system_dynamics"])):
-        low, high = spread(found, 4000).summary()[one]["interval"]
+        low, high = fidelity_distribution(found, 4000).summary()[one].interval
         assert high == pytest.approx(value, rel=0.01)
         assert low < value <= high
 
@@ -168,7 +169,7 @@ def test_a_value_with_an_undetermined_delay_is_the_upper_end_of_its_interval():
 def test_two_rigs_compared():
     reference = signal("step", 3)
     good, bad = (
-        spread(
+        fidelity_distribution(
             fidelity_of_signals(
                 TIME,
                 {"torque": SignalPair(reference, np.interp(TIME - lag, TIME, reference), noise=(0.01, 0.01))},

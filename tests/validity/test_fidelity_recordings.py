@@ -9,7 +9,7 @@ from scipy.signal import butter, lfilter
 
 import rigmatch as rm
 from matching.cli import main
-from matching.validity.fidelity.files import read_case
+from matching.validity.fidelity.case_file import read_case
 from modelling.common.errors import InputError
 
 TIME = np.arange(2000) * 1e-3
@@ -103,7 +103,7 @@ def test_command_takes_a_channel_file(tmp_path, signals, capsys):
     (tmp_path / "called.toml").write_text(CALLED)
     words = ["fidelity", str(path), "--out", str(tmp_path / "out"), "--draws", "200", "--json"]
     assert main(words) == 2
-    assert "first column is 't'" in capsys.readouterr().err
+    assert "has no column 'time'; there are t, M_dyno, n_EM" in capsys.readouterr().err
     assert main([*words, "--channels", str(tmp_path / "called.toml")]) == 0
     assert json.loads(capsys.readouterr().out)["R_XiL"] > 0.5
     (tmp_path / "called.toml").write_text(CALLED.replace("M_dyno", "M_dino"))
@@ -120,9 +120,10 @@ def test_what_is_mended_is_noted(tmp_path, signals):
     write_csv(tmp_path / "rig.csv", ("time", "torque", "speed"), ("s", "N*m", "1/min"), (torque, speed), jitter)
     _, found = read_case(path)
     assert found.total == pytest.approx(clean.total, abs=5e-4)
-    assert [note.split(":")[0] for note in found.notes] == ["rig.csv", "rig.csv"]
-    assert "torque: 1 values missing" in found.notes[0]
-    assert "uneven" in found.notes[1]
+    assert [note.split(":")[0] for note in found.notes] == ["rig.csv"] * 3
+    assert "jitter by up to 0.36 ms about steps of 1 ms" in found.notes[0]
+    assert "torque: 1 value is missing, first at 0.00480822 s" in found.notes[1]
+    assert "brought to equal steps" in found.notes[2]
 
 
 def test_channels_without_recordings(tmp_path):

@@ -4,19 +4,20 @@ from pathlib import Path
 
 import pytest
 
+from matching.validity.budget.budget_file import budget_from_tables, read_budget
 from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.files import budget_from_tables, read_budget
 from matching.validity.uncertainty.rounding import written
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "gum"
 
 
 def first_order(name):
-    return evaluate(read_budget(EXAMPLES / name), with_monte_carlo=False)
+    answer = evaluate(read_budget(EXAMPLES / name), with_monte_carlo=False)
+    return answer.measurands, answer.correlation
 
 
 def drawn(budget, **options):
-    return evaluate(budget, **options)[0][0]
+    return evaluate(budget, **options).measurands[0]
 
 
 def additive(shape="rectangular", fourth=1.0):

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.validity.fidelity.attribution import attribute, by_origin
-from matching.validity.fidelity.files import read_case
+from matching.validity.fidelity.attribution import attribute
+from matching.validity.fidelity.case_file import read_case
 from modelling.common.errors import InputError
 from modelling.fidelity.measures import (
     chi,
     delay_fidelity,
     dynamics_fidelity,
     measurement_fidelity,
-    nrmse_fidelity,
+    nrmse_fidelity_of,
     representativeness,
     total_fidelity,
 )
@@ -57,9 +57,11 @@ def test_fig6_anchor_points():
 
 def test_literal_eq18_depends_on_the_unit_and_the_definition_does_not():
     reference, test = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.1, 1.2, 1.9, 3.0])
-    assert nrmse_fidelity(reference, test) == pytest.approx(nrmse_fidelity(1000 * reference, 1000 * test), rel=1e-12)
-    literal = [nrmse_fidelity(scale * reference, scale * test, "literal") for scale in (1.0, 10.0)]
-    assert abs(literal[0] - literal[1]) > 0.05
+    mean_square = float(np.mean((reference - test) ** 2))  # 0.015 over a range of 3
+    assert nrmse_fidelity_of(mean_square, 3.0) == pytest.approx(1 - np.sqrt(0.015) / 3)
+    assert nrmse_fidelity_of(1e6 * mean_square, 3000.0) == pytest.approx(1 - np.sqrt(0.015) / 3)
+    assert nrmse_fidelity_of(mean_square, 3.0, "literal") == pytest.approx(1 - np.sqrt(0.015 / 3))
+    assert nrmse_fidelity_of(1e2 * mean_square, 30.0, "literal") == pytest.approx(1 - np.sqrt(0.15 / 3))
 
 
 def test_dos_santos():
@@ -71,13 +73,12 @@ def test_dos_santos():
 
 def test_attribution_sums_to_the_loss_and_each_gain_is_what_repair_gives():
     _, fidelity = read_case(TAB2)
-    losses = attribute(fidelity)
+    attribution = attribute(fidelity)
+    losses = attribution.losses
     assert sum(loss.loss for loss in losses) == pytest.approx(1 - fidelity.total**2, rel=1e-12)
-    assert sum(by_origin(losses).values()) == pytest.approx(1)
+    assert sum(attribution.by_origin.values()) == pytest.approx(1)
     assert (losses[0].signal, losses[0].cause) == ("speed", "delay")
-    pairs = {
-        name: tuple((one.nrmse, one.delay_fidelity) for one in members) for name, members in fidelity.signals.items()
-    }
-    pairs["system_dynamics"] = (pairs["system_dynamics"][0], (pairs["system_dynamics"][1][0], 1.0))
-    repaired, _ = fidelity.recombined(pairs, tuple(one.ratio for one in fidelity.sensors))
+    torque, speed = fidelity.signals["system_dynamics"]
+    dynamics = dynamics_fidelity([torque.nrmse, speed.nrmse], [torque.delay_fidelity, 1.0])
+    repaired = total_fidelity(fidelity.domains | {"system_dynamics": dynamics}, fidelity.weights)
     assert repaired - fidelity.total == pytest.approx(losses[0].gain, rel=1e-12)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from matching.validity.uncertainty.distributions import NAMES, Distribution
+from matching.validity.budget.budget_file import budget_from_tables
+from matching.validity.budget.distributions import NAMES, Distribution
 from matching.validity.uncertainty.draws import sampler
 from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.files import budget_from_tables
 from matching.validity.uncertainty.inverse import required
 from matching.validity.uncertainty.montecarlo import monte_carlo
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
@@ -100,7 +100,7 @@ def test_welch_satterthwaite_is_refused_for_correlated_inputs_of_finite_freedom(
         x={"value": 0, "uncertainty": 1, "degrees_of_freedom": 5},
         y={"value": 0, "uncertainty": 1},
     )
-    result = evaluate(budget, draws=100_000)[0][0]
+    result = evaluate(budget, draws=100_000).measurands[0]
     assert result.propagation.degrees_of_freedom is None
     assert "Welch-Satterthwaite does not hold" in result.propagation.refusal
     assert any("refused" in line for line in result.warnings)
@@ -183,7 +183,7 @@ def test_memory_is_bounded_by_the_chunks_not_the_draws():
 
 def test_good_verdict_where_first_order_is_good():
     budget, _measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 0, "uncertainty": 2})
-    result = evaluate(budget, draws=8_000_000, digits=1)[0][0]
+    result = evaluate(budget, draws=8_000_000, digits=1).measurands[0]
     assert result.check.verdict == "good"
 
 

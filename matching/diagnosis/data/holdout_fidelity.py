@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from matching.diagnosis.data.holdout_residuals import HoldoutData
-from modelling.fidelity.assess import Fidelity, Sensor, SignalFidelity, SignalPair, assemble, assess_signal
+from modelling.fidelity.assess import assemble, assess_signal
+from modelling.fidelity.distribution import fidelity_distribution
+from modelling.fidelity.fidelity import Fidelity, FidelityMethod, Sensor, SignalFidelity, SignalPair
 from modelling.fidelity.measures import WEIGHTS, delay_fidelity, dynamics_fidelity
-from modelling.fidelity.spread import spread
 from modelling.model.system import System
 
 DRIVABILITY_HZ = 30.0  # f_max of the paper's manoeuvres
@@ -109,6 +110,7 @@ def fidelity(system: System, data: HoldoutData) -> HoldoutFidelity | None:
     """
     step = float(np.median(np.diff(data.time[data.parts[0]])))
     f_max = min(DRIVABILITY_HZ, SHARE_OF_SAMPLING / step)
+    method = FidelityMethod(f_max, longest_delay=LONGEST_DELAY)
     before: list[SignalFidelity] = []
     after: list[SignalFidelity] = []
     sensors: list[Sensor] = []
@@ -126,7 +128,7 @@ def fidelity(system: System, data: HoldoutData) -> HoldoutFidelity | None:
             continue
         for scores, residual in ((before, part.before), (after, part.after)):
             pair = SignalPair(part.measured, part.measured - residual, noise=(u, 0.0))
-            scores.append(assess_signal(sensor.name, pair, step, f_max, longest_delay=LONGEST_DELAY))
+            scores.append(assess_signal(sensor.name, pair, step, method))
         floor.append(max(0.0, 1 - u / width))
         sensors.append(Sensor(sensor.name, COVERAGE_FACTOR * u / width))
         seconds[sensor.name] = part.seconds
@@ -135,9 +137,7 @@ def fidelity(system: System, data: HoldoutData) -> HoldoutFidelity | None:
     total = sum(WEIGHTS[name] for name in DOMAINS)
     weights = {name: WEIGHTS[name] / total for name in DOMAINS}
     models = [
-        _with_uncertainty(
-            assemble({"residual_vehicle_model": tuple(scores)}, tuple(sensors), weights, f_max, step=step)
-        )
+        _with_uncertainty(assemble({"residual_vehicle_model": tuple(scores)}, tuple(sensors), weights, method, step))
         for scores in (before, after)
     ]
     no_delay = [float(delay_fidelity(0.0, f_max))] * len(floor)
@@ -164,9 +164,9 @@ def _longest_part(data: HoldoutData, j: int) -> _EvenPart | None:
 
 
 def _with_uncertainty(model: Fidelity) -> ModelFidelity:
-    drawn = spread(model, DRAWS).summary()
+    drawn = fidelity_distribution(model, DRAWS).summary()
     return ModelFidelity(
-        model.domains["residual_vehicle_model"], drawn["residual_vehicle_model"]["standard_uncertainty"],
-        model.domains["measurement_uncertainty"], model.total, drawn["total"]["standard_uncertainty"],
+        model.domains["residual_vehicle_model"], drawn["residual_vehicle_model"].standard_uncertainty,
+        model.domains["measurement_uncertainty"], model.total, drawn["total"].standard_uncertainty,
         model.signals["residual_vehicle_model"],
     )  # fmt: skip

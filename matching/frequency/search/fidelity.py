@@ -18,9 +18,10 @@ import numpy as np
 from matching.frequency.loop.emulated import PLACE, on_emulated_side
 from matching.frequency.loop.parts import Parts
 from matching.frequency.verification.simulation import Traces
-from modelling.fidelity.assess import Fidelity, SignalPair, fidelity_of_signals
+from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.distribution import FidelityDistribution, fidelity_distribution
+from modelling.fidelity.fidelity import Fidelity, SignalPair
 from modelling.fidelity.measures import WEIGHTS
-from modelling.fidelity.spread import Spread, spread
 
 COVERAGE_FACTOR = 2.0
 LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity, and so does a tenth of it at 30 Hz
@@ -39,9 +40,9 @@ class MatchFidelity:
     at_rest: tuple[str, ...]
 
     @cached_property
-    def spreads(self) -> tuple[Spread, Spread]:
+    def distributions(self) -> tuple[FidelityDistribution, FidelityDistribution]:
         """Distributions of both, seeded."""
-        return spread(self.before, DRAWS), spread(self.after, DRAWS)
+        return fidelity_distribution(self.before, DRAWS), fidelity_distribution(self.after, DRAWS)
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it; a domain without a signal is None and its weight is 0."""
@@ -51,8 +52,8 @@ class MatchFidelity:
         return {
             "f_max": self.after.f_max,
             "weights": {SHORT[name]: self.after.weights.get(name, 0.0) for name in SHORT},
-            "before": _described(self.before, self.spreads[0]),
-            "after": _described(self.after, self.spreads[1]),
+            "before": _described(self.before, self.distributions[0]),
+            "after": _described(self.after, self.distributions[1]),
             "notes": notes,
         }
 
@@ -126,12 +127,12 @@ def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
     return {"system_dynamics": dynamics, "residual_vehicle_model": behind}
 
 
-def _described(own: Fidelity, drawn: Spread) -> dict[str, Any]:
+def _described(own: Fidelity, drawn: FidelityDistribution) -> dict[str, Any]:
     total = drawn.summary()["total"]
     return {short: own.domains.get(name) for name, short in SHORT.items()} | {
         "R_XiL": own.total,
-        "standard_uncertainty": total["standard_uncertainty"],
-        "interval": total["interval"],
+        "standard_uncertainty": total.standard_uncertainty,
+        "interval": list(total.interval),
         "signals": {
             SHORT[domain]: [
                 {

@@ -7,21 +7,21 @@ from matplotlib.figure import Figure
 from matching.report.common.table import preformatted
 from matching.report.fidelity.figures import attribution, delay_curve
 from matching.report.fidelity.text import summary
-from matching.validity.answers import XilFidelity
+from matching.validity.fidelity.result import XilFidelity
 from modelling.common import display
 
 
 @display.plot.register
 def plot(fidelity: XilFidelity) -> Figure:
     """What is lost to what, ranked; the delay curve where the case names values instead of signals."""
-    content = fidelity.content
-    return attribution(content) if "attribution" in content else delay_curve(content)
+    content = fidelity.to_dict()
+    return delay_curve(content) if fidelity.attribution is None else attribution(content)
 
 
 @display.text.register
 def as_text(fidelity: XilFidelity) -> str:
     """Total and partial fidelities with their uncertainty."""
-    return summary(fidelity.content)
+    return summary(fidelity.to_dict())
 
 
 @display.html.register

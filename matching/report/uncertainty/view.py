@@ -7,20 +7,20 @@ from matplotlib.figure import Figure
 from matching.report.common.table import preformatted
 from matching.report.uncertainty.figures import contributions
 from matching.report.uncertainty.text import summary
-from matching.validity.answers import Uncertainty
+from matching.validity.uncertainty.result import Uncertainty
 from modelling.common import display
 
 
 @display.plot.register
 def plot(uncertainty: Uncertainty) -> Figure:
     """Contributions of the inputs to the first measurand."""
-    return contributions(uncertainty.content["measurands"][0])
+    return contributions(uncertainty.to_dict()["measurands"][0])
 
 
 @display.text.register
 def as_text(uncertainty: Uncertainty) -> str:
     """Statement, budget table and checks."""
-    return summary(uncertainty.content)
+    return summary(uncertainty.to_dict())
 
 
 @display.html.register

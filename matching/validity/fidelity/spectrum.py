@@ -1,29 +1,41 @@
-"""Where in frequency the fidelity is lost: the deviation of each band, split into amplitude, phase and delay."""
+"""At which frequencies the fidelity is lost: the deviation of each band, split into amplitude, phase and delay."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from modelling.fidelity.assess import SignalPair
+from modelling.fidelity.fidelity import SignalPair
 from modelling.fidelity.measures import delay_fidelity, nrmse_fidelity_of, signal_range
 
-EDGES = (0.0, 0.5, 1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0, 25.0, 30.0)
+EDGES = (0.0, 0.5, 1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0, 25.0, 30.0)  # Hz
+LEAST_COHERENCE = 0.7  # below it a band's lines share no delay
+TRIAL_DELAYS = 41  # over ± half a period of the band's mean frequency: 40 steps find the highest of its few peaks
 
 
 @dataclass(frozen=True)
 class Band:
-    """One band from ``low`` to ``high`` Hz; the bands' ``mean_square`` add up to that of the whole deviation exactly.
+    """One band of a signal's deviation. The bands' ``mean_square`` sum to that of the whole deviation exactly.
 
-    ``share`` of the mean square deviation; ``nrmse`` is R_NRMSE if there were only this band's deviation;
-    ``amplitude_share`` and ``phase_share`` split it by |X − Y|² = (|X| − |Y|)² + 2|X||Y|(1 − cos φ);
-    ``coherence`` is that of the band's lines taken with one common delay, and ``delay`` (s) that delay, or None where
-    the band holds too few lines or too little coherence; ``delay_fidelity`` follows from it.
+    Attributes
+    ----------
+    low, high : float
+        Hz.
+    mean_square, share : float
+        Mean square deviation, SI, and its part of the whole.
+    nrmse : float
+        R_NRMSE if there were only this band's deviation.
+    amplitude_share, phase_share : float
+        Parts of the band's mean square, by |X − Y|² = (|X| − |Y|)² + 2|X||Y|(1 − cos φ).
+    coherence : float
+        Of the band's lines with one common delay, 0 … 1.
+    delay, delay_fidelity : float, optional
+        That delay in s and its R_τ; None where the band has too few lines or too little coherence.
     """
 
     low: float
@@ -37,74 +49,72 @@ class Band:
     delay: float | None
     delay_fidelity: float | None
 
+    def to_dict(self) -> dict[str, Any]:
+        """As ``fidelity.json`` holds it; the upper edge of the last band is null."""
+        return asdict(self) | {"high": self.high if math.isfinite(self.high) else None}
 
-def bands(pair: SignalPair, step: float, f_max: float, edges: tuple[float, ...] | None = None) -> list[Band]:
-    """Bands over 0…f_max and one above; ``edges`` in Hz. The mean square splits by Parseval's theorem.
 
-    The discrete spectrum takes the recording as one period; a recording that ends elsewhere than it began puts its
-    jump into all bands, but into reference and test alike, so that the deviation's spectrum hardly shows it.
+def bands(pair: SignalPair, step: float, f_max: float, edges: tuple[float, ...] = EDGES) -> tuple[Band, ...]:
+    """Bands from 0 to f_max and one above (``edges`` Hz, ``step`` s); the mean square splits by Parseval's theorem.
+
+    The discrete spectrum takes the recording as one period. A recording that ends at another value than it began with
+    has a step there, which contributes to all bands, but to reference and test alike, so that their difference hardly
+    shows it.
     """
     reference, test = np.asarray(pair.reference, dtype=float), np.asarray(pair.test, dtype=float)
     count, width = len(reference), signal_range(reference)
-    edges = (*tuple(edge for edge in (EDGES if edges is None else edges) if edge < f_max), f_max, math.inf)
+    edges = (*(edge for edge in edges if edge < f_max), f_max, math.inf)
     x, y = np.fft.rfft(reference), np.fft.rfft(test)
     frequency = np.fft.rfftfreq(count, step)
-    double = np.full(len(x), 2.0)  # lines that stand for a conjugate pair
-    double[0] = 1.0
+    lines = np.full(len(x), 2.0)  # a line stands for a conjugate pair, but for 0 and half the sampling frequency
+    lines[0] = 1.0
     if count % 2 == 0:
-        double[-1] = 1.0
-    scale = double / count**2
-    deviation = scale * np.abs(x - y) ** 2
-    amplitude = scale * (np.abs(x) - np.abs(y)) ** 2
+        lines[-1] = 1.0
+    deviation = lines / count**2 * np.abs(x - y) ** 2
+    amplitude = lines / count**2 * (np.abs(x) - np.abs(y)) ** 2
     total = float(deviation.sum())
     found = []
     for low, high in itertools.pairwise(edges):
         inside = (frequency >= low) & (frequency < high)
-        part = float(deviation[inside].sum())
-        by_amplitude = float(amplitude[inside].sum())
-        lag, coherence = _common_delay(x[inside], y[inside], frequency[inside])
+        mean_square, by_amplitude = float(deviation[inside].sum()), float(amplitude[inside].sum())
+        delay, coherence = _common_delay(x[inside], y[inside], frequency[inside])
         found.append(
             Band(
                 low,
                 high,
-                part,
-                part / total if total > 0 else 0.0,
-                nrmse_fidelity_of(part, width),
-                by_amplitude / part if part > 0 else 0.0,
-                1 - by_amplitude / part if part > 0 else 0.0,
+                mean_square,
+                mean_square / total if total > 0 else 0.0,
+                nrmse_fidelity_of(mean_square, width),
+                by_amplitude / mean_square if mean_square > 0 else 0.0,
+                1 - by_amplitude / mean_square if mean_square > 0 else 0.0,
                 coherence,
-                lag,
-                None if lag is None else float(delay_fidelity(lag, f_max)),
+                delay,
+                None if delay is None else float(delay_fidelity(delay, f_max)),
             )
         )
-    return found
+    return tuple(found)
 
 
 def _common_delay(x: np.ndarray, y: np.ndarray, frequency: np.ndarray) -> tuple[float | None, float]:
-    """The delay that turns the cross-spectrum of the band most nearly real, and how nearly (coherence, 0…1)."""
+    """The delay (s) that makes the cross-spectrum of a band (f,) most nearly real, and the coherence, 0 … 1."""
     usable = frequency > 0
     cross, frequency = np.conj(x[usable]) * y[usable], frequency[usable]
     power = math.sqrt(float(np.sum(np.abs(x[usable]) ** 2) * np.sum(np.abs(y[usable]) ** 2)))
     if len(cross) < 2 or power <= 0:
         return None, 0.0
-    centre = float(np.mean(frequency))
 
-    def coherent(lag: float) -> float:
-        return float(np.real(np.sum(cross * np.exp(2j * np.pi * frequency * lag)))) / power
+    def coherence_at(delay: float) -> float:
+        return float(np.real(np.sum(cross * np.exp(2j * np.pi * frequency * delay)))) / power
 
-    half = 0.5 / centre
-    trial = np.linspace(-half, half, 41)
-    start = trial[int(np.argmax([coherent(lag) for lag in trial]))]
+    half_period = 0.5 / float(np.mean(frequency))
+    trials = np.linspace(-half_period, half_period, TRIAL_DELAYS)
+    start = trials[int(np.argmax([coherence_at(delay) for delay in trials]))]
+    reach = trials[1] - trials[0]
     best = minimize_scalar(
-        lambda lag: -coherent(lag),
-        bounds=(start - half / 15, start + half / 15),
+        lambda delay: -coherence_at(delay),
+        bounds=(start - reach, start + reach),
         method="bounded",
         options={"xatol": 1e-9},
     )
     coherence = min(1.0, max(0.0, -float(best.fun)))
-    return (float(best.x) if coherence > 0.7 else None), coherence
-
-
-def as_json(found: list[Band]) -> list[dict[str, Any]]:
-    """For ``fidelity.json``; the upper edge of the last band is null."""
-    return [vars(band) | {"high": band.high if math.isfinite(band.high) else None} for band in found]
+    return (float(best.x) if coherence > LEAST_COHERENCE else None), coherence

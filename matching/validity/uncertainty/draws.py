@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr
 
-from matching.validity.uncertainty.budget import Budget
-from matching.validity.uncertainty.distributions import Distribution
+from matching.validity.budget.budget import Budget
+from matching.validity.budget.distributions import Distribution
 from modelling.common.errors import InputError
 
 Draw = Callable[[np.random.Generator, int], dict[int, np.ndarray]]

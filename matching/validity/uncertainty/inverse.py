@@ -1,4 +1,4 @@
-"""Inverse use: given a wanted expanded uncertainty, which input must improve, and to what."""
+"""The inverse: for a wanted expanded uncertainty, which input must improve, and to what."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from matching.validity.uncertainty.budget import Budget, Measurand
+from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from modelling.common.errors import InputError
 from modelling.units import unit_of
+
+SMALLEST_FACTOR = 1e-6  # on an input's uncertainty: as good as exact, but it keeps its degrees of freedom
+SMALLEST_LEVEL = 1e-9  # of the largest contribution
 
 
 @dataclass(frozen=True)
@@ -23,21 +26,61 @@ class Improvement:
 
 
 @dataclass(frozen=True)
-class Inverse:
-    """``alone``: each input whose improvement alone suffices, easiest (largest permitted ratio) first.
-    ``together``: the least set of the largest contributions, all brought down to one level; None when none is needed.
+class RequiredImprovement:
+    """What must improve in a budget for a wanted expanded uncertainty of a measurand.
+
+    Attributes
+    ----------
+    budget : Budget
+    measurand : Measurand
+    wanted, present : float
+        Expanded uncertainties, SI.
+    alone : tuple of Improvement
+        Each input whose improvement alone suffices, the one that needs least first.
+    together : Improvement, optional
+        The largest contributions brought down to one level; None where nothing has to improve.
     """
 
+    budget: Budget
+    measurand: Measurand
     wanted: float
     present: float
-    alone: tuple[Improvement, ...]
-    together: Improvement | None
+    alone: tuple[Improvement, ...] = ()
+    together: Improvement | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``uncertainty.json`` holds it, in the units of the budget file."""
+        unit = self.measurand.unit
+        return {
+            "name": self.measurand.name,
+            "unit": unit.text,
+            "wanted": unit.difference_from_si(self.wanted),
+            "present": unit.difference_from_si(self.present),
+            "alone": [self._improvement_to_dict(improvement) for improvement in self.alone],
+            "together": {} if self.together is None else self._improvement_to_dict(self.together),
+        }
+
+    def _improvement_to_dict(self, improvement: Improvement) -> dict[str, Any]:
+        inputs = {quantity.name: quantity for quantity in self.budget.inputs}
+        return {
+            name: {
+                "needed": inputs[name].unit.difference_from_si(u),
+                "unit": inputs[name].unit.text,
+                "ratio": u / inputs[name].standard_uncertainty,
+            }
+            for name, u in improvement.needed.items()
+        }
 
 
-def required(budget: Budget, measurand: Measurand, wanted: float) -> Inverse:
+def required(budget: Budget, measurand: Measurand, wanted: float) -> RequiredImprovement:
     """What must improve for an expanded uncertainty of ``wanted`` (SI), first order; degrees of freedom stay.
 
-    Every answer is re-evaluated with the whole budget: k moves with the effective degrees of freedom.
+    Every answer is evaluated with the whole budget, since k changes with the effective degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        If ``wanted`` is not above 0.
     """
     if not wanted > 0 or not math.isfinite(wanted):
         raise InputError(f"{budget.where}: wanted uncertainty", f"{wanted:g} is not possible", "give a number above 0")
@@ -48,68 +91,54 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> Inverse:
         return coverage_factor(changed, result.degrees_of_freedom) * result.first_order
 
     def improvement(factors: dict[str, float]) -> Improvement:
-        u = {one.name: one.standard_uncertainty for one in budget.inputs}
+        u = {quantity.name: quantity.standard_uncertainty for quantity in budget.inputs}
         return Improvement(
             {name: u[name] * factor for name, factor in factors.items() if factor < 1}, expanded(factors)
         )
 
     present = expanded({})
     if present <= wanted:
-        return Inverse(wanted, present, (), None)
-    alone: list[tuple[float, Improvement]] = []
-    first = propagate(budget, measurand)
-    parts = {
-        one.name: abs(c) * one.standard_uncertainty for one, c in zip(budget.inputs, first.sensitivities, strict=True)
+        return RequiredImprovement(budget, measurand, wanted, present)
+    sensitivities = propagate(budget, measurand).sensitivities
+    contributions = {
+        quantity.name: abs(c) * quantity.standard_uncertainty
+        for quantity, c in zip(budget.inputs, sensitivities, strict=True)
+        if c != 0 and quantity.standard_uncertainty > 0
     }
-    for name, part in parts.items():
-        # At exactly zero the input would leave the degrees of freedom too; a millionth is as good as perfect.
-        if part > 0 and expanded({name: 1e-6}) <= wanted:
-            factor = brentq(lambda x, name=name: expanded({name: x}) - wanted, 1e-6, 1.0, xtol=1e-12)
+    alone: list[tuple[float, Improvement]] = []
+    for name in contributions:
+        if expanded({name: SMALLEST_FACTOR}) <= wanted:
+            factor = brentq(lambda x, name=name: expanded({name: x}) - wanted, SMALLEST_FACTOR, 1.0, xtol=1e-12)
             alone.append((factor, improvement({name: factor})))
 
     def levelled(level: float) -> dict[str, float]:
-        return {name: min(1.0, level / part) for name, part in parts.items() if part > 0}
+        return {name: min(1.0, level / contribution) for name, contribution in contributions.items()}
 
-    most = max(parts.values())
-    if expanded(levelled(1e-9 * most)) > wanted:  # cannot happen without correlation of exact inputs
-        return Inverse(wanted, present, (), None)
-    level = brentq(lambda x: expanded(levelled(x)) - wanted, 1e-9 * most, most, xtol=1e-12 * most)
-    ordered = tuple(answer for _, answer in sorted(alone, key=lambda pair: -pair[0]))
-    return Inverse(wanted, present, ordered, improvement(levelled(level)))
+    largest = max(contributions.values())
+    if expanded(levelled(SMALLEST_LEVEL * largest)) > wanted:  # cannot happen without correlation of exact inputs
+        return RequiredImprovement(budget, measurand, wanted, present)
+    level = brentq(lambda x: expanded(levelled(x)) - wanted, SMALLEST_LEVEL * largest, largest, xtol=1e-12 * largest)
+    ordered = tuple(improved for _, improved in sorted(alone, key=lambda pair: -pair[0]))
+    return RequiredImprovement(budget, measurand, wanted, present, ordered, improvement(levelled(level)))
 
 
-def inverse_as_json(budget: Budget, measurand: Measurand, wanted: str) -> dict[str, Any]:
-    """The answer for a wanted U as typed: a number in the measurand's unit, or a text with a unit of its own."""
-    where = f"{budget.where}: wanted uncertainty"
-    amount = wanted.strip().split(" ", 1)
-    unit = measurand.unit if len(amount) == 1 else unit_of(amount[1], where)
+def wanted_uncertainty(text: str, measurand: Measurand, where: str = "budget") -> float:
+    """A wanted expanded uncertainty as typed, in SI: a number in the measurand's unit, or with a unit of its own.
+
+    Raises
+    ------
+    InputError
+        If it is no quantity, or of another dimension.
+    """
+    where = f"{where}: wanted uncertainty"
+    parts = text.strip().split(" ", 1)
+    unit = measurand.unit if len(parts) == 1 else unit_of(parts[1], where)
     if unit.dimension != measurand.unit.dimension:
         raise InputError(
-            where, f"'{wanted}' has another dimension than {measurand.name}", f"give it in {measurand.unit.text}"
+            where, f"'{text}' has another dimension than {measurand.name}", f"give it in {measurand.unit.text}"
         )
     try:
-        number = float(amount[0])
+        number = float(parts[0])
     except ValueError as error:
-        raise InputError(where, f"'{wanted}' is no quantity", f"write like 0.5 {measurand.unit.text}") from error
-    answer = required(budget, measurand, unit.difference_to_si(number))
-    inputs = {one.name: one for one in budget.inputs}
-
-    def step(improvement: Improvement | None) -> dict[str, Any]:
-        needed = improvement.needed if improvement else {}
-        return {
-            name: {
-                "needed": inputs[name].unit.difference_from_si(u),
-                "unit": inputs[name].unit.text,
-                "ratio": u / inputs[name].standard_uncertainty,
-            }
-            for name, u in needed.items()
-        }
-
-    return {
-        "name": measurand.name,
-        "unit": measurand.unit.text,
-        "wanted": measurand.unit.difference_from_si(answer.wanted),
-        "present": measurand.unit.difference_from_si(answer.present),
-        "alone": [step(one) for one in answer.alone],
-        "together": step(answer.together),
-    }
+        raise InputError(where, f"'{text}' is no quantity", f"write like 0.5 {measurand.unit.text}") from error
+    return unit.difference_to_si(number)

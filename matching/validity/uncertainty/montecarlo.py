@@ -7,15 +7,17 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import sympy
 
-from matching.validity.uncertainty.budget import Budget, Measurand
+from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.draws import sampler
 from matching.validity.uncertainty.histogram import Histogram
 from matching.validity.uncertainty.rounding import numerical_tolerance
 from modelling.common.errors import InputError
+from modelling.units import Unit
 
 PILOT = 10  # chunks kept to place the histogram's edges
 MOST = 2_000_000
@@ -41,6 +43,18 @@ class MonteCarlo:
     tolerance: float
     spread: np.ndarray
     histogram: Histogram = field(repr=False)
+
+    def to_dict(self, unit: Unit) -> dict[str, Any]:
+        """As ``uncertainty.json`` holds it, in a unit."""
+        return {
+            "value": unit.value_from_si(self.value),
+            "standard_uncertainty": unit.difference_from_si(self.standard_uncertainty),
+            "shortest_interval": [unit.value_from_si(end) for end in self.shortest],
+            "symmetric_interval": [unit.value_from_si(end) for end in self.symmetric],
+            "draws": self.draws,
+            "seed": self.seed,
+            "stable": self.stable,
+        }
 
 
 def monte_carlo(

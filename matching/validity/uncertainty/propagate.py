@@ -12,7 +12,7 @@ import numpy as np
 import sympy
 from scipy import stats
 
-from matching.validity.uncertainty.budget import Budget, Measurand
+from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
 
 

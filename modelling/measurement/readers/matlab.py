@@ -10,7 +10,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from modelling.common.errors import InputError
-from modelling.measurement.readers import Table, name_time
+from modelling.measurement.readers.table import Table
 
 
 def read(path: Path, used: Collection[str] | None = None) -> Table:
@@ -43,8 +43,6 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         if isinstance(given, dict)
         else {}
     )
-    if "time" not in found and (used is None or "time" in used):
-        raise InputError(str(path), "has no vector 'time'", name_time(found))
     sizes = [np.size(found[name]) for name in known & {*found}]
     length = np.size(found["time"]) if "time" in found else max(sizes, key=sizes.count, default=0)
     columns = {
@@ -57,12 +55,9 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     }
     if "time" in found and "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
-    header = [
-        f"{name} [{units[name]}]" if name in units else name
-        for name in sorted(columns, key=lambda name: name != "time")
-    ]
-    values = [columns[name.split(" [")[0]] for name in header]
-    return Table(header, np.stack(values, axis=1) if values else np.empty((0, 0)))
+    names = sorted(columns, key=lambda name: name != "time")
+    values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
+    return Table(names, [units.get(name, "") for name in names], values)
 
 
 def _version_7_3(path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from modelling.common.errors import InputError, listed
-from modelling.measurement.readers import Table
+from modelling.measurement.readers.table import Table
 
 SAME = 1e-3  # of a step: nearer time stamps are one
 
@@ -47,7 +47,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     others = tuple(name for name, at in places.items() if at and name not in signals)
     if not signals:
         if used is not None and others:
-            return Table(["time [s]"], np.empty((0, 1)), others=others)  # what is missing is told by who asked
+            return Table(["time"], ["s"], np.empty((0, 1)), others=others)  # what is missing is told by who asked
         raise InputError(str(path), "has no channel of numbers", "record inputs and sensors into it")
     time = max((signal.timestamps for signal in signals.values()), key=len)
     values = np.full((len(time), len(signals) + 1), np.nan)
@@ -60,8 +60,14 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         values[:, column], between = _placed(time, signal.timestamps, samples)
         if between:
             moved.append(name)
-    header = ["time [s]", *(f"{name} [{signal.unit}]" if signal.unit else name for name, signal in signals.items())]
-    return Table(header, values, notes=_told(moved, [name for name in signals if len(places[name]) > 1]), others=others)
+    units = ["s", *(signal.unit or "" for signal in signals.values())]
+    return Table(
+        ["time", *signals],
+        units,
+        values,
+        notes=_told(moved, [name for name in signals if len(places[name]) > 1]),
+        others=others,
+    )
 
 
 def _numbers(signal: Any) -> bool:

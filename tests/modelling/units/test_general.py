@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from matching.validity.budget.budget_file import budget_from_tables
 from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.files import budget_from_tables
 from modelling.common.errors import InputError
 from modelling.units import factor, signal_quantity, signal_unit, unit_of
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.uncertainty.budget import Budget, Input, Measurand
-from matching.validity.uncertainty.dimensions import check_turns, dimension_of, result_unit
-from matching.validity.uncertainty.formula import functions, parse_formula
-from matching.validity.uncertainty.inputs import read_input, read_line
+from matching.validity.budget.budget import Budget, Input, Measurand
+from matching.validity.budget.dimensions import check_turns, dimension_of, result_unit
+from matching.validity.budget.formula import functions, parse_formula
+from matching.validity.budget.inputs import read_input, read_line
 from modelling.common.errors import InputError
 from modelling.common.tables import check_keys, number, read_toml, text
 from modelling.units import unit_of

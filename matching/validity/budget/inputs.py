@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from matching.validity.uncertainty.budget import Input
-from matching.validity.uncertainty.distributions import NAMES, Distribution
+from matching.validity.budget.budget import Input
+from matching.validity.budget.distributions import NAMES, Distribution
 from modelling.common.errors import InputError
 from modelling.common.tables import check_keys, number, numbers, one_of, text
 from modelling.units import Unit, unit_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.uncertainty.distributions import Distribution
+from matching.validity.budget.distributions import Distribution
 from modelling.common.errors import InputError
 from modelling.units import Unit
 

@@ -1,0 +1,1 @@
+"""Uncertainty budgets: measurands with formulas, inputs with distributions, and their TOML files."""
