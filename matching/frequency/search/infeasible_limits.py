@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -62,15 +62,25 @@ def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
     return asked.broken(values)
 
 
-def sufficient_dead_time(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]]) -> float | None:
-    """The longest dead time found (s) with which feedback shows every target; None if even one sample is too long.
+@dataclass(frozen=True)
+class DeadTimeTrial:
+    """Shorter dead times that were solved: the shortest, and the longest with which every target is met, s or None."""
+
+    shortest: float
+    sufficient: float | None
+
+
+def shorter_dead_times(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]]) -> DeadTimeTrial | None:
+    """Solve the case at shorter dead times; None where there is none to try, as it is one sample already.
 
     Each is solved anew from the solution and from a gentler loop, and judged by margin, encirclements and poles.
     """
     case = task.case
     shortest, longest = case.loop["sample_time"], case.loop["dead_time"]
-    if longest <= shortest or not _shows(task, solution, targets, shortest):
+    if longest <= shortest:
         return None
+    if not _shows(task, solution, targets, shortest):
+        return DeadTimeTrial(shortest, None)
     good = shortest
     for _ in range(HALVINGS):
         middle = float(np.sqrt(good * longest))
@@ -78,7 +88,7 @@ def sufficient_dead_time(task: Task, solution: Solution, targets: Sequence[tuple
             good = middle
         else:
             longest = middle
-    return good
+    return DeadTimeTrial(shortest, good)
 
 
 def _shows(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:

@@ -9,8 +9,9 @@ from scipy.optimize import brentq
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.demands import Demands
-from matching.frequency.search.infeasible_limits import Unkept
+from matching.frequency.search.infeasible_limits import DeadTimeTrial, Unkept
 from matching.frequency.search.result import TargetResult
+from matching.frequency.search.shared_components import differing_components
 from matching.frequency.solver.task import Solution
 from matching.frequency.verification.peaks import Violation
 from matching.frequency.verification.verify import Verification
@@ -25,16 +26,18 @@ _WORDS = {
 
 def limits(
     case: Case, tuned: Case, checked: Verification, targets: Sequence[TargetResult], asked: Demands, solution: Solution,
-    on_rig: Sequence[Mode | None], beyond: Sequence[Unkept] = (), enough: float | None = None,
+    on_rig: Sequence[Mode | None], beyond: Sequence[Unkept] = (), trial: DeadTimeTrial | None = None,
 ) -> list[str]:  # fmt: skip
     """Sentences on what stands in the way; none if the match is good.
 
-    ``beyond`` are limits that no setting keeps, ``enough`` is a dead time (s) with which feedback shows every target.
+    ``beyond`` are limits that no setting keeps, ``trial`` are shorter dead times that were solved, if any were.
     """
-    found = [_beyond(*one) for one in _worst(beyond)]
+    found = [*differing_components(case), *(_beyond(*one) for one in _worst(beyond))]
+    shared = len(differing_components(case))
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
-        found.append(f"the closed loop is not stable ({failed}): no start led to a stable loop within the bounds")
+        starts = f"none of {len(solution.starts)} starts ended in a stable loop within the bounds"
+        found.append(f"the closed loop is not stable ({failed}): {starts}")
     found += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
     missed = [target for target in targets if not target.met]
     if checked.stable and not solution.feasible and (missed or checked.violations):
@@ -47,13 +50,13 @@ def limits(
         found.append(_missed(case, target))
     if missed:
         found += _mechanics(case, missed, on_rig, asked)
-        found += _dead_time(case, tuned, missed, enough)
+        found += _dead_time(case, tuned, missed, trial)
     told = {name for _, name, _, _ in beyond}
     found += [_violation(own) for own in checked.violations if own.limit not in told]
     told |= {own.limit for own in checked.violations}
     asking = asked.broken({f"rig.{name}": own.value for name, own in tuned.rig.parameters.items()})
     found += [_asks(*one) for one in _worst(asking) if one[1] not in told]
-    return found
+    return found if len(found) > shared else []
 
 
 def _worst(broken: Sequence[Unkept]) -> list[Unkept]:
@@ -110,8 +113,8 @@ def _violation(own: Violation) -> str:
         return f"the least damped {own.where} has a damping ratio of {own.value:.4f}, {own.allowed:g} is wanted"
     value, allowed = (_with_unit(own.limit, one) for one in (own.value, own.allowed))
     what = f"{_WORDS[own.limit][0]} " if own.limit in _WORDS else ""
-    enough = f"{own.value / own.allowed:.2f} times as much would do"
-    return f"{own.where}: the simulated manoeuvre takes {what}{value}, the limit is {allowed}; {enough}"
+    ratio = f"{own.value / own.allowed:.2f} times the limit"
+    return f"{own.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
 
 
 def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode | None], asked: Demands) -> list[str]:
@@ -172,17 +175,18 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     return float(10 ** brentq(off, *ends, xtol=1e-6))
 
 
-def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], enough: float | None) -> list[str]:
-    """What dead time and lags leave of the phase at the targets, and which dead time would do."""
+def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], trial: DeadTimeTrial | None) -> list[str]:
+    """The phase that dead time and lags take at the targets, and what shorter dead times did when they were solved."""
     loop = tuned.loop
     if loop.torqueless or not any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
-    cure = loop.structure.cure(case.limits["modulus_margin"])
-    if not enough and cure:
-        least = 1e3 * loop["sample_time"]
-        cure = f"down to one sample of {least:.3g} ms no shorter one would do: {cure}"
-    else:
-        cure = f"{1e3 * enough:.2g} ms would do" if enough else ""
+    cure = ""
+    if trial is not None and trial.sufficient is not None:
+        cure = f"solved with {1e3 * trial.sufficient:.2g} ms, every target is met"
+    elif trial is not None:
+        cure = f"solved with one sample, {1e3 * trial.shortest:.3g} ms, the targets are not met either"
+        if advice := loop.structure.cure(case.limits["modulus_margin"]):
+            cure += f": {advice}"
     found = []
     for target in missed:
         omega = 2 * np.pi * target.vehicle

@@ -15,9 +15,10 @@ from matching.frequency.case.weights import FREEZE_BELOW, counterparts, price, s
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.response_error import error_figures
 from matching.frequency.loop.responses import responses
-from matching.frequency.search.infeasible_limits import sufficient_dead_time
+from matching.frequency.search.infeasible_limits import shorter_dead_times
 from matching.frequency.search.limits import limits
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.search.shared_components import differing_components
 from matching.frequency.search.solve_and_verify import solve_and_verify
 from matching.frequency.solver.task import Near, Solution, Task
 from matching.frequency.verification.verify import Verification
@@ -84,14 +85,14 @@ def match(
         for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
     )
     missed = any(not target.met for target in results)
-    enough = sufficient_dead_time(task, solution, targets) if missed and _feedback_alone(case, solution) else None
-    stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, enough)
+    trial = shorter_dead_times(task, solution, targets) if missed and _feedback_alone(case, solution) else None
+    stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, trial)
     error = _errors(case, tuned, checked)
     tell("bound and curves")
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
-        notes=(*_notes(task, solution, found.released, bool(stands)), *checked.notes),
+        notes=(*differing_components(case), *_notes(task, solution, found.released, bool(stands)), *checked.notes),
         case=case,
         tuned=tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
@@ -135,6 +136,16 @@ def _parameter(move: Move, part: float, solution: Solution, free: bool) -> Param
     return ParameterResult(move.name, move.start, tuned, move.unit, move.lower, move.upper, price(part), part, not free)
 
 
+def reached(
+    frequency: float, damping_ratio: float, wanted: Mode, frequency_tolerance: float, damping_tolerance: float
+) -> bool:
+    """Whether a mode lies within the tolerances, relative in frequency and absolute in damping ratio."""
+    return (
+        abs(frequency / wanted.frequency - 1) <= frequency_tolerance
+        and abs(damping_ratio - wanted.damping_ratio) <= damping_tolerance
+    )
+
+
 def _target(
     case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None
 ) -> TargetResult:
@@ -144,11 +155,11 @@ def _target(
     matched = None if mode is None else mode.frequency
     damping = None if mode is None else mode.damping_ratio
     met = (
-        matched is not None and damping is not None and seen is not None
-        and abs(matched / wanted.frequency - 1) <= target.frequency_tolerance
-        and abs(damping - wanted.damping_ratio) <= target.damping_tolerance
-        and abs(seen.frequency / wanted.frequency - 1) <= SIMULATED_FREQUENCY_TOLERANCE
-        and abs(seen.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
+        mode is not None and seen is not None
+        and reached(mode.frequency, mode.damping_ratio, wanted, target.frequency_tolerance, target.damping_tolerance)
+        and reached(
+            seen.frequency, seen.damping_ratio, wanted, SIMULATED_FREQUENCY_TOLERANCE, target.damping_tolerance
+        )
     )  # fmt: skip
     return TargetResult(
         vehicle_mode=target.mode,

@@ -1,0 +1,145 @@
+"""Small laws of the match against answers worked out by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from match import drawn
+
+from matching.frequency.case.demands import Chain, Demands
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.closed_loop import sensor_sign
+from matching.frequency.search.infeasible_limits import DeadTimeTrial
+from matching.frequency.search.limits import _dead_time
+from matching.frequency.search.match import SIMULATED_FREQUENCY_TOLERANCE, reached
+from matching.frequency.search.shared_components import differing_components
+from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures import STRUCTURES
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+MOVING = ca.MX.sym("moving")
+WANTED = SimpleNamespace(frequency=2.0, damping_ratio=0.05)
+
+
+@pytest.fixture
+def small(tmp_path):
+    return load_case(drawn.draw(2, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping_ratio", "is_reached"),
+    [
+        (2.0, 0.05, True), (2.019, 0.05, True), (1.981, 0.05, True), (2.0, 0.069, True), (2.0, 0.031, True),
+        (2.021, 0.05, False), (1.979, 0.05, False), (2.0, 0.071, False), (2.0, 0.029, False),
+    ],
+)  # fmt: skip
+def test_a_target_is_reached_within_both_tolerances(frequency, damping_ratio, is_reached):
+    assert reached(frequency, damping_ratio, WANTED, 0.01, 0.02) == is_reached
+
+
+def test_the_simulation_is_believed_to_two_percent():
+    assert SIMULATED_FREQUENCY_TOLERANCE == 0.02
+    assert reached(2.039, 0.05, WANTED, SIMULATED_FREQUENCY_TOLERANCE, 0.02)
+    assert not reached(2.041, 0.05, WANTED, SIMULATED_FREQUENCY_TOLERANCE, 0.02)
+
+
+def test_a_dead_time_is_named_only_where_it_was_solved_and_did(small):
+    case = replace(small, loop=replace(small.loop, structure=STRUCTURES["pi"]))
+    missed = [SimpleNamespace(vehicle=5.0)]
+    (unknown,) = _dead_time(case, case, missed, None)
+    assert "solved" not in unknown
+    (enough,) = _dead_time(case, case, missed, DeadTimeTrial(0.0005, 0.004))
+    assert enough.endswith("; solved with 4 ms, every target is met")
+    (neither,) = _dead_time(case, case, missed, DeadTimeTrial(0.0005, None))
+    assert "solved with one sample, 0.5 ms, the targets are not met either" in neither
+    assert "model_based" in neither
+    degrees = 360 * 5.0 * case.loop["dead_time"]
+    assert f"leaves {degrees:.0f}° at 5.00 Hz" in unknown
+
+
+def test_dynamometer_demands_by_hand():
+    """Torque 10 N·m less 2 kg·m² · 3 rad/s² is 4 N·m; at 5 rad/s that takes 20 W."""
+    chain = Chain("left", (("flange", ("adapter",)),), ("adapter", "rotor"), *(np.array([x]) for x in (10.0, 3.0, 5.0)))
+    limits = {
+        "dynamometer_torque": 1.0,
+        "dynamometer_power": 1.0,
+        "dynamometer_speed": 1.0,
+        "shafts.flange.torque": 1.0,
+    }
+    limits["shafts.flange.twist"] = 1e-3
+    values = {"rig.inertias.adapter.J": 0.5, "rig.inertias.rotor.J": 1.5, "rig.shafts.flange.stiffness": 1000.0}
+    demand = {limit: value for _, limit, value, _ in Demands((chain,), limits).broken(values)}
+    assert demand == pytest.approx(
+        {
+            "dynamometer_torque": 4.0, "dynamometer_power": 20.0, "dynamometer_speed": 5.0,
+            "shafts.flange.torque": 8.5, "shafts.flange.twist": 8.5e-3,
+        }
+    )  # fmt: skip
+    rows = Demands((chain,), {"dynamometer_power": 40.0}).constraints({**values, "rig.inertias.rotor.J": MOVING})
+    assert rows[0][1] == 1.0
+    assert float(ca.Function("f", [MOVING], [rows[0][0]])(1.5)) == pytest.approx(0.5)  # 20 W of 40 W
+
+
+def test_sign_and_ratio_of_a_flange_and_of_a_cut(tmp_path):
+    """A shaft of ratio 4 with the rotor at its first end: 1 N·m of it drives the rotor with −1/4 N·m."""
+    drawn.draw(2, tmp_path)
+    text = (tmp_path / "rig.toml").read_text()
+    forth = load_case(tmp_path / "case.toml")
+    assert sensor_sign(forth.rig, forth.loop.dynamometers[0]) == 1.0
+    assert parts_of(forth).toward.tolist() == [1.0]
+    assert cut(forth.vehicle, forth.rig).interfaces[0].factor == 1.0
+    (tmp_path / "rig.toml").write_text(text.replace('["adapter", "rotor"]', '["rotor", "adapter"]\nratio = 4'))
+    back = load_case(tmp_path / "case.toml")
+    assert sensor_sign(back.rig, back.loop.dynamometers[0]) == -0.25
+    assert parts_of(back).toward.tolist() == [-0.25]
+    for name in ("rig.toml", "vehicle.toml"):
+        swapped = (tmp_path / name).read_text().replace('["hub", "adapter"]', '["adapter", "hub"]\nratio = 5')
+        (tmp_path / name).write_text(swapped.replace('["hub", "wheel"]', '["wheel", "hub"]\nratio = 5'))
+    turned = load_case(tmp_path / "case.toml")
+    assert cut(turned.vehicle, turned.rig).interfaces[0].factor == pytest.approx(-1 / 5)
+
+
+def test_shared_components_that_differ_are_named(small):
+    assert differing_components(small) == []
+    heavier = replace(small, rig=small.rig.with_values({"inertias.motor.J": 0.05}))
+    (sentence,) = differing_components(heavier)
+    assert sentence.startswith("inertias.motor.J is ")
+    assert "0.05 kg" in sentence
+
+
+@pytest.mark.parametrize("name", ["road_to_rig", "compact_bev", "adapter_only", "four_wheel"])
+def test_examples_share_what_they_name_alike(name):
+    assert differing_components(load_case(EXAMPLES / name / "case.toml")) == []
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_equations_and_state_space_of_a_structure_are_one_law(small, structure):
+    """Commands in s against the continuous controller, at complex frequencies."""
+    values = {"proportional_gain": 37.0, "integral_gain": 11.0, "torque_feed_forward": 0.4, "lead_time": 0.004}
+    loop = replace(small.loop, structure=STRUCTURES[structure]).with_values(values | {"acceleration_feed_forward": 0.7})
+    parts = parts_of(replace(small, loop=loop))
+    law, residual = parts.controller, parts.residual_space
+    for s in (0.3 + 2j, 40j, -1 + 300j):
+        H = law.C @ np.linalg.solve(s * np.eye(len(law.A)) - law.A, law.B) + law.D
+        R = residual.C @ np.linalg.solve(s * np.eye(len(residual.A)) - residual.A, residual.B)
+        for column, (torque, speed) in enumerate([(1.0, 0.0), (0.0, 1.0)]):
+            (command,) = loop.structure.commands(loop.values, s, [R[0, 0] * torque], [speed], [torque])
+            assert command == pytest.approx(H[0, column], rel=1e-8)
+
+
+def test_only_pi_without_gains_is_torqueless(small):
+    none = dict.fromkeys(
+        ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0
+    )
+    assert replace(small.loop, structure=STRUCTURES["pi"]).with_values(none).torqueless
+    assert not replace(small.loop, structure=STRUCTURES["pi"]).with_values(none | {"integral_gain": 1.0}).torqueless
+    assert not replace(small.loop, structure=STRUCTURES["model_based"]).with_values(none).torqueless
+
+
+def test_torques_a_structure_takes_as_measured():
+    assert STRUCTURES["pi"].measured_inputs(["motor"], ["road"]) == ()
+    assert STRUCTURES["model_based"].measured_inputs(["motor"], ["road"]) == ("motor", "road")
