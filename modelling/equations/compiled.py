@@ -1,4 +1,4 @@
-"""Equations → CasADi functions of (state, input, parameters), by one tree walk."""
+"""Equations → CasADi functions of (state, input, parameters), translated once per structure."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def compiled(system: System) -> Model:
     InputError
         If rigid gears lock the system.
     NotImplementedError
-        If a law uses a function that the walk to CasADi does not know.
+        If a law uses a function that has no translation to CasADi.
     """
     return Model(system)
 

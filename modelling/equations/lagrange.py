@@ -38,17 +38,17 @@ class Equations:
 
     @property
     def kinetic_energy(self) -> sm.Expr:
-        """T."""
+        """T = ½·Σ J·ω², J."""
         return sm.Add(*self.assembly.kinetic.values())
 
     @property
     def potential_energy(self) -> sm.Expr:
-        """V."""
+        """V, the elastic energy of the shafts, J."""
         return sm.Add(*self.assembly.potential.values())
 
     @property
     def dissipation(self) -> sm.Expr:
-        """Rayleigh's dissipation function D."""
+        """Rayleigh's dissipation function D = ½·Σ d·Δω², W."""
         return sm.Add(*self.assembly.dissipation.values())
 
     @property
@@ -70,7 +70,7 @@ class Equations:
 
 
 def derive(system: System) -> Equations:
-    """Derive the equations of a system; kept for systems that differ in values only.
+    """Derive the equations of a system; systems that differ in values only share them.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def derive(system: System) -> Equations:
 
 
 class _Structure:
-    """A system seen by its structure: equal where the equations are."""
+    """The structure of a system, equal for systems of the same equations; values do not count."""
 
     def __init__(self, system: System):
         self.system = system
@@ -109,7 +109,7 @@ def _derive(structure: _Structure) -> Equations:
     force: list[list[sm.Expr]] = [[] for _ in a.q]
     mass: dict[tuple[int, int], list[sm.Expr]] = {}
     for energy in a.kinetic.values():
-        moving = sorted({index[s] for s in energy.free_symbols & index.keys()})
+        moving = sorted({index[s] for s in energy.free_symbols if s in index})
         for i in moving:
             momentum = differentiate(energy, a.qd[i])
             for j in moving:
@@ -117,12 +117,13 @@ def _derive(structure: _Structure) -> Equations:
                     mass.setdefault((i, j), []).append(entry)
                 if drift := differentiate(momentum, a.q[j]):
                     force[i].append(-drift * a.qd[j])
-            if pull := differentiate(energy, a.q[i]):
-                force[i].append(pull)
-    for energies, symbols in ((a.potential, a.q), (a.dissipation, a.qd)):
+            if gradient := differentiate(energy, a.q[i]):
+                force[i].append(gradient)
+    for energies, symbols in ((a.potential, set(a.q)), (a.dissipation, set(a.qd))):
         for energy in energies.values():
-            for s in energy.free_symbols & set(symbols):
-                force[index[s]].append(-differentiate(energy, s))
+            for s in energy.free_symbols:
+                if s in symbols:
+                    force[index[s]].append(-differentiate(energy, s))
     for _, torque, motion in a.work:
         for i, coefficient in motion.coefficients.items():
             force[i].append(torque * coefficient)

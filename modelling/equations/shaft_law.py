@@ -12,7 +12,7 @@ from modelling.model.components import Shaft
 
 CONTACT_TIME = "simulation.contact_time"  # s over which the damping of a closing lash sets in
 _TWIST = sm.Dummy("twist", real=True)
-_NOTHING = sm.Float(1e-13)  # rad, keeps a quotient finite
+_SMALLEST_DEPTH = sm.Float(1e-13)  # rad, keeps a quotient finite at rest
 
 
 class LawAssembly(EquationBuilder, Protocol):
@@ -62,7 +62,7 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
     else:
         if law.series is not None:
             spring = assembly.add_state(law.series_state, lambda _: stand_in)
-            # the damper in series gives way to the parallel elements first, then to spring and damper:
+            # the damper in series carries the parallel elements and the spring with its damper:
             # series·(twist rate − spring rate) = elastic + damping·spring rate + parallel
             rate = rate - parallel / law.series
         torque = _gapped(law, elastic, x, spring, rate, assembly)
@@ -89,14 +89,14 @@ def _tangent(law: ShaftLaw, stiffness: sm.Expr, x: sm.Symbol, spring: sm.Expr) -
 def _gapped(
     law: ShaftLaw, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr, rate: sm.Expr, assembly: LawAssembly
 ) -> sm.Expr:
-    """Elastic and viscous torque; no pull across the lash. ``rate`` is that of spring and series damper together.
+    """Elastic and viscous torque; no torque across the lash. ``rate`` is that of spring and series damper together.
 
     The damping sets in at contact. It does so over the step of the integration, about the instant of contact: then
     a fixed step integrates the jump exactly, and the motion depends smoothly on the gap.
     """
     if law.gap is None:
         return _shared(law, elastic.xreplace({x: spring}), law.damping, rate)
-    depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _NOTHING
+    depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _SMALLEST_DEPTH
     zero, one, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
     torque: list[sm.Expr] = []
     for side, within in ((one, sm.Max), (-one, sm.Min)):

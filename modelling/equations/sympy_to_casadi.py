@@ -1,4 +1,4 @@
-"""SymPy → CasADi: an iterative, memoised tree walk that raises on what it does not know."""
+"""SymPy → CasADi: an iterative, memoised translation that raises on functions it does not know."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import sympy as sm
 
-_ONE = {
+_UNARY = {
     sm.sin: ca.sin, sm.cos: ca.cos, sm.tan: ca.tan, sm.asin: ca.asin, sm.acos: ca.acos, sm.atan: ca.atan,
     sm.sinh: ca.sinh, sm.cosh: ca.cosh, sm.tanh: ca.tanh, sm.exp: ca.exp, sm.log: ca.log, sm.Abs: ca.fabs,
     sm.sign: ca.sign, sm.floor: ca.floor, sm.ceiling: ca.ceil,
@@ -42,7 +42,7 @@ def to_casadi(expressions: Sequence[sm.Expr], known: Mapping[sm.Symbol, ca.SX]) 
             if todo:
                 stack.extend(todo)
             else:
-                done[stack.pop()] = _one(node, done)
+                done[stack.pop()] = _translated(node, done)
     return [done[sm.sympify(expression)] for expression in expressions]
 
 
@@ -52,7 +52,7 @@ def _parts(node: sm.Basic) -> Sequence[sm.Basic]:
     return node.args
 
 
-def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
+def _translated(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
     if (node.is_Number and node.is_finite) or isinstance(node, sm.NumberSymbol):
         return ca.SX(float(node))
     if node is sm.true or node is sm.false:
@@ -75,8 +75,8 @@ def _one(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
         for part in parts[1:]:
             out = pick(out, part)
         return out
-    if node.func in _ONE:
-        return _ONE[node.func](*parts)
+    if node.func in _UNARY:
+        return _UNARY[node.func](*parts)
     if node.func in _RELATION:
         return _RELATION[node.func](*parts)
     if node.func is sm.Not:

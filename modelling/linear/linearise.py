@@ -1,4 +1,4 @@
-"""A model made linear about a state."""
+"""A model linearised about a state."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def linearise(
     state: np.ndarray | None = None,
     inputs: np.ndarray | None = None,
 ) -> Linear:
-    """Make a system linear about a state; at rest with every lash just closed if none is given.
+    """Linearise a system about a state; by default at rest with every lash just closed.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def linearise(
     p = model.vector(values)
     x = np.atleast_2d(rest_state(model, p))[0] if state is None else np.asarray(state, float)
     u = np.zeros(len(model.inputs)) if inputs is None else np.asarray(inputs, float)
-    for what, given, names in (("state", x, model.states), ("inputs", u, model.inputs)):
-        if given.shape != (len(names),):
-            raise InputError(what, f"shape {given.shape} does not fit {len(names)} names", f"give ({len(names)},)")
+    for what, vector, names in (("state", x, model.states), ("inputs", u, model.inputs)):
+        if vector.shape != (len(names),):
+            raise InputError(what, f"shape {vector.shape} does not fit {len(names)} names", f"give ({len(names)},)")
     return linear_at(model, p, x, u)
 
 

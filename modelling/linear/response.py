@@ -14,7 +14,7 @@ from modelling.linear.elements import elements
 from modelling.linear.linearise import Linear, deflated, linearise
 from modelling.model.system import System
 
-_CHUNK = 4_000_000  # complex numbers at once
+_CHUNK = 4_000_000  # complex numbers solved for at once: 64 MB
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def response(
     Parameters
     ----------
     system : System or Linear
-        A system is made linear at rest with lash closed; for another point give
+        A system is linearised at rest with lash closed; for another point give
         :func:`modelling.linear.linearise` or :func:`modelling.linear.operating_point.operating_point`.
     frequencies : array (f,)
         Hz.
@@ -118,10 +118,10 @@ def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]
     A, lift, free = rest.A, rest.lift, rest.free_angles
     B = lift.T @ linear.B[:, columns]
     C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
-    turns = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds
-    turns[np.abs(turns) < 1e-12 * np.linalg.norm(C[:, :n], axis=1)[:, None]] = 0.0
-    seen, angle = C @ lift, turns @ free.T @ lift[n : 2 * n]
-    integrates = np.abs(angle).any()
+    angles = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds
+    angles[np.abs(angles) < 1e-12 * np.linalg.norm(C[:, :n], axis=1)[:, None]] = 0.0
+    of_states, of_angles = C @ lift, angles @ free.T @ lift[n : 2 * n]
+    integrates = np.abs(of_angles).any()
     if integrates and np.any(s == 0):
         raise InputError("frequencies", "at 0 Hz the angle of a free drivetrain has no response", "start above 0 Hz")
     out = np.empty((len(s), len(rows), len(columns)), complex)
@@ -135,9 +135,9 @@ def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]
             raise InputError(
                 "frequencies", "one is a pole of the undamped system", "leave it out, 0 Hz at first"
             ) from None
-        out[start : start + step] = seen @ states + D
+        out[start : start + step] = of_states @ states + D
         if integrates:
-            out[start : start + step] += angle @ states / part
+            out[start : start + step] += of_angles @ states / part
     if not np.isfinite(out).all():
         raise InputError("frequencies", "the response is not finite at one of them", "leave it out, 0 Hz at first")
     return out

@@ -12,7 +12,7 @@ from modelling.modal.modes import Modes
 from modelling.modal.symmetry import images, labels
 from modelling.model.system import System
 
-ZERO = 1e-9  # of the largest eigenvalue: what counts as none
+ZERO_EIGENVALUE = 1e-9  # of the largest eigenvalue: what is smaller is rounding
 
 
 def damped_modes(
@@ -44,10 +44,10 @@ def damped_modes_of(linear: Linear) -> Modes:
     speed = vectors[n : 2 * n]
     rigid = _rigid(eigenvalues, speed, parts)
     size = np.abs(eigenvalues)
-    keep = np.flatnonzero(rigid | (size > ZERO * size.max(initial=0.0)))
+    keep = np.flatnonzero(rigid | (size > ZERO_EIGENVALUE * size.max(initial=0.0)))
     keep = keep[np.lexsort((size[keep], ~rigid[keep]))]
     eigenvalues, vectors, speed, rigid = eigenvalues[keep], vectors[:, keep], speed[:, keep], rigid[keep]
-    eigenvalues[np.abs(eigenvalues) <= ZERO * size.max(initial=0.0)] = 0.0
+    eigenvalues[np.abs(eigenvalues) <= ZERO_EIGENVALUE * size.max(initial=0.0)] = 0.0
 
     peak = speed[np.argmax(np.abs(speed), axis=0), range(len(keep))]
     peak = np.where(np.abs(peak) > 1e-12 * np.abs(vectors).max(axis=0), peak, 1.0)  # a lag moves nothing

@@ -16,7 +16,7 @@ from modelling.linear.elements import Elements, elements
 from modelling.modal.symmetry import images, labels, split
 from modelling.model.system import System
 
-SAME = 1e-9  # relative distance of squared frequencies below which a mode counts as repeated
+REPEATED_MODE_TOLERANCE = 1e-9  # relative distance of ω² of modes that count as repeated: above rounding (1e-13·n)
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:
 
 def _split_repeated(squares: np.ndarray, shapes: np.ndarray, parts: Elements, image: np.ndarray) -> None:
     """Rotate the shapes of repeated modes into symmetric and antisymmetric ones, in place."""
-    near = np.diff(squares, axis=1) <= SAME * squares[:, 1:] + 1e-13 * squares[:, -1:]
+    near = np.diff(squares, axis=1) <= REPEATED_MODE_TOLERANCE * squares[:, 1:] + 1e-13 * squares[:, -1:]
     for case in np.flatnonzero(near.any(axis=1)):
         turns = parts.mass_transformation if parts.mass_transformation.ndim == 2 else parts.mass_transformation[case]
         first = 0

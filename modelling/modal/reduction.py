@@ -29,9 +29,9 @@ def speed_ratios(system: System, values: Mapping[str, float] | None = None) -> d
     parts = elements(model, model.vector(values)[None])
     if not system.reference:
         raise InputError("reference", "the model names none", 'write reference = "NAME" of an inertia at the top')
-    own = parts.masses.index(f"inertias.{system.reference}")
-    turning = _rigid_motion(parts, parts.mass_transformation[own])
-    speeds = dict(zip(parts.masses, parts.mass_transformation @ turning, strict=True))
+    reference = parts.masses.index(f"inertias.{system.reference}")
+    motion = _rigid_motion(parts, parts.mass_transformation[reference])
+    speeds = dict(zip(parts.masses, parts.mass_transformation @ motion, strict=True))
     ratios = {name: 1 / speed for name, speed in speeds.items() if abs(speed) > 1e-12}
     for shaft in system.shafts:
         end = ratios.get(f"inertias.{shaft.between[1]}")

@@ -1,4 +1,4 @@
-"""What a change does to the frequencies: Eq. 8's prediction, always beside the exact re-solve."""
+"""How frequencies change with parameters: first-order prediction (paper Eq. 8) beside the exact solution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from modelling.modal.modes import Modes, modes_of
 from modelling.modal.tracking import track_vectors
 from modelling.model.system import System
 
-STEPS = 32  # along the way from the old values to the new ones
+TRACKING_STEPS = 32  # parameter sets from the old to the new values: near enough to follow each shape
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,10 @@ class Change:
 
     def to_dict(self) -> dict[str, Any]:
         """Fields and both relative changes, for JSON."""
-        own = {key: getattr(self, key) for key in ("number", "frequency", "predicted", "exact", "number_after", "mac")}
-        return own | {"predicted_change": self.predicted_change, "exact_change": self.exact_change}
+        fields = {
+            key: getattr(self, key) for key in ("number", "frequency", "predicted", "exact", "number_after", "mac")
+        }
+        return fields | {"predicted_change": self.predicted_change, "exact_change": self.exact_change}
 
 
 def what_if(system: System, changes: Mapping[str, float], values: Mapping[str, float] | None = None) -> list[Change]:
@@ -143,7 +145,7 @@ def what_if(system: System, changes: Mapping[str, float], values: Mapping[str, f
 
 def _path(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Parameter vectors (t, p) from start to end, by equal factors where the sign stays and equal steps elsewhere."""
-    part = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
+    part = np.linspace(0.0, 1.0, TRACKING_STEPS + 1)[:, None]
     factor = start * end > 0
     ratio = np.where(factor, end / np.where(factor, start, 1.0), 1.0)
     path = np.where(factor, start * ratio**part, start + (end - start) * part)

@@ -9,7 +9,7 @@ import numpy as np
 from modelling.model.mirror import mirror_image
 from modelling.model.system import System
 
-CLEAR = 0.9  # correlation of a shape with its mirror image above which it is called (anti)symmetric
+SYMMETRY_THRESHOLD = 0.9  # correlation of a shape with its mirror image from which it is called (anti)symmetric
 
 
 def images(system: System, components: Sequence[str]) -> np.ndarray | None:
@@ -31,8 +31,8 @@ def correlation(turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarr
     image : ndarray (k,)
     """
     weight = (J + J[..., image])[..., None] / 2
-    own = np.sum(weight * np.abs(turns) ** 2, axis=-2)
-    return np.sum(weight * (np.conj(turns) * turns[..., image, :]).real, axis=-2) / np.maximum(own, 1e-300)
+    norm = np.sum(weight * np.abs(turns) ** 2, axis=-2)
+    return np.sum(weight * (np.conj(turns) * turns[..., image, :]).real, axis=-2) / np.maximum(norm, 1e-300)
 
 
 def labels(turns: np.ndarray, J: np.ndarray, image: np.ndarray | None) -> np.ndarray:
@@ -40,7 +40,9 @@ def labels(turns: np.ndarray, J: np.ndarray, image: np.ndarray | None) -> np.nda
     if image is None:
         return np.full(turns.shape[:-2] + turns.shape[-1:], "none", dtype="<U13")
     symmetry = correlation(turns, J, image)
-    return np.where(symmetry > CLEAR, "symmetric", np.where(symmetry < -CLEAR, "antisymmetric", "none"))
+    return np.where(
+        symmetry > SYMMETRY_THRESHOLD, "symmetric", np.where(symmetry < -SYMMETRY_THRESHOLD, "antisymmetric", "none")
+    )
 
 
 def split(shapes: np.ndarray, turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:

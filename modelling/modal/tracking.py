@@ -31,8 +31,8 @@ def mac(first: np.ndarray, second: np.ndarray, weight: np.ndarray | None = None)
     """
     weighted = second if weight is None else weight @ second
     other = first if weight is None else weight @ first
-    own = np.sum(np.conj(first) * other, axis=0).real[:, None] * np.sum(np.conj(second) * weighted, axis=0).real
-    return np.abs(np.conj(first).T @ weighted) ** 2 / np.maximum(own, 1e-300)
+    norms = np.sum(np.conj(first) * other, axis=0).real[:, None] * np.sum(np.conj(second) * weighted, axis=0).real
+    return np.abs(np.conj(first).T @ weighted) ** 2 / np.maximum(norms, 1e-300)
 
 
 @dataclass(frozen=True)
