@@ -153,3 +153,15 @@ def test_a_slow_noisy_rise_reaches_the_bound_and_knows_its_uncertainty():
         uncertainties.append(found.standard_uncertainty)
     assert np.sqrt(np.mean(np.square(errors))) < 1.4 * bound
     assert 0.7 < np.sqrt(np.mean((np.array(errors) / uncertainties) ** 2)) < 1.4
+
+
+@pytest.mark.parametrize("late", [0.013, -0.021])
+def test_a_periodic_signal_names_its_period_and_the_nearest_delay(late):
+    """A sine of 0.1 s: late by any whole number of periods more or less explains it as well."""
+    step, period = 0.001, 0.1
+    time = np.arange(0, 1.5, step)
+    found = delay(np.sin(2 * np.pi * time / period), np.sin(2 * np.pi * (time - late) / period), step)
+    assert found.value is None
+    assert found.standard_uncertainty is None
+    assert found.reason == "delays 0.1 s apart explain the signals as well"
+    assert found.nearest == pytest.approx(late, abs=1e-5)

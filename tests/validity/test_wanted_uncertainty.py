@@ -1,0 +1,47 @@
+"""What a user types as the uncertainty wanted, and what is said where it or a formula is wrong."""
+
+import pytest
+
+from matching.validity.budget.budget_file import budget_from_tables
+from matching.validity.budget.formula import parse_formula
+from matching.validity.uncertainty.inverse import wanted_uncertainty
+from modelling.common.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def torque():
+    inputs = {"x": {"value": 1.0, "unit": "N*m", "uncertainty": 0.1}}
+    return budget_from_tables({"measurand": {"formula": "x", "unit": "N*m"}, "inputs": inputs}).measurands[0]
+
+
+@pytest.mark.parametrize(("text", "si"), [("0.5", 0.5), ("0.5 N*m", 0.5), ("0.5 kN*m", 500.0), (" 20 mN*m ", 0.02)])
+def test_wanted_uncertainty_in_si(torque, text, si):
+    assert wanted_uncertainty(text, torque) == pytest.approx(si, rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "wrong"), [
+    ("0.5 N", "'0.5 N' has another dimension"),
+    ("many N*m", "'many N*m' is no quantity"),
+])  # fmt: skip
+def test_a_wrong_wanted_uncertainty_is_named(torque, text, wrong):
+    with pytest.raises(InputError) as error:
+        wanted_uncertainty(text, torque, "torque.toml")
+    assert error.value.where == "torque.toml: wanted uncertainty"
+    assert error.value.wrong.startswith(wrong)
+    assert "N*m" in error.value.right
+
+
+@pytest.mark.parametrize(("formula", "wrong", "right"), [
+    ("x.real", "'x.real' is not mathematics", "use numbers"),
+    ("x + y", "'y' is not among the inputs", "known are x and pi"),
+    ("x + 1e301", "a number is too large", "stay below 1e300"),
+    ("x / 0", "the formula divides by zero", "correct"),
+    ("open(x)", "'open' is no function of mathematics", "known are"),
+    ("x +", "'x +' is no formula", "write it like"),
+])  # fmt: skip
+def test_a_wrong_formula_is_named(formula, wrong, right):
+    with pytest.raises(InputError) as error:
+        parse_formula(formula, ["x"], "torque.toml: formula")
+    assert error.value.where == "torque.toml: formula"
+    assert error.value.wrong.startswith(wrong)
+    assert error.value.right.startswith(right)
