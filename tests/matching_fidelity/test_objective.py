@@ -10,11 +10,15 @@ import pytest
 from matching.frequency.case.case_file import case_text
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.emulated import PLACE
+from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.build import build
 from matching.frequency.programme.closed_loop import closed_loop
 from matching.frequency.programme.objectives.fidelity import FidelityObjective
+from matching.frequency.search.fidelity import match_fidelity
 from matching.frequency.search.match import match
 from matching.frequency.solver.starts import start
+from matching.frequency.verification.reading import manoeuvre_torques
+from matching.frequency.verification.simulation import simulate_case
 from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -93,6 +97,17 @@ def test_unknown_objective_is_one_line(tmp_path):
     (tmp_path / "case.toml").write_text(text)
     with pytest.raises(InputError, match=r"response\.objective.*beauty"):
         load_case(tmp_path / "case.toml")
+
+
+def test_loss_ranks_tunings_as_the_simulation_does(feedback, aim, simulated):
+    """Quick form of the match below: a weaker tuning loses in the objective and in the simulated R_XiL alike."""
+    weaker = {"proportional_gain": 15.0, "integral_gain": 0.0, "torque_feed_forward": 0.0}
+    parts = parts_of(replace(feedback, loop=feedback.loop.with_values(weaker)))
+    traces = simulate_case(parts, None, *manoeuvre_torques(parts))
+    totals = [match_fidelity(*one).after.total for one in (simulated, (parts, traces))]
+    losses = [float(aim.loss(*responses(aim, values))) for values in ({}, {f"loop.{k}": v for k, v in weaker.items()})]
+    assert totals[0] > totals[1] + 0.01
+    assert losses[0] < losses[1] - 0.01
 
 
 @pytest.mark.long

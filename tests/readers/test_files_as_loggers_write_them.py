@@ -94,6 +94,17 @@ def test_parquet_with_dates_or_durations_for_times_as_the_last_column(tmp_path, 
         read_recording(path, SYSTEM)
 
 
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("kind", ["duration", "timestamp"])
+def test_ticks_of_parquet_are_counted_in_their_unit(tmp_path, kind, unit):
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    ticks = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
+    stamps = pyarrow.array(2 * ticks * np.arange(4) + 7 * ticks, getattr(pyarrow, kind)(unit))
+    path = tmp_path / "run.parquet"
+    parquet.write_table(pyarrow.table({"time": stamps, "motor_torque": TORQUE}), path, version="2.6")
+    np.testing.assert_allclose(read_recording(path, SYSTEM).time, 2.0 * np.arange(4), atol=1e-12)
+
+
 @pytest.mark.parametrize("suffix", [".mdf", ".dat"])
 def test_mdf_of_version_3(tmp_path, suffix):
     asammdf = pytest.importorskip("asammdf")

@@ -166,6 +166,14 @@ def test_adaptive_stop_is_within_its_tolerance():
     assert abs(np.mean([one.standard_uncertainty for one in values]) - math.sqrt(2)) < values[0].tolerance
 
 
+def test_the_spread_over_chunks_is_twice_the_standard_deviation_of_their_average():
+    """JCGM 101, 7.9.4: for a normal of u = 1, 2·s of the average of n draws is 2/√n, of its uncertainty 2/√2n."""
+    budget, measurand = single("x", x={"value": 0, "uncertainty": 1})
+    drawn = monte_carlo(budget, measurand, draws=4_000_000)
+    assert drawn.spread[0] == pytest.approx(2 / math.sqrt(4e6), rel=0.15)  # of 400 chunks: ±3.5 % (k = 1)
+    assert drawn.spread[1] == pytest.approx(2 / math.sqrt(8e6), rel=0.15)
+
+
 def test_memory_is_bounded_by_the_chunks_not_the_draws():
     budget, measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 0, "half_width": 1})
 
