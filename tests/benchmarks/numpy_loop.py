@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
-from matching.frequency.programme.closed_loop import sensor_sign
+from matching.frequency.programme.feedback_loop import sensor_sign
 from modelling.bed.structures.pi import LEAD_POLE_OVER_ZERO
 from modelling.equations.compiled import Model, compiled
 

@@ -6,7 +6,7 @@ no gears, differentials or other effects.
 """
 
 import numpy as np
-from scipy.linalg import expm, matrix_balance, solve
+from scipy.linalg import expm, matrix_balance
 
 
 def mechanics(system):
@@ -159,8 +159,8 @@ def margin(case, frequencies):
     F, G, H, D = controller(case)
     k, least = B.shape[1], np.inf
     for s in 2j * np.pi * frequencies:
-        plant = C @ solve(s * np.eye(len(A)) - A, B)
-        control = H @ solve(s * np.eye(len(F)) - F, G) + D
+        plant = C @ np.linalg.solve(s * np.eye(len(A)) - A, B)
+        control = H @ np.linalg.solve(s * np.eye(len(F)) - F, G) + D
         size = np.linalg.svd(np.eye(k) - np.exp(-s * case.loop["dead_time"]) * control @ plant, compute_uv=False)[-1]
         least = min(least, size)
     return float(least)

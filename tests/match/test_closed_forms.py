@@ -12,7 +12,7 @@ from match import drawn
 from matching.frequency.case.demands import Chain, Demands
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.closed_loop import sensor_sign
+from matching.frequency.programme.feedback_loop import sensor_sign
 from matching.frequency.search.infeasible_limits import DeadTimeTrial
 from matching.frequency.search.limits import _dead_time
 from matching.frequency.search.match import SIMULATED_FREQUENCY_TOLERANCE, reached
