@@ -9,7 +9,7 @@ from matching.report.common.style import MATCHED, RIG, VEHICLE
 # The vehicle is a broad pale line underneath: a matched rig runs inside it.
 LINES: dict[str, dict[str, Any]] = {
     "vehicle": {"color": VEHICLE, "linewidth": 4.6, "linestyle": "-", "label": "vehicle", "zorder": 2.0, "alpha": 0.4},
-    "rig": {"color": RIG, "linewidth": 1.2, "linestyle": (0, (6, 2)), "label": "free rig", "zorder": 2.1},
+    "rig": {"color": RIG, "linewidth": 1.2, "linestyle": (0, (6, 2)), "label": "rig without control", "zorder": 2.1},
     "matched": {"color": MATCHED, "linewidth": 1.4, "linestyle": "-", "label": "matched rig", "zorder": 2.3},
     "unmeasured": {
         "color": MATCHED,

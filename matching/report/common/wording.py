@@ -82,7 +82,7 @@ def spaced(name: str) -> str:
 def component(name: str) -> str:
     """``shafts.side_left.stiffness`` in words: side left, stiffness."""
     name = name.replace("dynamometers.dynamometer", "dynamometer").replace("dynamometers.", "dynamometer ")
-    left_out = ("inertias", "shafts", "gears", "rig", "residual_vehicle")
+    left_out = ("inertias", "shafts", "gears", "rig", "residual_vehicle", "loop")
     return ", ".join(spaced(part) for part in name.split(".") if part not in left_out)
 
 

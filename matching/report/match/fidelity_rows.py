@@ -32,4 +32,4 @@ def fidelity_line(fidelity: Mapping[str, Any]) -> str:
     """One line for a terminal."""
     before, after = fidelity["before"], fidelity["after"]
     parts = ", ".join(f"{name} {percent(after[name])}" for name in COMPARED if after[name] is not None)
-    return f"fidelity R_XiL {percent(before['R_XiL'])} free, {percent(after['R_XiL'])} matched ({parts})"
+    return f"fidelity R_XiL {percent(before['R_XiL'])} without control, {percent(after['R_XiL'])} matched ({parts})"

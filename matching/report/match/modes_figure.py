@@ -28,7 +28,7 @@ def columns(result: MatchResult) -> list[Column]:
     found = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
-        ("Free rig", RIG, result.rig_modes, [target.rig for target in result.targets]),
+        ("Rig without control", RIG, result.rig_modes, [target.rig for target in result.targets]),
         ("Matched rig", MATCHED, matched, [target.matched for target in result.targets]),
     ):
         shown = [

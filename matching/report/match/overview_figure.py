@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from matching.frequency.search.result import MatchResult, TargetResult
 from matching.report.common.line_styles import LINES, legend_above
@@ -97,6 +98,8 @@ def _targets(axes: Any, result: MatchResult) -> None:
         [value for target in result.targets for value in (target.vehicle, target.rig, target.matched) if value]
     )
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(everything.min() / 1.8, everything.max() * 1.8)
     axes.set_ylim(-0.9, 2.6)
     axes.set_yticks(list(places.values()), [LINES[name]["label"] for name in places])

@@ -101,7 +101,7 @@ def _error(result: MatchResult, index: int) -> str:
     own = result.response_error.functions[index]
     parts = [f"error {number(own.after, 2)}"]
     if own.before is not None:
-        parts.append(f"free rig {number(own.before, 2)}")
+        parts.append(f"without control {number(own.before, 2)}")
     if "unmeasured" in curves_of(result, index):
         parts.append(f"not measured {number(own.unmeasured, 2)}")
     return "\n".join(parts)
