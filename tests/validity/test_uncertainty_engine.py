@@ -1,6 +1,7 @@
 """The parts of the uncertainty engine against closed forms and independent methods."""
 
 import math
+import re
 import tracemalloc
 
 import numpy as np
@@ -193,6 +194,37 @@ def test_good_verdict_where_first_order_is_good():
     budget, _measurand = single("x + y", x={"value": 0, "uncertainty": 1}, y={"value": 0, "uncertainty": 2})
     result = evaluate(budget, draws=8_000_000, digits=1).measurands[0]
     assert result.check.verdict == "good"
+
+
+def test_where_the_check_rejects_first_order_the_statement_is_that_of_the_monte_carlo():
+    """x² at x = 0, u = 0.5: first order says 0 ± 0. The shortest 95 % interval of 0.25·χ²(1) is 0 ... 0.96."""
+    budget, _ = single("x^2", x={"value": 0, "uncertainty": 0.5})
+    result = evaluate(budget, draws=1_000_000).measurands[0]
+    assert result.check.verdict == "not good"
+    assert result.method == "monte_carlo"
+    found = re.fullmatch(r"y = (\S+), u = (\S+), 95 % in (\S+) \.\.\. (\S+) \(Monte Carlo\)", result.statement)
+    value, u, low, high = (float(text) for text in found.groups())
+    assert (value, u) == pytest.approx((0.25, 0.25 * math.sqrt(2)), abs=0.01)
+    assert (low, high) == pytest.approx((0, 0.25 * stats.chi2(1).ppf(0.95)), abs=0.02)
+    assert all(len(text.partition(".")[2]) == 2 for text in found.groups())
+
+
+@pytest.mark.parametrize(
+    ("formula", "inputs", "r", "value"),
+    [
+        ("x + y", {"x": {"value": 1}, "y": {"value": 2}}, None, 3),
+        ("x", {"x": {"readings": [0.3, 0.3, 0.3]}}, None, 0.3),
+        ("x + y", {"x": {"value": 1, "uncertainty": 0.1}, "y": {"value": 2, "uncertainty": 0.1}}, -1, 3),
+        ("3e6*x", {"x": {"value": 1e-3}}, None, 3e3),
+    ],
+)
+def test_exact_results_pass_the_check(formula, inputs, r, value):
+    correlations = [] if r is None else [{"between": ["x", "y"], "r": r}]
+    budget, _ = single(formula, correlations, **inputs)
+    result = evaluate(budget, draws=200_000).measurands[0]
+    assert result.check.verdict == "good"
+    assert result.expanded == 0
+    assert result.statement.startswith(f"y = ({value:g} ± 0)")
 
 
 @pytest.mark.parametrize(

@@ -246,9 +246,8 @@ def _uncertainty_of_budget(table: dict[str, Any], where: str, path: Path) -> _St
     for result in results:
         if result.measurand.name == wanted:
             unit = result.measurand.unit
-            scale = signal_quantity(f"1 {unit.text}", where)[0] / unit.scale  # 1/min counts turns in a signal
             freedom = result.propagation.degrees_of_freedom or math.inf
-            return _StatedUncertainty(result.expanded * scale, unit.dimension, result.coverage_factor, freedom)
+            return _StatedUncertainty(result.expanded, unit.dimension, result.coverage_factor, freedom)
     raise InputError(
         f"{where}.measurand",
         f"the budget has no '{wanted}'",

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.inverse import required, wanted_uncertainty
 from matching.validity.uncertainty.montecarlo import MonteCarlo, monte_carlo
 from matching.validity.uncertainty.propagate import Propagation, coverage_factor, output_correlation, propagate
 from matching.validity.uncertainty.result import Check, MeasurandResult, Row, Uncertainty
 from matching.validity.uncertainty.rounding import numerical_tolerance
+
+ROUNDING = 1e-12  # of value and contributions: what floating-point arithmetic leaves of a difference that is none
 
 
 def evaluate(
@@ -60,9 +64,12 @@ def evaluate_measurand(
     drawn = check = second = None
     if with_monte_carlo:
         drawn = monte_carlo(budget, measurand, seed=seed, draws=draws, digits=digits)
-        check = compare(first.value, k * first.first_order, first.first_order, drawn, digits)
+        rounding = ROUNDING * (
+            abs(first.value) + float(np.sum(np.abs(first.sensitivities) * budget.standard_uncertainties))
+        )
+        check = compare(first.value, k * first.first_order, first.first_order, drawn, digits, rounding)
         if math.isfinite(first.second_order):
-            second = compare(first.value, k * first.second_order, first.second_order, drawn, digits)
+            second = compare(first.value, k * first.second_order, first.second_order, drawn, digits, rounding)
     return MeasurandResult(
         measurand,
         first,
@@ -77,12 +84,15 @@ def evaluate_measurand(
     )
 
 
-def compare(value: float, expanded: float, uncertainty: float, drawn: MonteCarlo, digits: int) -> Check:
+def compare(
+    value: float, expanded: float, uncertainty: float, drawn: MonteCarlo, digits: int, rounding: float = 0.0
+) -> Check:
     """The check of JCGM 101, 8.1: d_low and d_high against δ of the propagated uncertainty.
 
-    A symmetric interval about the estimate is compared with the shortest interval of the draws.
+    A symmetric interval about the estimate is compared with the shortest interval of the draws. Differences below
+    ``rounding`` (SI) are those of floating-point numbers: exact results agree.
     """
-    tolerance = numerical_tolerance(uncertainty or drawn.standard_uncertainty, digits)
+    tolerance = max(numerical_tolerance(uncertainty or drawn.standard_uncertainty, digits), rounding)
     distances = (abs(value - expanded - drawn.shortest[0]), abs(value + expanded - drawn.shortest[1]))
     doubt = drawn.spread[2:]
     if any(distance - spread > tolerance for distance, spread in zip(distances, doubt, strict=True)):
@@ -129,7 +139,7 @@ def _warnings(budget: Budget, first: Propagation, drawn: MonteCarlo | None, chec
     if drawn is not None and not drawn.stable:
         found.append(f"the Monte Carlo result is not yet stable after {drawn.draws} draws: ask for more")
     if check is not None and check.verdict == "not good":
-        found.append("JCGM 101 check: first order is not good enough here, use the Monte Carlo interval")
+        found.append("JCGM 101 check: first order is not good enough here, so the Monte Carlo result is stated")
     if any(one.distribution.name == "t" and one.degrees_of_freedom <= 2 for one in budget.inputs):
         found.append(
             "an input has two degrees of freedom or fewer: its t distribution has no variance, so only the "

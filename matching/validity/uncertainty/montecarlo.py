@@ -130,11 +130,15 @@ def monte_carlo(
                 if stable and draws is None:
                     break
     tail = (1 - budget.coverage) / 2
+    shortest = histogram.shortest(budget.coverage)
+    symmetric = (histogram.quantile(tail), histogram.quantile(1 - tail))
+    if histogram.standard_deviation == 0:  # an exact result, which the histogram's bins hold to a bin only
+        shortest = symmetric = (histogram.mean, histogram.mean)
     return MonteCarlo(
         histogram.mean,
         histogram.standard_deviation,
-        histogram.shortest(budget.coverage),
-        (histogram.quantile(tail), histogram.quantile(1 - tail)),
+        shortest,
+        symmetric,
         budget.coverage,
         histogram.number,
         seed,

@@ -15,6 +15,8 @@ from scipy import stats
 from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
 
+CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
+
 
 @dataclass(frozen=True)
 class Propagation:
@@ -84,6 +86,8 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     value, c, hessian, third = _evaluate(budget, measurand)
     covariance = budget.covariance
     first = float(c @ covariance @ c)
+    if first < CANCELLED * float(np.sum(np.abs(c) * budget.standard_uncertainties)) ** 2:
+        first = 0.0
     product = hessian @ covariance
     extra = 0.5 * np.trace(product @ product) + c @ covariance @ np.tensordot(third, covariance, axes=2)
     for i, one in enumerate(budget.inputs):

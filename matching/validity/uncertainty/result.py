@@ -12,7 +12,7 @@ from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.inverse import RequiredImprovement
 from matching.validity.uncertainty.montecarlo import MonteCarlo
 from matching.validity.uncertainty.propagate import Propagation
-from matching.validity.uncertainty.rounding import statement
+from matching.validity.uncertainty.rounding import interval_statement, statement
 from modelling.common.display import Displayed
 from modelling.units import Unit
 
@@ -90,9 +90,24 @@ class MeasurandResult:
     warnings: tuple[str, ...]
 
     @property
+    def method(self) -> str:
+        """``"monte_carlo"`` where the check of JCGM 101 rejects first order, else ``"first_order"``."""
+        return "monte_carlo" if self.check is not None and self.check.verdict == "not good" else "first_order"
+
+    @property
     def statement(self) -> str:
-        """The complete result in the unit of the budget, as GUM 7.2 wants it written."""
+        """The complete result in the unit of the budget, as GUM 7.2 wants it written, by :attr:`method`."""
         unit = self.measurand.unit
+        if self.method == "monte_carlo" and self.monte_carlo is not None:
+            drawn = self.monte_carlo
+            return interval_statement(
+                self.measurand.name,
+                unit.value_from_si(drawn.value),
+                unit.difference_from_si(drawn.standard_uncertainty),
+                (unit.value_from_si(drawn.shortest[0]), unit.value_from_si(drawn.shortest[1])),
+                unit.text,
+                self.coverage,
+            )
         return statement(
             self.measurand.name,
             unit.value_from_si(self.propagation.value),
@@ -109,6 +124,7 @@ class MeasurandResult:
         content = {
             "name": self.measurand.name,
             "statement": self.statement,
+            "method": self.method,
             "unit": unit.text,
             "value": unit.value_from_si(first.value),
             "expanded_uncertainty": unit.difference_from_si(self.expanded),

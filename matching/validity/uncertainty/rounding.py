@@ -44,3 +44,18 @@ def statement(name: str, value: float, expanded: float, unit: str, k: float, cov
     y, u = written(value, expanded)
     shown = "" if unit == "1" else f" {printed(unit)}"
     return f"{name} = ({y} ± {u}){shown}, k = {k:.2f}, coverage about {100 * coverage:.4g} %"
+
+
+# Six parameters of one sentence, all of them numbers and texts to be written.
+def interval_statement(
+    name: str, value: float, u: float, interval: tuple[float, float], unit: str, coverage: float
+) -> str:
+    """A result by Monte Carlo: ``y = 0.25 N·m, u = 0.35 N·m, 95 % in 0.00 ... 0.96 N·m (Monte Carlo)``.
+
+    Value and ends of the interval are rounded to the place of the uncertainty's second digit.
+    """
+    shown = "" if unit == "1" else f" {printed(unit)}"
+    place = _last_place(u, 2)
+    y, uncertainty, low, high = (to_place(number, place) for number in (value, u, *interval))
+    inside = f"{100 * coverage:.4g} % in {low} ... {high}{shown}"
+    return f"{name} = {y}{shown}, u = {uncertainty}{shown}, {inside} (Monte Carlo)"
