@@ -62,8 +62,24 @@ class Elements:
 
 
 def rank(rows: np.ndarray) -> int:
-    """Rank of rows (r, n), each taken to length one."""
-    return int(np.linalg.matrix_rank(unit_rows(rows), tol=1e-9)) if rows.size else 0
+    """Rank of rows (r, n), each taken to length one, by elimination that keeps to what is not zero.
+
+    Rows of a drivetrain have a few entries each, so the work grows with their number, where an SVD takes its cube.
+    """
+    pivots: dict[int, dict[int, float]] = {}  # column → the other entries of its row, where its own is 1
+    scaled = unit_rows(rows) if rows.size else rows
+    for row in scaled:
+        columns = np.flatnonzero(row)
+        entries = dict(zip(columns.tolist(), row[columns].tolist(), strict=True))
+        while (column := next((j for j in entries if j in pivots), None)) is not None:
+            value = entries.pop(column)
+            for j, other in pivots[column].items():
+                entries[j] = entries.get(j, 0.0) - value * other
+        largest = max(entries, key=lambda j: abs(entries[j]), default=None)
+        if largest is not None and abs(entries[largest]) > 1e-9:
+            value = entries.pop(largest)
+            pivots[largest] = {j: other / value for j, other in entries.items() if abs(other) > 1e-12}
+    return len(pivots)
 
 
 def unit_rows(rows: np.ndarray) -> np.ndarray:
