@@ -18,6 +18,7 @@ WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, a
 HALVINGS = 4  # of the record, until what dies away soon is seen
 EXPLAINED = 0.9  # of the motion of such a part, or it may be noise
 SHORTEST = 40  # samples of a record
+ROUNDING = 1e-11  # of a signal's largest value: what remains below of a straight line is rounding, not motion
 INSTANTS = 1500  # columns of the Hankel matrix, about
 
 
@@ -67,10 +68,12 @@ def pencil(signals: np.ndarray, step: float) -> Poles:
         raise ValueError("at least 20 finite samples are needed")
     # a straight line taken off leaves a line at most: it would drown small ringing
     line = np.stack([np.ones(len(y)), np.linspace(-1, 1, len(y))], axis=1)
+    largest = np.abs(y).max(axis=0)
     y = y - line @ np.linalg.lstsq(line, y, rcond=None)[0]
     scale = np.std(y, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    y = y / scale
+    moves = scale > ROUNDING * largest  # else a straight line and nothing else
+    scale = np.where(moves, scale, 1.0)
+    y = np.where(moves, y / scale, 0.0)
     rows = min(len(y) // 3, WINDOW)
     windows = np.lib.stride_tricks.sliding_window_view(y, rows + 1, axis=0)
     windows = windows[:: max(1, windows.shape[0] * y.shape[1] // INSTANTS)]
