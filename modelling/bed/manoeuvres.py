@@ -42,12 +42,12 @@ class Manoeuvre:
     duration: float = 3.0
 
     def __post_init__(self) -> None:
-        for one in dataclasses.fields(self):
-            value = getattr(self, one.name)
+        for entry in dataclasses.fields(self):
+            value = getattr(self, entry.name)
             if not math.isfinite(value):
-                raise InputError(one.name, "is not finite", "write a finite number")
-            if one.name not in ("amplitude", "offset", "creep") and value < 0:
-                raise InputError(one.name, f"{value:g} is not possible", "0 or more is needed")
+                raise InputError(entry.name, "is not finite", "write a finite number")
+            if entry.name not in ("amplitude", "offset", "creep") and value < 0:
+                raise InputError(entry.name, f"{value:g} is not possible", "0 or more is needed")
         if self.duration <= self.at:
             raise InputError(
                 "duration", f"{self.duration:g} s ends before it begins at {self.at:g} s", "make it longer"
@@ -176,12 +176,12 @@ def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
     if not isinstance(kind, str) or kind not in KINDS:
         raise unknown(str(kind), list(KINDS), f"{where}.kind")
     cls = KINDS[kind]
-    known = {one.name: one for one in dataclasses.fields(cls)}
+    known = {entry.name: entry for entry in dataclasses.fields(cls)}
     for key in table:
         if key != "kind" and key not in known:
             raise unknown(str(key), list(known), f"{where} ({kind})")
-    for key, one in known.items():
-        if one.default is dataclasses.MISSING and key not in table:
+    for key, entry in known.items():
+        if entry.default is dataclasses.MISSING and key not in table:
             raise InputError(f"{where} ({kind})", f"{key!r} is missing", f"give it in {UNITS[key]}")
     values = {key: to_si(value, UNITS[key], f"{where}.{key}") for key, value in table.items() if key != "kind"}
     try:

@@ -55,7 +55,7 @@ class ResidualVehicle:
 
     def part_of(self, interface: Interface) -> System:
         """The part that an interface drives."""
-        return next(part for part in self.parts if any(own.name == interface.torque for own in part.inputs))
+        return next(part for part in self.parts if any(driven.name == interface.torque for driven in part.inputs))
 
 
 def cut(vehicle: System, rig: System) -> ResidualVehicle:
@@ -87,16 +87,18 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
         )
     parts = []
     for group in _groups(vehicle, only):
-        parts.append(_part(vehicle, group, [own for own in interfaces if own.vehicle_end in group]))
-    lost = [
+        parts.append(_part(vehicle, group, [interface for interface in interfaces if interface.vehicle_end in group]))
+    without_interface = [
         name
         for part in parts
-        if not any(own.vehicle_end in {i.name for i in part.inertias} for own in interfaces)
+        if not any(interface.vehicle_end in {i.name for i in part.inertias} for interface in interfaces)
         for name in (i.name for i in part.inertias)
     ]
-    if lost:
+    if without_interface:
         raise InputError(
-            "vehicle", f"{listed(lost)} would hang on no interface", "the cut must run through shafts that both have"
+            "vehicle",
+            f"{listed(without_interface)} would hang on no interface",
+            "the cut must run through shafts that both have",
         )
     return ResidualVehicle(tuple(parts), interfaces, vehicle)
 
@@ -119,15 +121,15 @@ def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interf
                 "the rig must have the shaft the cut runs through, under the same name",
             )
         place = shaft.between.index(beyond[0])
-        own = shared[shaft.name]
-        if own.between[1 - place] != shaft.between[1 - place]:
+        on_rig = shared[shaft.name]
+        if on_rig.between[1 - place] != shaft.between[1 - place]:
             raise InputError(
                 f"rig: shafts.{shaft.name}.between",
-                f"starts at {own.between[1 - place]!r}, in the vehicle at {shaft.between[1 - place]!r}",
+                f"starts at {on_rig.between[1 - place]!r}, in the vehicle at {shaft.between[1 - place]!r}",
                 "a shared shaft keeps its inner end",
             )
         ratio = 1.0 if shaft.ratio is None else shaft.ratio.value
-        yield Interface(shaft.name, beyond[0], own.between[place], 1.0 if place == 1 else -1 / ratio)
+        yield Interface(shaft.name, beyond[0], on_rig.between[place], 1.0 if place == 1 else -1 / ratio)
 
 
 def _groups(vehicle: System, only: set[str]) -> list[set[str]]:
@@ -162,7 +164,7 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
 
     shafts = tuple(part for part in vehicle.shafts if inside(*part.between))
     inputs = tuple(part for part in vehicle.inputs if part.on in group) + tuple(
-        Input(own.torque, own.vehicle_end) for own in interfaces
+        Input(interface.torque, interface.vehicle_end) for interface in interfaces
     )
     kept = (
         {f"inertias.{name}" for name in group}
@@ -170,7 +172,7 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         | {f"inputs.{part.name}" for part in inputs}
     )
     sensors = tuple(part for part in vehicle.sensors if part.of in group or part.of in {shaft.name for shaft in shafts})
-    sensors += tuple(Sensor(own.speed, "speed", own.vehicle_end) for own in interfaces)
+    sensors += tuple(Sensor(interface.speed, "speed", interface.vehicle_end) for interface in interfaces)
     return replace(
         vehicle,
         inertias=tuple(part for part in vehicle.inertias if part.name in group),

@@ -1,4 +1,4 @@
-"""What a change may cost: what holds much of a target mode's energy moves cheaply, what holds little stays.
+"""Weights on changes: what holds much of a target mode's energy moves with little weight, what holds little is fixed.
 
 Shares are the modal sensitivity coefficients of the paper's Eqs. 6 and 7, summed over mirror images. Quantities of
 the residual vehicle are judged by the vehicle's target modes, adapters and rotors by the rig mode of the same symmetry
@@ -13,17 +13,17 @@ from matching.frequency.case.case import Case, Move
 from modelling.modal.modes import Mode, Modes, modes
 from modelling.modal.tracking import mac
 
-FREEZE_BELOW = 0.01  # share of a target mode's energy below which a quantity stays and needs no identification
+LEAST_SHARE_TO_MOVE = 0.01  # of a target mode's energy: with less a quantity is fixed, not identified accurately
 
 
-def price(part: float) -> float:
+def change_weight(part: float) -> float:
     """Weight of a change of what holds this share of a target mode's energy."""
-    return float(1 / max(part, FREEZE_BELOW))
+    return float(1 / max(part, LEAST_SHARE_TO_MOVE))
 
 
-def free(case: Case, shares: np.ndarray) -> list[Move]:
-    """What of a case's moves is not frozen, by the shares (moves,) of :func:`shares_of`."""
-    return [move for move, part in zip(case.moves, shares, strict=True) if part >= FREEZE_BELOW]
+def released_moves(case: Case, shares: np.ndarray) -> list[Move]:
+    """What of a case's moves is released, by the shares (moves,) of :func:`shares_of`."""
+    return [move for move, part in zip(case.moves, shares, strict=True) if part >= LEAST_SHARE_TO_MOVE]
 
 
 def shares_of(case: Case, vehicle: Modes, rig_modes: list[Mode | None]) -> np.ndarray:

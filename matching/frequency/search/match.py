@@ -11,7 +11,7 @@ import numpy as np
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.demands import demands
 from matching.frequency.case.targets import target_modes
-from matching.frequency.case.weights import FREEZE_BELOW, counterparts, price, shares_of
+from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight, counterparts, shares_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.response_error import error_figures
 from matching.frequency.loop.responses import responses
@@ -125,7 +125,8 @@ def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited:
     if not limited and all(abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends):
         found.append(NOTHING_MOVED)
     found += [
-        f"{name} holds under {FREEZE_BELOW:.0%} of every target mode's energy and moves for the limit {limit} alone"
+        f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "
+        f"and moves for the limit {limit} alone"
         for name, limit in released.items()
     ]
     return found
@@ -133,7 +134,9 @@ def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited:
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
     tuned = solution.values.get(move.name, move.start)
-    return ParameterResult(move.name, move.start, tuned, move.unit, move.lower, move.upper, price(part), part, not free)
+    return ParameterResult(
+        move.name, move.start, tuned, move.unit, move.lower, move.upper, change_weight(part), part, not free
+    )
 
 
 def reached(

@@ -48,7 +48,7 @@ class TargetResult:
 class ParameterResult:
     """A quantity that was allowed to move, SI.
 
-    ``share`` of a target mode's energy, ``weight`` the price of its change, ``frozen`` where the share is too small.
+    ``share`` of a target mode's energy, ``weight`` on its change, ``frozen`` where the share is too small to move it.
     """
 
     name: str

@@ -11,7 +11,7 @@ from matching.frequency.case.case import Case, Move
 from matching.frequency.case.demands import Demands
 from matching.frequency.case.targets import goals
 from matching.frequency.case.tuned import apply
-from matching.frequency.case.weights import free, price
+from matching.frequency.case.weights import change_weight, released_moves
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
 from matching.frequency.search.infeasible_limits import Unkept, unkept
@@ -74,7 +74,7 @@ def _solved(
     seed: int, starts: int, workers: int, tell: Progress, near: Near | None = None,
 ) -> tuple[Task, Solution, list[Unkept], dict[str, str]]:  # fmt: skip
     """Solved again where a limit that shapes the solution depends on a fixed quantity."""
-    moving = free(case, shares)
+    moving = released_moves(case, shares)
     released = needed_to_keep(case, moving, asked)
     while True:
         moves = [move for move in case.moves if move in moving or move.name in released]
@@ -94,7 +94,7 @@ def task_of(
     case: Case, shares: np.ndarray, moves: Sequence[Move], targets: list[tuple[Mode, Mode]], asked: Demands
 ) -> Task:
     """The programme of a case in which ``moves`` move; ``shares`` are of all of the case's."""
-    weights = np.array([price(part) for move, part in zip(case.moves, shares, strict=True) if move in moves])
+    weights = np.array([change_weight(part) for move, part in zip(case.moves, shares, strict=True) if move in moves])
     objective = REGISTERED[case.objective].of(case)
     tracked = goals(case, targets) if objective.tracks_modes else ()
     return Task(case, tuple(moves), weights, tracked, objective, asked)

@@ -10,7 +10,7 @@ from matching.frequency.programme.problem import Problem
 from matching.frequency.programme.scaling import scaled
 
 DRAWN_FOR_A_START = 12  # of which a random start is the most promising: far fewer of those end nowhere
-VIOLATION_WEIGHT = 10.0  # price of a missed constraint, scaled, in choosing it
+VIOLATION_WEIGHT = 10.0  # on a missed constraint, scaled, in choosing a start
 
 
 def numbered_start(problem: Problem, seed: int, number: int) -> np.ndarray:
