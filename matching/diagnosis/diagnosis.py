@@ -71,7 +71,8 @@ def diagnose(
     whole, train, judge, notes = _data(system, recordings, holdout)
     progress("base model")
     compile_models([system])
-    state, rated = identify_causes(system, solve(*base_problem(system, train)), judge, progress)
+    identified = identify_causes(system, solve(*base_problem(system, train)), judge, progress)
+    state = identified.state
     fits = equivalent_fits(state.best.fit, state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
@@ -82,7 +83,7 @@ def diagnose(
     values = bounded_below(values, final.fit, final.causes)
     judged = [
         JudgedCause(cause, own, best_without(state, index))
-        for index, (cause, own) in enumerate(zip(final.causes, rated, strict=True))
+        for index, (cause, own) in enumerate(zip(final.causes, identified.rated, strict=True))
     ]
     models = [ModelResiduals(judge.segments(one.fit), r) for one, r in zip((base, final), residuals, strict=True)]
     unseen = holdout_data(train.noise, models[0], models[1])
@@ -91,7 +92,7 @@ def diagnose(
         verdict, named_causes(system, final, values, judged, explained),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
         errors_by_sensor(system, base, final, before, after), pooled_errors(whole, before, after),
-        fidelity(system, unseen), refitted_candidates(judged), remaining_errors(final),
+        fidelity(system, unseen), refitted_candidates(judged), identified.fitted, remaining_errors(final),
         recording_to_tell_rivals(final, judged, explained), notes,
         extended_system(system, final.causes, final.fit.values), _plot_data(state, final, unseen),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,12 +24,21 @@ from matching.diagnosis.verdict.confidence import (
     rate_rivals,
 )
 from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
+from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
+from matching.diagnosis.verdict.result import FittedCandidate
 from modelling.model.system import System
 
 
-def identify_causes(
-    system: System, base: Fit, holdout: Holdout, progress: Progress
-) -> tuple[SearchState, list[list[RatedCause]]]:
+@dataclass(frozen=True)
+class IdentifiedCauses:
+    """The state of the search at its end, for each cause its rivals, itself included, and all fitted candidates."""
+
+    state: SearchState
+    rated: list[list[RatedCause]]
+    fitted: list[FittedCandidate]
+
+
+def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
     Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
@@ -39,18 +48,17 @@ def identify_causes(
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         judge = OtherRecordings(first_readings(holdout.data))
-        state, rated = _search_and_rate(system, solve(*base_problem(system, window)), judge, progress)
+        identified = _search_and_rate(system, solve(*base_problem(system, window)), judge, progress)
+        state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
         if at_noise(best) or not at_noise(state.best):
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
-            return state, rated
+            return identified
     return _search_and_rate(system, base, holdout, progress)
 
 
-def _search_and_rate(
-    system: System, base: Fit, holdout: Holdout, progress: Progress
-) -> tuple[SearchState, list[list[RatedCause]]]:
+def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
     state = search_causes(system, base, progress)
     progress("final fit")
     if not at_noise(state.best):
@@ -61,7 +69,7 @@ def _search_and_rate(
     for index in range(len(state.best.causes)):
         progress("rivals")
         rated.append(rate_rivals(state, index, holdout))
-    return state, rated
+    return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
 
 
 def _drop_worse_on_holdout(state: SearchState, holdout: Holdout) -> None:

@@ -12,6 +12,7 @@ EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"
 pytestmark = pytest.mark.skipif(not EMPS.exists(), reason="the shared recording of the real drive is not here")
 
 
+@pytest.mark.long
 def test_real_drive_has_dry_friction_first_and_something_left_over() -> None:
     system = load(EMPS / "model.toml")
     found = diagnose(system, [read_recording(EMPS / "recording.csv", system)])

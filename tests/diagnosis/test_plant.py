@@ -44,6 +44,18 @@ def test_one_effect_is_named_with_its_value(tmp_path: Path, kind: str, size: str
         assert errors.after_holdout < 1.1 * errors.noise
 
 
+def test_every_fitted_candidate_is_listed_with_the_reason_it_was_not_taken(tmp_path: Path) -> None:
+    found, answer = diagnosed(tmp_path, "quadratic_drag", size="plain", duration=4.0)
+    rows = found.to_dict()["candidates"]
+    taken = [(row["kind"], row["at"]) for row in rows if row["not_taken"] is None]
+    assert taken == [(answer["kind"], answer["at"])]
+    assert len(rows) == len({(row["kind"], row["at"]) for row in rows}) >= 4
+    for row in rows:
+        assert row["not_taken"] in {None, "not_better", "worse_unseen", "at_bound", "rival"}
+        assert row["misfit"] >= 0.9 * rows[0]["misfit"]
+    assert rows[0]["misfit_holdout"] == pytest.approx(1, abs=0.1)
+
+
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
     found, answer = diagnosed(tmp_path, "coulomb_friction", "sensor_gain")
     assert {(cause.kind, cause.at) for cause in found.causes} == {(one["kind"], one["at"]) for one in answer["causes"]}

@@ -111,6 +111,6 @@ def test_causes_are_searched_for_in_all_data_where_the_window_is_not_enough(drag
     monkeypatch.setattr(identify_causes, "_search_and_rate", spy)
     monkeypatch.setattr(identify_causes, "at_noise", lambda hypothesis: samples(hypothesis.fit) < samples(base))
     rest = replace(base.problem.data, segments=(base.problem.data.segments[0].part(0, 500),))
-    state, _ = identify_causes.identify_causes(system, base, OtherRecordings(rest), lambda _: None)
+    state = identify_causes.identify_causes(system, base, OtherRecordings(rest), lambda _: None).state
     assert searched == [pytest.approx(4000 / 3, abs=1), samples(base)]
     assert samples(state.best.fit) == samples(base)

@@ -31,7 +31,7 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     [
         ("two_mass", "coulomb_friction", False),
         ("test_bed", "hysteresis", False),
-        ("vehicle", "slip", False),
+        pytest.param("vehicle", "slip", False, marks=pytest.mark.long),
         ("vehicle", "wrong_parameter", False),
         ("two_mass", "crosstalk", False),
         ("two_mass", "backlash", True),

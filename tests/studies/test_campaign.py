@@ -44,6 +44,7 @@ def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monk
     assert progress == [(4, 6), (5, 6), (6, 6)]
 
 
+@pytest.mark.long
 @needs_compiler
 def test_the_command_goes_on_where_a_python_user_stopped(tmp_path):
     campaign = Campaign(cases=3, seed=1, seconds=2.0)

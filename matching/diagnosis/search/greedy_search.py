@@ -66,13 +66,14 @@ def search_causes(system: System, base_fit: Fit, progress: Progress = lambda _: 
     beam = [base]
     while state.best is base or (len(state.best.causes) < MOST_CAUSES and not at_noise(state.best)):
         grown = _grow(beam, screenings, state.noise_threshold, budget, progress)
+        if state.best is base:
+            state.with_one_cause = grown
         if not grown or not _worthwhile(state, grown[0]):
             break
         state.best = grown[0]
         width = BEAM if len(state.best.causes) == 1 else 1
         beam = [one for one in grown[:width] if one.fit.cost < BEAM_RATIO * grown[0].fit.cost]
         if len(state.best.causes) == 1:
-            state.with_one_cause = grown
             state.rivals = [grown]
     drop_and_exchange(state, budget, progress)
     return state

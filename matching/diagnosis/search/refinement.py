@@ -11,16 +11,20 @@ from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.candidates.refit import SEARCH, fit_extended
 from matching.diagnosis.candidates.screening import Screening
 from matching.diagnosis.candidates.short_windows import fit_short_windows
+from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.friction_regularisation import MOST_STEPS, with_sharper_friction
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from modelling.effects import EFFECTS
 
 NEAR_BEST, NEAR_RATIO = 4, 2.0  # hypotheses that get a second look, and up to how many times the best's χ²
 WINDOWED_BEST, WINDOWED_RATIO = 2, 3.0  # the same for fits over short windows, which take many times as long
+NEAR_NOISE = 1.2  # mean square of the residual in times the noise
+WIDER_GAP = 1.6  # times the fitted one
+KEPT_PROMISE = 0.5  # of the decrease of χ² that the screening promised
 BETTER_WINDOWS = 0.9  # of χ²: fits over short windows that are no better than this prove no local minimum
 MUCH_BETTER_WINDOWS = 0.8  # the same for the windows to stand for the fit
 ITERATIONS_AFTER_WINDOWS = 15
-REFITS, WINDOWED_REFITS = 60, 4  # of a whole search
+REFITS, WINDOWED_REFITS = 60, 5  # of a whole search
 
 FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
 
@@ -102,12 +106,12 @@ def refitted_over_windows(
     tried: set[tuple[Cause, ...]],
     budget: RefitBudget,
 ) -> list[Hypothesis]:
-    """Fit the best few again from short windows: their long simulation may have ended in a local minimum."""
+    """Fit some again from short windows: their long simulation may have ended in a local minimum."""
     motion = np.concatenate(parent.fit.problem.states(parent.fit.v))
     motion = screening.balance.added_to(parent.fit.problem.model.states, motion)
     out = list(hypotheses)
-    for i, one in enumerate(hypotheses[:WINDOWED_BEST]):
-        if one.causes in tried or one.fit.cost > WINDOWED_RATIO * hypotheses[0].fit.cost:
+    for one in in_local_minimum(parent, hypotheses):
+        if one.causes in tried:
             continue
         if not budget.take_windows():
             break
@@ -117,13 +121,44 @@ def refitted_over_windows(
         except FIT_ERRORS:
             continue
         if again is not None and again.fit.cost < one.fit.cost:
-            out[i] = again
+            out[out.index(one)] = again
     return sorted(out, key=lambda one: one.cost)
+
+
+def in_local_minimum(parent: Hypothesis, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, of some that are not at the noise, whose fit may have ended in a local minimum.
+
+    These are the best few, which another start may improve, and before them the one that the screening promised most
+    of, if its fit does not keep half of that: rattling in backlash forgets where it began, so that a long simulation
+    fits worse with the right cause than without it.
+    """
+    near = [one for one in hypotheses[:WINDOWED_BEST] if one.fit.cost <= WINDOWED_RATIO * hypotheses[0].fit.cost]
+    promised = max(hypotheses, key=lambda one: one.screened)
+    kept = parent.fit.cost - promised.fit.cost
+    return near if kept > KEPT_PROMISE * promised.screened or promised in near else [promised, *near]
+
+
+def _with_wider_gap(hypothesis: Hypothesis, short: Fit) -> ExtendedModel | None:
+    """A model to begin with a wider gap, where a fit over windows is not near the noise; None without backlash.
+
+    A gap that is too narrow stays so: within the true gap no torque is measured that a narrower one lacks. From a gap
+    that is too wide the missing torque is there from the first sample.
+    """
+    cause = hypothesis.causes[-1]
+    if not EFFECTS[cause.kind].free_play or short.cost < NEAR_NOISE * short.problem.data.readings_count:
+        return None
+    name = cause.names()[EFFECTS[cause.kind].free_play]
+    values = hypothesis.model.values | short.values
+    return replace(hypothesis.model, values=values | {name: WIDER_GAP * values[name]})
 
 
 def _from_windows(parent: Hypothesis, hypothesis: Hypothesis, motion: np.ndarray) -> Hypothesis | None:
     """A hypothesis fitted from short windows; None where the long simulation does as well."""
     short = fit_short_windows(hypothesis.model, parent.fit, motion)
+    wider = _with_wider_gap(hypothesis, short)
+    if wider is not None:
+        again = fit_short_windows(wider, parent.fit, motion)
+        short = again if again.cost < short.cost else short
     if short.cost > BETTER_WINDOWS * hypothesis.fit.cost:
         return None
     one_segment = len(parent.fit.problem.data.segments) == 1

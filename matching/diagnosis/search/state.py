@@ -24,7 +24,7 @@ class SearchState:
     rivals : list of list of Hypothesis
         For each cause of ``best``: hypotheses with another cause in its place, itself included, best first.
     with_one_cause : list of Hypothesis
-        Best first.
+        All that were fitted, taken or not, best first.
     """
 
     base: Hypothesis

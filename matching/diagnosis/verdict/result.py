@@ -128,6 +128,37 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class FittedCandidate:
+    """A candidate that was added to the base model by itself.
+
+    Attributes
+    ----------
+    kind, at : str
+    misfit, misfit_holdout : float
+        Root mean square of all residuals on fitted and on held-out data, in times the noise.
+    chi_square : float
+        On fitted data.
+    not_taken : str
+        Why it was not taken: ``not_better``, ``worse_unseen``, ``at_bound`` or ``rival``; empty if it was.
+    """
+
+    kind: str
+    at: str
+    misfit: float
+    misfit_holdout: float
+    chi_square: float
+    not_taken: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {
+            "kind": self.kind, "at": self.at, "instead_of": None, "misfit": self.misfit,
+            "misfit_holdout": finite(self.misfit_holdout), "chi_square": self.chi_square, "confidence": 0.0,
+            "not_taken": self.not_taken or None,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class SensorErrors:
     """Root mean square errors of one sensor, SI; NaN where there is no reading."""
 
@@ -203,6 +234,8 @@ class Diagnosis(Displayed):
         R_RVM, R_MU and R_XiL on held-out data, before and after.
     candidates : list of Candidate
         What was refitted in the place of each cause, the most likely first.
+    fitted_candidates : list of FittedCandidate
+        What was added to the base model by itself, best first.
     rest : list of RemainingError
     next_recording : str or None
     notes : list of str
@@ -218,6 +251,7 @@ class Diagnosis(Displayed):
     gain: PooledErrors
     fidelity: HoldoutFidelity | None
     candidates: list[Candidate]
+    fitted_candidates: list[FittedCandidate]
     rest: list[RemainingError]
     next_recording: str | None
     notes: list[str]
@@ -230,11 +264,22 @@ class Diagnosis(Displayed):
             "verdict": self.verdict, "causes": [cause.to_dict() for cause in self.causes],
             "errors": {name: _finite_numbers(vars(errors)) for name, errors in self.errors.items()},
             "gain": _finite_numbers(vars(self.gain)), "fidelity": self.fidelity.to_dict() if self.fidelity else None,
-            "candidates": [vars(one) for one in self.candidates], "next_recording": self.next_recording,
+            "candidates": self._candidates_to_dict(), "next_recording": self.next_recording,
             "extended_model": "extended.toml",
             "parameters": {name: _estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
             "rest": [one.to_dict() for one in self.rest], "notes": self.notes,
         }  # fmt: skip
+
+    def _candidates_to_dict(self) -> list[dict[str, Any]]:
+        """Those in the place of a cause, and every other that was fitted, with why it was not taken."""
+        fitted = {(one.kind, one.at): one.to_dict() for one in self.fitted_candidates}
+        rows = []
+        for one in self.candidates:
+            own = fitted.pop((one.kind, one.at), {"misfit_holdout": None})
+            is_cause = one.instead_of == f"{one.kind} at {one.at}"
+            reason = None if is_cause else own.get("not_taken") or "rival"
+            rows.append(vars(one) | {"misfit_holdout": own["misfit_holdout"], "not_taken": reason})
+        return rows + list(fitted.values())
 
 
 def _estimate_to_dict(estimate: Estimate | CauseParameter, unit: str) -> dict[str, Any]:

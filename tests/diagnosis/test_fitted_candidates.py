@@ -1,0 +1,65 @@
+"""Why a candidate was not taken, one reason each."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis.linear import KnownProblem, fit_at
+
+from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.search.refinement import in_local_minimum
+from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
+
+NAME = "sensors.s.sensor_offset.offset"
+
+
+def hypothesis(mean_square: float, causes: bool = True, at_bound: bool = False, screened: float = 0.0) -> Hypothesis:
+    problem = KnownProblem({NAME: (0.0, 4.0)}, lambda v: np.full(1000, np.sqrt(mean_square)))
+    fit = fit_at(problem, np.array([0.0 if at_bound else 2.0]), np.ones((1000, 1)))
+    named = (Cause("sensor_offset", "sensors.s", ("offset",)),) if causes else ()
+    return Hypothesis(ExtendedModel(None, named, {}, {}), fit, screened)
+
+
+class Judge:
+    """Held-out residuals by hypothesis: its fit's mean square and what is stated of it."""
+
+    def __init__(self, squares: dict[int, float]):
+        self.squares = squares
+
+    def simulate(self, fit):
+        parts = [np.full((100, 1), np.sqrt(self.squares[id(fit)]))]
+        return [SimpleNamespace(residual=None, parts=lambda residual: parts)]
+
+
+@pytest.mark.parametrize(
+    ("mean_square", "unseen", "at_bound", "reason"),
+    [
+        (8.95, 4.0, False, "not_better"),  # 50 less than 9000, where noise takes 10 times χ² a reading
+        (4.0, 9.5, False, "worse_unseen"),
+        (4.0, 8.5, True, "at_bound"),
+        (4.0, 8.5, False, "rival"),
+    ],
+)
+def test_reason(mean_square: float, unseen: float, at_bound: bool, reason: str) -> None:
+    base, one = hypothesis(9.0, causes=False), hypothesis(mean_square, at_bound=at_bound)
+    judge = Judge({id(base.fit): 9.0, id(one.fit): unseen})
+    state = SimpleNamespace(base=base, best=base, noise_threshold=10.0, with_one_cause=[one])
+    (found,) = fitted_candidates(state, judge)
+    assert (found.kind, found.at, found.not_taken) == ("sensor_offset", "sensors.s", reason)
+    assert found.misfit == pytest.approx(np.sqrt(mean_square))
+    assert found.misfit_holdout == pytest.approx(np.sqrt(unseen))
+    (taken,) = fitted_candidates(SimpleNamespace(**vars(state) | {"best": one}), judge)
+    assert taken.not_taken == ""
+    assert taken.to_dict()["not_taken"] is None
+
+
+def test_the_candidate_that_was_promised_most_of_gets_windows_if_its_fit_does_not_keep_half() -> None:
+    parent = hypothesis(9.0, causes=False)
+    near, far, hopeless = hypothesis(5.0, screened=1000.0), hypothesis(6.0), hypothesis(7.0)
+    broken = hypothesis(12.0, screened=8000.0)
+    assert in_local_minimum(parent, [near, far, hopeless, broken]) == [broken, near, far]
+    kept = replace(broken, fit=hypothesis(4.5).fit)  # 4500 of 8000
+    assert in_local_minimum(parent, [kept, near, far]) == [kept, near]
+    assert in_local_minimum(parent, [hypothesis(1.0), near])[1:] == []  # more than three times the best
