@@ -21,7 +21,7 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
                 "--draws",
                 "50000",
                 "--wanted",
-                "0.08 mg",
+                "0.13 mg",
             ]
         )
         == 0

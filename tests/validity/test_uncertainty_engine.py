@@ -265,3 +265,14 @@ def test_inverse_use_reaches_the_wanted_uncertainty_when_fed_back():
         better = budget.scaled({name: needed / u[name] for name, needed in step.needed.items()})
         result = propagate(better, measurand)
         assert coverage_factor(better, result.degrees_of_freedom) * result.first_order == pytest.approx(3.0, rel=1e-6)
+
+
+def test_inverse_use_works_on_the_monte_carlo_where_first_order_fails():
+    """U of x² at 0 is half of 0 ... u²·χ²(0.95): 0.480 at u = 0.5. For 0.12 that u has to be halved."""
+    budget, _ = single("x^2", x={"value": 0, "uncertainty": 0.5})
+    (found,) = evaluate(budget, draws=200_000, wanted="0.12").inverse
+    assert found.present == pytest.approx(0.125 * stats.chi2(1).ppf(0.95), rel=0.02)
+    needed = 0.5 * math.sqrt(0.12 / found.present)
+    assert found.alone[0].needed["x"] == pytest.approx(needed, rel=1e-3)
+    assert found.together.needed["x"] == pytest.approx(needed, rel=1e-3)
+    assert found.together.reached == pytest.approx(0.12, rel=1e-3)

@@ -42,8 +42,8 @@ def evaluate(
         ()
         if wanted is None
         else tuple(
-            required(budget, measurand, wanted_uncertainty(wanted, measurand, budget.where))
-            for measurand in budget.measurands
+            required(budget, one.measurand, wanted_uncertainty(wanted, one.measurand, budget.where), one.method)
+            for one in results
         )
     )
     return Uncertainty(budget, results, output_correlation(budget, [result.propagation for result in results]), inverse)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import sympy
 from scipy.optimize import brentq
 
 from matching.validity.budget.budget import Budget, Measurand
+from matching.validity.uncertainty.draws import sampler
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from modelling.common.errors import InputError
 from modelling.units import unit_of
 
 SMALLEST_FACTOR = 1e-6  # on an input's uncertainty: as good as exact, but it keeps its degrees of freedom
 SMALLEST_LEVEL = 1e-9  # of the largest contribution
+INVERSE_DRAWS = 100_000  # they leave about 0.5 % of an expanded uncertainty open
+INVERSE_SEED = 1  # the same draws for every trial, so that only the factors change the result
 
 
 @dataclass(frozen=True)
@@ -72,10 +78,11 @@ class RequiredImprovement:
         }
 
 
-def required(budget: Budget, measurand: Measurand, wanted: float) -> RequiredImprovement:
-    """What must improve for an expanded uncertainty of ``wanted`` (SI), first order; degrees of freedom stay.
+def required(budget: Budget, measurand: Measurand, wanted: float, method: str = "first_order") -> RequiredImprovement:
+    """What must improve for an expanded uncertainty of ``wanted`` (SI); degrees of freedom stay.
 
-    Every answer is evaluated with the whole budget, since k changes with the effective degrees of freedom.
+    Every answer is evaluated with the whole budget. By first order, k changes with the effective degrees of freedom; by
+    ``"monte_carlo"``, the expanded uncertainty is half of the shortest interval of the draws.
 
     Raises
     ------
@@ -85,10 +92,7 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> RequiredImp
     if not wanted > 0 or not math.isfinite(wanted):
         raise InputError(f"{budget.where}: wanted uncertainty", f"{wanted:g} is not possible", "give a number above 0")
 
-    def expanded(factors: dict[str, float]) -> float:
-        changed = budget.scaled(factors)
-        result = propagate(changed, measurand)
-        return coverage_factor(changed, result.degrees_of_freedom) * result.first_order
+    expanded = (_expanded_by_draws if method == "monte_carlo" else _expanded_by_first_order)(budget, measurand)
 
     def improvement(factors: dict[str, float]) -> Improvement:
         u = {quantity.name: quantity.standard_uncertainty for quantity in budget.inputs}
@@ -99,12 +103,13 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> RequiredImp
     present = expanded({})
     if present <= wanted:
         return RequiredImprovement(budget, measurand, wanted, present)
-    sensitivities = propagate(budget, measurand).sensitivities
-    contributions = {
-        quantity.name: abs(c) * quantity.standard_uncertainty
-        for quantity, c in zip(budget.inputs, sensitivities, strict=True)
-        if c != 0 and quantity.standard_uncertainty > 0
-    }
+    uncertain = [quantity.name for quantity in budget.inputs if quantity.standard_uncertainty > 0]
+    if method == "monte_carlo":  # each input's alone, for sensitivities may vanish (JCGM 101, annex B)
+        alone_in = {name: expanded({other: 0.0 for other in uncertain if other != name}) for name in uncertain}
+    else:
+        parts = np.abs(propagate(budget, measurand).sensitivities) * budget.standard_uncertainties
+        alone_in = {quantity.name: float(part) for quantity, part in zip(budget.inputs, parts, strict=True)}
+    contributions = {name: contribution for name, contribution in alone_in.items() if contribution > 0}
     alone: list[tuple[float, Improvement]] = []
     for name in contributions:
         if expanded({name: SMALLEST_FACTOR}) <= wanted:
@@ -120,6 +125,36 @@ def required(budget: Budget, measurand: Measurand, wanted: float) -> RequiredImp
     level = brentq(lambda x: expanded(levelled(x)) - wanted, SMALLEST_LEVEL * largest, largest, xtol=1e-12 * largest)
     ordered = tuple(improved for _, improved in sorted(alone, key=lambda pair: -pair[0]))
     return RequiredImprovement(budget, measurand, wanted, present, ordered, improvement(levelled(level)))
+
+
+def _expanded_by_first_order(budget: Budget, measurand: Measurand) -> Callable[[dict[str, float]], float]:
+    """U (SI) by first order as a function of factors on the inputs' standard uncertainties."""
+
+    def expanded(factors: dict[str, float]) -> float:
+        changed = budget.scaled(factors)
+        result = propagate(changed, measurand)
+        return coverage_factor(changed, result.degrees_of_freedom) * result.first_order
+
+    return expanded
+
+
+def _expanded_by_draws(budget: Budget, measurand: Measurand) -> Callable[[dict[str, float]], float]:
+    """Half of the shortest interval (SI) of the same draws, as a function of factors on the inputs' uncertainties."""
+    names = [quantity.name for quantity in budget.inputs]
+    function = sympy.lambdify([sympy.Symbol(name, real=True) for name in names], measurand.expression, "numpy")
+    inputs = sampler(budget)(np.random.default_rng(INVERSE_SEED), INVERSE_DRAWS)
+    deviations = [drawn - value for drawn, value in zip(inputs, budget.values, strict=True)]
+
+    def expanded(factors: dict[str, float]) -> float:
+        scaled = [
+            value + factors.get(name, 1.0) * deviation
+            for name, value, deviation in zip(names, budget.values, deviations, strict=True)
+        ]
+        ordered = np.sort(np.broadcast_to(np.asarray(function(*scaled), dtype=float), INVERSE_DRAWS))
+        inside = round(budget.coverage * INVERSE_DRAWS)
+        return float(np.min(ordered[inside:] - ordered[: INVERSE_DRAWS - inside])) / 2
+
+    return expanded
 
 
 def wanted_uncertainty(text: str, measurand: Measurand, where: str = "budget") -> float:
