@@ -3,6 +3,7 @@
 import zipfile
 from dataclasses import replace
 
+import fmpy
 import pytest
 
 from matching.fmu.given import given
@@ -15,6 +16,9 @@ def test_names_of_the_files(lashed_model, fmi, wrapper, tmp_path):
     made = fmu(given(lashed_model).block, fmi)
     path = tmp_path / "a.fmu"
     path.write_bytes(made.content)
+    able = fmpy.read_model_description(str(path)).coSimulation
+    assert able.canHandleVariableCommunicationStepSize
+    assert fmi == "3.0" or able.canInterpolateInputs
     with zipfile.ZipFile(path) as file:
         names = set(file.namelist())
         assert file.read("documentation/licenses/license.txt").decode() == LICENCE

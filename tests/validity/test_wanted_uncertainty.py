@@ -4,7 +4,7 @@ import pytest
 
 from matching.validity.budget.budget_file import budget_from_tables
 from matching.validity.budget.formula import parse_formula
-from matching.validity.uncertainty.inverse import wanted_uncertainty
+from matching.validity.uncertainty.inverse import required, wanted_uncertainty
 from modelling.common.errors import InputError
 
 
@@ -45,3 +45,10 @@ def test_a_wrong_formula_is_named(formula, wrong, right):
     assert error.value.where == "torque.toml: formula"
     assert error.value.wrong.startswith(wrong)
     assert error.value.right.startswith(right)
+
+
+def test_what_is_reached_already_needs_no_improvement():
+    budget = budget_from_tables({"measurand": {"formula": "x"}, "inputs": {"x": {"value": 1.0, "uncertainty": 0.1}}})
+    found = required(budget, budget.measurands[0], 1.0)
+    assert (found.wanted, found.alone, found.together) == (1.0, (), None)
+    assert found.present == pytest.approx(1.96 * 0.1, rel=1e-4)
