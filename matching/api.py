@@ -95,15 +95,15 @@ def simulate(
     """
     from modelling.equations.compiled import compiled
     from modelling.simulation.recorded_start import recorded_start
-    from modelling.simulation.simulate import prepare
     from modelling.simulation.simulate import simulate as run
+    from modelling.simulation.simulate import with_stick_speed
 
     built = compiled(_system(model))
     measured = _recording(recording, built.system, channels)
     measured.check_continuous()
     inputs = measured.inputs(built.system)
     if isinstance(start, str) and start == "recorded":
-        start = recorded_start(built, measured, prepare(built, measured.time, inputs, built.p0)[0])
+        start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
     return run(built, measured.time, inputs, start=start)
 
 

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.measurement.write import csv_text
     from modelling.model.files import load
     from modelling.simulation.recorded_start import recorded_start
-    from modelling.simulation.simulate import prepare, simulate
+    from modelling.simulation.simulate import simulate, with_stick_speed
 
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     model = compiled(system)
     inputs, start = recording.inputs(system), arguments.start
     if start == "recorded":
-        p, _ = prepare(model, recording.time, inputs, model.p0)
+        p = with_stick_speed(model, recording.time, inputs, model.p0)
         start = recorded_start(model, recording, p)
     done = simulate(model, recording.time, inputs, start=start)
     misfit = {}

@@ -1,111 +1,131 @@
-"""How many steps a second, and how sharp dry friction turns: from the fastest eigenvalues."""
+"""How fast a model can move, from the eigenvalues of its linearisation, and the steps that follow from it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model
 from modelling.simulation.result import SimulationError
 
-STABLE = 2.0  # |λ|·h of a fast decay; the method's limit is 2.78
-ACCURATE = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase a radian
-CONTACT = 0.2  # ω·h of the vibration of two neighbours on the spring of a lash alone
-MOST = 2e6  # steps a second
-SHARP, BLUNT = 2e-5, 5e-4  # stick speed over the range of the speeds that stick
+STABLE_STEP = 2.0  # |λ|·h of a fast decay; explicit Runge-Kutta of order four is stable up to 2.78
+ACCURATE_STEP = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase error a radian
+CONTACT_STEP = 0.2  # ω·h of the vibration of two inertias on the spring of a lash alone
+WELL_DAMPED = 0.7  # −Re λ/|λ| from which on an eigenvalue decays before it vibrates
+MAX_STEPS_PER_SECOND = 2e6
+PROBED_STATES = 48  # along a motion
 
 
-def steps_per_second(
-    model: Model, p: np.ndarray, states: np.ndarray | None = None, inputs: np.ndarray | None = None
-) -> float:
-    """Steps a second that the fastest eigenvalue needs, over all parameter sets and states.
+@dataclass(frozen=True)
+class Rates:
+    """Fastest rates of a model, 1/s.
 
-    Every parameter set is probed with its lash closed and its friction at its steepest; ``states`` (k, x) with
-    ``inputs`` (k, u) probe further points of the first set.
+    Attributes
+    ----------
+    any : float
+        Largest magnitude of all eigenvalues.
+    vibration : float
+        The same of those that vibrate before they decay.
+    contact : float
+        Angular frequency of two inertias on the spring of a lash alone, 0 without lash.
+    """
+
+    any: float
+    vibration: float
+    contact: float
+
+    def __or__(self, other: Rates) -> Rates:
+        return Rates(max(self.any, other.any), max(self.vibration, other.vibration), max(self.contact, other.contact))
+
+
+def steps_per_second(model: Model, p: np.ndarray) -> float:
+    """Explicit steps a second that are stable and accurate about rest, over parameter sets (b, p).
+
+    For what steps at a rate fixed in advance (FMU, controlled rig); :mod:`modelling.simulation.step_control` measures
+    the error instead.
 
     Raises
     ------
     SimulationError
-        If more than ``MOST`` would be needed, or an eigenvalue is not finite.
+        If more than :data:`MAX_STEPS_PER_SECOND` would be needed, or an eigenvalue is not finite.
     """
-    lash = [model.parameters.index(name) for name in model.system.free_plays.values()]
-    closed = p.copy()
-    closed[:, lash] = 0.0
-    x = np.zeros((len(model.states), 2 * len(p)))
-    probe = 1e-9 * np.cos(np.arange(model.n) * 1.7)  # no two coordinates alike: every lash is closed
-    x[: model.n] = np.repeat([probe, -probe], len(p), axis=0).T
-    zero = np.zeros((len(model.inputs), x.shape[1]))
-    A = [_matrices(model, x, zero, np.vstack([closed, closed]).T)]
-    contact = 0.0
-    for one in lash:
-        opened = closed.copy()
-        opened[:, one] = 1e9
-        change = A[0] - _matrices(model, x, zero, np.vstack([opened, opened]).T)
-        square = -np.trace(change[:, model.n : 2 * model.n, : model.n], axis1=1, axis2=2)  # stiffness over inertia
-        contact = max(contact, float(np.sqrt(square.max(initial=0.0))))
-    if states is not None and inputs is not None:
-        A.append(_matrices(model, states.T, inputs.T, np.repeat(p[:1], len(states), axis=0).T))
-    values = np.linalg.eigvals(np.concatenate(A)).ravel()
-    size = np.abs(values)
-    swinging = size[-values.real < 0.7 * size]
-    needed = max(size.max(initial=0.0) / STABLE, swinging.max(initial=0.0) / ACCURATE, contact / CONTACT, 1.0)
-    if not needed <= MOST:
-        raise SimulationError(
-            "simulation", f"the fastest eigenvalue, {size.max():.3g} 1/s, needs {needed:.3g} steps a second",
-            f"at most {MOST:g} are taken: look for a very small inertia, time constant or coefficient",
-        )  # fmt: skip
+    rates = rates_at_rest(model, p)
+    needed = max(rates.any / STABLE_STEP, rates.vibration / ACCURATE_STEP, rates.contact / CONTACT_STEP, 1.0)
+    if not needed <= MAX_STEPS_PER_SECOND:
+        raise too_fast(rates.any, needed)
     return float(needed)
 
 
-def _matrices(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """A at several points, (k, x, x)."""
-    k, n = x.shape[1], x.shape[0]
-    A = np.array(model.jacobians.map(k)(x, u, p, np.zeros((1, k)))[0].full()) if k else np.empty((n, 0))
+def too_fast(rate: float, needed: float) -> SimulationError:
+    """The error for a model with an eigenvalue too fast to step through."""
+    return SimulationError(
+        "simulation", f"the fastest eigenvalue, {rate:.3g} 1/s, needs {needed:.3g} steps a second",
+        f"at most {MAX_STEPS_PER_SECOND:g} are taken: look for a very small inertia, time constant or coefficient",
+    )  # fmt: skip
+
+
+def rates_at_rest(model: Model, p: np.ndarray) -> Rates:
+    """Rates about rest over parameter sets (b, p), with every lash closed and dry friction at its steepest.
+
+    Raises
+    ------
+    SimulationError
+        If an eigenvalue is not finite.
+    """
+    gaps = [model.parameters.index(name) for name in model.system.free_plays.values()]
+    closed = p.copy()
+    closed[:, gaps] = 0.0
+    x = np.zeros((len(model.states), 2 * len(p)))
+    probe = 1e-9 * np.cos(np.arange(model.n) * 1.7)  # no two coordinates alike: every lash is closed
+    x[: model.n] = np.repeat([probe, -probe], len(p), axis=0).T
+    u = np.zeros((len(model.inputs), x.shape[1]))
+    A = _state_matrices(model, x, u, np.vstack([closed, closed]).T)
+    contact = 0.0
+    for gap in gaps:
+        opened = closed.copy()
+        opened[:, gap] = 1e9
+        change = A - _state_matrices(model, x, u, np.vstack([opened, opened]).T)
+        square = -np.trace(change[:, model.n : 2 * model.n, : model.n], axis1=1, axis2=2)  # stiffness over inertia
+        contact = max(contact, float(np.sqrt(square.max(initial=0.0))))
+    return _rates(A, contact)
+
+
+def rates_along(model: Model, p: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> Rates:
+    """Rates at some points of a motion, states (t, x) and inputs (t, u), for one parameter set (p,).
+
+    Raises
+    ------
+    SimulationError
+        If an eigenvalue is not finite.
+    """
+    finite = np.flatnonzero(np.isfinite(states).all(axis=1))
+    # evenly spread, and where the motion is fastest
+    spread = finite[np.linspace(0, len(finite) - 1, min(len(finite), PROBED_STATES)).astype(int)]
+    speeds = states[finite][:, model.n : 2 * model.n]
+    chosen = np.unique(np.concatenate([spread, finite[_extremes(speeds - speeds.mean(axis=1, keepdims=True))]]))
+    p_columns = np.repeat(p[None], len(chosen), axis=0).T
+    return _rates(_state_matrices(model, states[chosen].T, inputs[chosen].T, p_columns), 0.0)
+
+
+def _extremes(values: np.ndarray) -> np.ndarray:
+    """Rows (≤ 2k,) at which the columns (t, k) are largest and smallest."""
+    return np.concatenate([values.argmax(axis=0), values.argmin(axis=0)]) if values.size else np.empty(0, int)
+
+
+def _rates(A: np.ndarray, contact: float) -> Rates:
+    values = np.linalg.eigvals(A).ravel()
+    size = np.abs(values)
+    vibrating = size[-values.real < WELL_DAMPED * size]
+    return Rates(float(size.max(initial=0.0)), float(vibrating.max(initial=0.0)), contact)
+
+
+def _state_matrices(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """A (k, x, x) at several points, given by columns."""
+    n, k = x.shape
+    A = np.array(model.jacobians.map(k)(x, u, p, np.zeros((1, k)))[0].full()) if n else np.empty((0, 0))
     if not np.isfinite(A).all():
         raise SimulationError(
             "simulation", "the linearised model is not finite", "check parameter values and start state"
         )
     return A.reshape(n, k, n).transpose(1, 0, 2)
-
-
-def stick_speed(model: Model, p: np.ndarray, states: np.ndarray, rate: float) -> float:
-    """Stick speed for dry friction, rad/s: as sharp as costs no further steps, at most ``BLUNT`` of the speeds' range.
-
-    A sticking inertia creeps with up to about twice that speed where the law says it stands.
-
-    Parameters
-    ----------
-    p : ndarray (p,)
-    states : ndarray (t, x)
-        A simulated motion; it gives the range of the speeds.
-    rate : float
-        Samples a second, which are steps at least.
-    """
-    at = model.parameters.index(STICK_SPEED)
-    reach = np.ptp(_sticking_speeds(model, p, states), axis=0)
-    reach = reach[reach > 1e-6 * reach.max(initial=0.0)]
-    if not reach.size:
-        return float(p[at])
-    least = float(reach.min())
-    without, blunt = p.copy(), p.copy()
-    without[at], blunt[at] = 1e12, BLUNT * least
-    zero = np.zeros((len(model.inputs), 1))
-    slope = (
-        np.abs(np.linalg.eigvals(_matrices(model, np.zeros((len(model.states), 1)), zero, blunt[:, None]))).max()
-        * blunt[at]
-    )
-    return float(
-        np.clip(slope / (STABLE * max(rate, steps_per_second(model, without[None]))), SHARP * least, BLUNT * least)
-    )
-
-
-def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Speeds (t, k) of the inertias that carry dry friction."""
-    a = model.equations.assembly
-    values = dict(zip(a.parameters.values(), p, strict=True))
-    speeds = []
-    for effect in model.system.effects:
-        if effect.law.sticks:
-            share = a.motions[effect.at.removeprefix("inertias.")].coefficients
-            speeds.append(sum(float(c.xreplace(values)) * states[:, model.n + i] for i, c in share.items()))
-    return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))

@@ -1,117 +1,156 @@
-"""The start state that a recording's first stretch tells of."""
+"""The start state that the beginning of a recording shows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from modelling.equations.compiled import Model
 from modelling.linear.elements import elements, rest_state
 from modelling.measurement.recording import Recording
-from modelling.simulation.simulate import SimulationError, sensitivities, simulate_batch
+from modelling.simulation import step_control
+from modelling.simulation.result import SimulationError
+from modelling.simulation.simulate import sensitivities, simulate_batch
+from modelling.simulation.start import start_state
 
-WINDOWS = (0.06, 0.25)  # s; the short one first: over it even a lash hardly leads astray
-ROUNDS = 6
+WINDOWS = (0.06, 0.25)  # s; over the short one, which comes first, even a lash hardly misleads
+LEAST_SAMPLES = 9
+MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
+ROUNDS = 6  # of Gauss-Newton
+SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
+WORTHWHILE = 1e-6  # relative decrease of the misfit
 
 
 def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[str, float]:
-    """Angles and speeds (rad, rad/s, by state name) from which the model meets the first quarter second best.
+    """Angles and speeds (rad, rad/s, by state name) from which the model fits the first quarter second best.
 
-    Gauss-Newton on all recorded sensors, each in times its uncertainty (a thousandth of its range where none is given);
-    what the sensors do not tell stays near rest. Lash is tried open and on either flank. A model that is wrong there
-    shifts the start.
+    Gauss-Newton on all recorded sensors, each weighted by its uncertainty; what the sensors do not determine stays near
+    rest. Lash is tried open and on either flank. A model that is wrong there shifts the start.
 
     Parameters
     ----------
     p : ndarray (p,)
-        See :func:`modelling.simulation.simulate.prepare`.
+        See :func:`modelling.simulation.simulate.with_stick_speed`.
     """
     names = model.states[: 2 * model.n]
     closed = np.atleast_2d(rest_state(model, p))[0][: len(names)]
     if not recording.sensors(model.system):
         return dict.fromkeys(names, 0.0)
-    turning = _turning(model, recording, p)
-    found: list[tuple[float, np.ndarray]] = []
+    turning = _measured_speeds(model, recording, p)
+    candidates: list[tuple[float, np.ndarray]] = []
     for side in (0.0, 1.0, -1.0) if closed.any() else (0.0,):
         start, misfit = side * closed + turning, np.inf
-        for window in WINDOWS:
-            start, misfit = _fitted(*_problem(model, recording, p, window, names), start)
-        found.append((misfit, start))
-    best = min(found, key=lambda one: one[0])[1]
+        for seconds in WINDOWS:
+            start, misfit = _fitted(_window(model, recording, p, seconds, start), start)
+        candidates.append((misfit, start))
+    best = min(candidates, key=lambda candidate: candidate[0])[1]
     return dict(zip(names, best.tolist(), strict=True))
 
 
-def _turning(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
-    """Angles 0 and the speeds (2n,) that were measured first, what was not measured turning with them."""
+def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
+    """Angles 0 and the speeds (2n,) that were measured first, what was not measured moving with them."""
     parts = elements(model, p[None])
     turns, twists = (
         rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.mass_transformation, parts.spring_transformation)
     )
     rows, speeds = [], []
-    for part in model.system.sensors:
-        if part.measures == "speed" and part.name in recording.channels:
-            measured = recording[part.name]
-            rows.append(turns[parts.masses.index(f"inertias.{part.of}")])
-            speeds.append(np.median(measured[np.isfinite(measured)][:9]))
+    for sensor in model.system.sensors:
+        if sensor.measures == "speed" and sensor.name in recording.channels:
+            measured = recording[sensor.name]
+            rows.append(turns[parts.masses.index(f"inertias.{sensor.of}")])
+            speeds.append(np.median(measured[np.isfinite(measured)][:MEDIAN_OF]))
     if not rows:
         return np.zeros(2 * model.n)
-    together = np.vstack([twists, 1e3 * np.array(rows)])
-    wanted = np.concatenate([np.zeros(len(twists)), 1e3 * np.array(speeds)])
-    return np.concatenate([np.zeros(model.n), np.linalg.lstsq(together, wanted)[0]])
+    weight = 1e3  # the measured speeds before the untwisted motion
+    together = np.vstack([twists.reshape(-1, model.n), weight * np.array(rows)])
+    values = np.concatenate([np.zeros(len(together) - len(rows)), weight * np.array(speeds)])
+    return np.concatenate([np.zeros(model.n), np.linalg.lstsq(together, values)[0]])
 
 
-def _problem(
-    model: Model, recording: Recording, p: np.ndarray, window: float, names: list[str]
-) -> tuple[Callable[[np.ndarray], float], Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
-    """Misfit of a start, and residuals (r,) with their derivatives (r, s)."""
-    known = [part for part in model.system.sensors if part.name in recording.channels]
-    columns = [model.sensors.index(part.name) for part in known]
-    begin = recording.time[0]
-    early = recording.cut(begin, max(begin + window, recording.time[min(8, len(recording.time) - 1)]))
-    inputs, measured = early.inputs(model.system), np.stack([early[part.name] for part in known], axis=1)
-    scale = np.array([part.uncertainty or _thousandth(recording[part.name]) for part in known])
-    there = np.isfinite(measured).ravel()
+@dataclass(frozen=True)
+class _Window:
+    """The beginning of a recording: its samples, which of the model's sensors (k) were measured, and how exactly.
 
-    def named(start: np.ndarray) -> dict[str, float]:
-        return dict(zip(names, start.tolist(), strict=True))
+    ``measured`` (t, k), ``uncertainty`` (k,); explicit steps at ``steps_per_second``.
+    """
 
-    def residual(readings: np.ndarray) -> np.ndarray:
-        return ((readings[:, columns] - measured) / scale).ravel()[there]
+    model: Model
+    p: np.ndarray
+    time: np.ndarray
+    inputs: np.ndarray
+    columns: list[int]
+    measured: np.ndarray
+    uncertainty: np.ndarray
+    steps_per_second: float
 
-    def misfit(start: np.ndarray) -> float:
+    def residual(self, readings: np.ndarray) -> np.ndarray:
+        """(simulated − measured)/uncertainty (r,) where something was measured."""
+        scaled = (readings[:, self.columns] - self.measured) / self.uncertainty
+        return scaled.ravel()[np.isfinite(self.measured).ravel()]
+
+    def misfit(self, start: np.ndarray) -> float:
+        """Sum of squares for a start (2n,); infinite where the motion diverges."""
         try:
-            return float(np.sum(residual(simulate_batch(model, early.time, inputs, p[None], named(start))[0]) ** 2))
+            readings = simulate_batch(
+                self.model, self.time, self.inputs, self.p[None], self._named(start),
+                steps_per_second=self.steps_per_second,
+            )[0]  # fmt: skip
         except SimulationError:
             return np.inf
+        return float(np.sum(self.residual(readings) ** 2))
 
-    def slopes(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = sensitivities(model, early.time, inputs, p, names, named(start))
-        return residual(found.readings), (found.jacobian[:, columns] / scale[:, None]).reshape(-1, len(names))[there]
+    def linearised(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (r,) and its derivatives (r, 2n) by the start."""
+        named = self._named(start)
+        done = sensitivities(
+            self.model, self.time, self.inputs, self.p, list(named), named, steps_per_second=self.steps_per_second
+        )
+        there = np.isfinite(self.measured).ravel()
+        by_start = done.jacobian[:, self.columns] / self.uncertainty[:, None]
+        return self.residual(done.readings), by_start.reshape(-1, len(named))[there]
 
-    return misfit, slopes
+    def _named(self, start: np.ndarray) -> dict[str, float]:
+        return dict(zip(self.model.states[: len(start)], start.tolist(), strict=True))
 
 
-def _fitted(
-    misfit: Callable[[np.ndarray], float],
-    slopes: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-    start: np.ndarray,
-) -> tuple[np.ndarray, float]:
-    best = misfit(start)
+def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, start: np.ndarray) -> _Window:
+    begin = recording.time[0]
+    last = recording.time[min(LEAST_SAMPLES - 1, len(recording.time) - 1)]
+    early = recording.cut(begin, max(begin + seconds, last))
+    sensors = [part for part in model.system.sensors if part.name in recording.channels]
+    inputs = early.inputs(model.system)
+    named = dict(zip(model.states[: len(start)], start.tolist(), strict=True))
+    state = start_state(model, p, inputs[0], named)
+    recorded = step_control.Recorded(model, early.time, inputs, p[None], state[None])
+    return _Window(
+        model,
+        p,
+        early.time,
+        inputs,
+        [model.sensors.index(part.name) for part in sensors],
+        np.stack([early[part.name] for part in sensors], axis=1),
+        np.array([part.uncertainty or _share_of_range(recording[part.name]) for part in sensors]),
+        step_control.explicit_stepping(recorded).least(early.time),
+    )
+
+
+def _fitted(window: _Window, start: np.ndarray) -> tuple[np.ndarray, float]:
+    """Start (2n,) with the least misfit found from a start, and that misfit."""
+    best = window.misfit(start)
     for _ in range(ROUNDS if np.isfinite(best) else 0):
-        residual, slope = slopes(start)
-        size = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
-        step = -np.linalg.lstsq(slope / size, residual, rcond=1e-6)[0] / size
-        trials = ((start + shorter * step) for shorter in (1.0, 0.3, 0.1))
-        better = next(((trial, now) for trial in trials if (now := misfit(trial)) < best), None)
+        residual, by_start = window.linearised(start)
+        size = np.maximum(np.linalg.norm(by_start, axis=0), 1e-300)
+        step = -np.linalg.lstsq(by_start / size, residual, rcond=1e-6)[0] / size
+        trials = ((start + share * step) for share in (1.0, 0.3, 0.1))
+        better = next(((trial, now) for trial in trials if (now := window.misfit(trial)) < best), None)
         if better is None:
             break
         gain, (start, best) = best - better[1], better
-        if gain < 1e-6 * best:
+        if gain < WORTHWHILE * best:
             break
     return start, best
 
 
-def _thousandth(values: np.ndarray) -> float:
-    spread = np.nanmax(values) - np.nanmin(values)
-    return float(spread) / 1000 or 1.0
+def _share_of_range(values: np.ndarray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values)) * SHARE_OF_RANGE or 1.0

@@ -33,6 +33,11 @@ class Simulation(Displayed):
         SI unit of every reading.
     steps_per_second, stick_speed : float
         What the integration used; ``stick_speed`` (rad/s) is NaN where nothing sticks.
+    implicit : bool
+        Whether the steps were implicit ones, for a stiff model.
+    integration_error : dict of str to float
+        Estimated largest error of every reading that comes from the steps, as a share of its range; NaN where the steps
+        were prescribed.
     """
 
     time: np.ndarray
@@ -42,6 +47,8 @@ class Simulation(Displayed):
     units: dict[str, str]
     steps_per_second: float
     stick_speed: float
+    implicit: bool
+    integration_error: dict[str, float]
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A reading or a state by name, (t,)."""

@@ -1,8 +1,8 @@
-"""Time simulation of the full nonlinear model: fixed steps, compiled where there is a C compiler.
+"""Time simulation of the full nonlinear model: steps as fine as a tolerance asks, compiled where there is a compiler.
 
-Classical Runge-Kutta of order four; the steps follow from the fastest eigenvalue. Inputs are samples of a continuous
-signal and vary linearly between them; a dead time shifts them exactly, a delayed sensor reads between the steps.
-Before the first sample the inputs held their first value.
+Classical Runge-Kutta of order four, for stiff models a Rosenbrock method. Inputs are samples of a continuous signal
+and vary linearly between them; a dead time shifts them exactly, a delayed sensor reads between the steps. Before the
+first sample the inputs held their first value.
 """
 
 from __future__ import annotations
@@ -15,25 +15,13 @@ from modelling.common.errors import InputError, unknown
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
-from modelling.simulation.integrator import native, virtual
-from modelling.simulation.integrator.task import Task, make_task
-from modelling.simulation.plan import steps_per_second as needed_steps
-from modelling.simulation.plan import stick_speed
-from modelling.simulation.result import Sensitivity, Simulation, SimulationError, raise_if_failed
-from modelling.simulation.start import Start, start_state, steady
-
-__all__ = [
-    "Sensitivity",
-    "Simulation",
-    "SimulationError",
-    "prepare",
-    "sensitivities",
-    "simulate",
-    "simulate_batch",
-    "steady",
-]
-
-Inputs = Mapping[str, np.ndarray] | np.ndarray
+from modelling.simulation import step_control
+from modelling.simulation.integrator.task import Trajectories, make_task
+from modelling.simulation.recorded_inputs import Inputs, checked
+from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
+from modelling.simulation.start import Start, start_state
+from modelling.simulation.step_control import TOLERANCE, Controlled, Recorded, Stepping
+from modelling.simulation.stick_speed import stick_speed
 
 
 def simulate(
@@ -44,9 +32,10 @@ def simulate(
     start: Start = None,
     sensors: Sequence[str] | None = None,
     *,
+    tolerance: float = TOLERANCE,
     steps_per_second: float | None = None,
     compile: bool | None = None,  # noqa: A002
-) -> Simulation:
+) -> Simulation:  # what is simulated and how are different things, all optional
     """Simulate a system on recorded inputs.
 
     Parameters
@@ -57,40 +46,46 @@ def simulate(
     inputs : mapping of str to ndarray (t,), or ndarray (t, u)
         N·m.
     values : mapping, optional
-        Parameters by name that differ from the model's, SI. ``simulation.stick_speed`` (rad/s) among them fixes how
-        sharp dry friction turns; otherwise it is chosen from the speeds' range.
+        Parameters by name that differ from the model's, SI. ``simulation.stick_speed`` (rad/s) among them fixes over
+        which speed the sign of dry friction changes; otherwise it is chosen from the speeds' range.
     start : see :func:`modelling.simulation.start.start_state`
     sensors : sequence of str, optional
         Which readings to return; all if not given.
+    tolerance : float
+        Largest error of the integration, as a share of each reading's range.
     steps_per_second : float, optional
-        Otherwise chosen from the fastest eigenvalue along the motion.
+        Explicit steps at this rate instead; the error is then not estimated.
     compile : bool, optional
         False: CasADi's virtual machine even if there is a compiler.
 
     Raises
     ------
     InputError
-        If time, inputs, names or start do not fit.
+        If time, inputs, names, tolerance or start do not fit.
     SimulationError
-        If a state is not finite.
+        If a state is not finite, or an eigenvalue is too fast.
     """
     model = compiled(model) if isinstance(model, System) else model
     time, u = checked(model, time, inputs)
-    wanted = list(model.sensors) if sensors is None else list(sensors)
-    for name in wanted:
+    chosen = list(model.sensors) if sensors is None else list(sensors)
+    for name in chosen:
         if name not in model.sensors:
             raise unknown(name, model.sensors, "sensors")
-    p, steps = prepare(
-        model, time, u, model.vector(values), start,
-        fixed=values or (), steps_per_second=steps_per_second, compile=compile,
-    )  # fmt: skip
-    task = make_task(model, time, u, p[None], start_state(model, p, u[0], start)[None], steps)
-    states, readings, failed, _ = _run(task, compile)
-    raise_if_failed(failed, time, model.states)
-    by_name = {name: readings[0, :, model.sensors.index(name)].copy() for name in wanted}
-    units = {part.name: part.unit for part in model.system.sensors if part.name in by_name}
-    stick = float(p[model.parameters.index(STICK_SPEED)]) if STICK_SPEED in model.parameters else float("nan")
-    return Simulation(time, by_name, states[0], list(model.states), units, steps, stick)
+    p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
+    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    done = _controlled(recorded, tolerance, steps_per_second, compile)
+    columns = {name: model.sensors.index(name) for name in chosen}
+    return Simulation(
+        time,
+        {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
+        done.trajectories.states[0],
+        list(model.states),
+        {part.name: part.unit for part in model.system.sensors if part.name in columns},
+        done.stepping.least(time),
+        float(p[model.parameters.index(STICK_SPEED)]) if STICK_SPEED in model.parameters else float("nan"),
+        done.stepping.implicit,
+        {name: float(done.error[j]) for name, j in columns.items()},
+    )
 
 
 def simulate_batch(
@@ -100,12 +95,14 @@ def simulate_batch(
     parameters: np.ndarray,
     start: Start = None,
     *,
+    tolerance: float = TOLERANCE,
     steps_per_second: float | None = None,
     compile: bool | None = None,  # noqa: A002
-) -> np.ndarray:
-    """Readings (b, t, y) for parameter sets (b, p), SI, all with the steps that the fastest of them needs.
+) -> np.ndarray:  # what is simulated and how are different things
+    """Readings (b, t, y) for parameter sets (b, p), SI, all with the same steps.
 
-    ``parameters`` are used as they are, the stick speed included; :func:`prepare` chooses one. ``start`` may be (b, x).
+    ``parameters`` are used as they are, the stick speed included; :func:`with_stick_speed` chooses one. ``start`` may
+    be (b, x). The others are as for :func:`simulate`.
 
     Raises
     ------
@@ -121,14 +118,12 @@ def simulate_batch(
             f"shape {np.shape(parameters)}, or not finite",
             f"(b, {len(model.parameters)}) finite values are needed",
         )
-    begin: list[Start] = list(start) if isinstance(start, np.ndarray) and start.ndim == 2 else [start] * len(p)
-    if len(begin) != len(p):
-        raise InputError("start", f"{len(begin)} rows", f"one a parameter set is needed: {len(p)}")
-    starts = np.stack([start_state(model, row, u[0], one) for row, one in zip(p, begin, strict=True)])
-    task = make_task(model, time, u, p, starts, steps_per_second or needed_steps(model, p))
-    _, readings, failed, _ = _run(task, compile, states=False)
-    raise_if_failed(failed, time, model.states)
-    return readings
+    starts: list[Start] = list(start) if isinstance(start, np.ndarray) and start.ndim == 2 else [start] * len(p)
+    if len(starts) != len(p):
+        raise InputError("start", f"{len(starts)} rows", f"one a parameter set is needed: {len(p)}")
+    states = np.stack([start_state(model, row, u[0], begin) for row, begin in zip(p, starts, strict=True)])
+    recorded = Recorded(model, time, u, p, states)
+    return _controlled(recorded, tolerance, steps_per_second, compile, states=False).trajectories.readings
 
 
 def sensitivities(
@@ -141,11 +136,11 @@ def sensitivities(
     *,
     steps_per_second: float | None = None,
     compile: bool | None = None,  # noqa: A002
-) -> Sensitivity:
+) -> Sensitivity:  # what is simulated and how are different things
     """Readings and their derivatives by parameters and start states, integrated along (forward sensitivities).
 
-    They are the exact derivatives of the fixed-step scheme, delays included; the start is held while parameters move.
-    Time grows linearly with ``names``; the compiled code is the same for all of them.
+    They are the exact derivatives of the explicit fixed-step scheme, delays included; the start is held while
+    parameters move. Time grows linearly with ``names``; the compiled code is the same for all of them.
 
     Parameters
     ----------
@@ -153,6 +148,8 @@ def sensitivities(
         Used as they are, see :func:`simulate_batch`.
     names : sequence of str
         Parameters (``shafts.link.stiffness``) and start states (``speed(motor)``).
+    steps_per_second : float, optional
+        Otherwise those of a simulation within the default tolerance, and enough for explicit steps to be stable.
 
     Raises
     ------
@@ -164,89 +161,57 @@ def sensitivities(
     p = np.ascontiguousarray(parameters, dtype=float)
     if p.shape != (len(model.parameters),):
         raise InputError("parameters", f"shape {p.shape}", f"({len(model.parameters)},) is needed")
-    steps = steps_per_second or needed_steps(model, p[None])
-    task = make_task(model, time, u, p[None], start_state(model, p, u[0], start)[None], steps, list(names))
-    _, readings, failed, slopes = _run(task, compile, states=False)
-    raise_if_failed(failed, time, model.states)
-    return Sensitivity(time, readings[0], slopes[0], list(model.sensors), list(names))
+    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    stepping = Stepping(steps_per_second) if steps_per_second else step_control.explicit_stepping(recorded, compile)
+    task = make_task(
+        model, time, u, p[None], recorded.start, stepping.steps_per_second, list(names), refinement=stepping.refinement
+    )
+    done = step_control.run(task, compile, states=False)
+    raise_if_failed(done.failed, time, model.states)
+    return Sensitivity(time, done.readings[0], done.derivatives[0], list(model.sensors), list(names))
 
 
-def prepare(
+def with_stick_speed(
     model: Model,
     time: np.ndarray,
     inputs: Inputs,
     parameters: np.ndarray,
     start: Start = None,
-    *,
     fixed: Mapping[str, float] | Sequence[str] = (),
-    steps_per_second: float | None = None,
+    *,
     compile: bool | None = None,  # noqa: A002
-) -> tuple[np.ndarray, float]:
-    """Parameters (p,) with a stick speed that fits the motion (unless ``fixed`` names it), and steps a second.
+) -> np.ndarray:  # a simulation and what of it is fixed
+    """Parameters (p,) with a stick speed that fits the motion, unless ``fixed`` names it or nothing sticks.
 
-    Runs the motion once where dry friction or a state-dependent stiffness ask for it. A fit calls this once.
+    Simulates once where there is dry friction. A fit calls this once.
 
     Raises
     ------
-    SimulationError
-        If the motion stays not finite with sixteen times the steps.
+    InputError, SimulationError
+        As :func:`simulate`.
     """
-    time, u = checked(model, time, inputs)
     p = np.array(parameters, dtype=float)
-    steps = steps_per_second or needed_steps(model, p[None])
-    choose = STICK_SPEED in model.parameters and STICK_SPEED not in fixed
-    if not choose and (steps_per_second or not any(own.law.state_dependent for own in model.system.effects)):
-        return p, steps
-    begin = start_state(model, p, u[0], start)[None]
-    for attempt in (1, 4, 16):
-        task = make_task(model, time, u, p[None], begin, attempt * steps)
-        states, _, failed, _ = _run(task, compile, readings=False)
-        if failed[0, 0] < 0:
-            break
-        if attempt == 16:
-            raise_if_failed(failed, time, model.states)
-    if choose:
-        p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states[0], 1 / float(np.median(np.diff(time))))
-    some = np.linspace(0, len(time) - 1, min(len(time), 48)).astype(int)
-    return p, steps_per_second or needed_steps(model, p[None], states[0][some], u[some])
+    if STICK_SPEED not in model.parameters or STICK_SPEED in fixed:
+        return p
+    time, u = checked(model, time, inputs)
+    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    states = step_control.first_run(recorded, compile).trajectories.states[0]
+    p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states, 1 / float(np.median(np.diff(time))))
+    return p
 
 
-def checked(model: Model, time: np.ndarray, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Time (t,) and inputs (t, u), contiguous and checked.
-
-    Raises
-    ------
-    InputError
-        If time does not rise, an input is missing or of another length, or a value is not finite.
-    """
-    time = np.ascontiguousarray(time, dtype=float)
-    if time.ndim != 1 or len(time) < 2:
-        raise InputError("time", f"shape {time.shape}", "at least two samples are needed")
-    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
-        raise InputError("time", "is not finite or does not rise", "give rising times in s")
-    if isinstance(inputs, Mapping):
-        for name in model.inputs:
-            if name not in inputs:
-                raise unknown(name, list(inputs), f"inputs.{name}")
-        columns = [np.asarray(inputs[name], dtype=float) for name in model.inputs]
-        for name, column in zip(model.inputs, columns, strict=True):
-            if column.shape != time.shape:
-                raise InputError(
-                    f"inputs.{name}", f"shape {column.shape}", f"one value a sample is needed: {time.shape}"
-                )
-        u = np.stack(columns, axis=1) if columns else np.empty((len(time), 0))
-    else:
-        u = np.asarray(inputs, dtype=float)
-        if u.shape != (len(time), len(model.inputs)):
-            raise InputError("inputs", f"shape {u.shape}", f"(t, u) = ({len(time)}, {len(model.inputs)}) is needed")
-    if not np.isfinite(u).all():
-        sample, column = np.argwhere(~np.isfinite(u))[0]
-        raise InputError(
-            f"inputs.{model.inputs[column]}", f"is not finite at {time[sample]:g} s", "fill or cut the gap"
-        )
-    return time, np.ascontiguousarray(u)
-
-
-def _run(task: Task, compile: bool | None, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:  # noqa: A002
-    done = native.run(task, states, readings) if compile is not False else None
-    return done if done is not None else virtual.run(task, states, readings)
+def _controlled(
+    recorded: Recorded,
+    tolerance: float,
+    steps_per_second: float | None,
+    compile: bool | None,  # noqa: A002
+    states: bool = True,
+) -> Controlled:
+    if steps_per_second is None:
+        if not 0 < tolerance < 1:
+            raise InputError("tolerance", f"{tolerance:g} is not possible", "give a share of the range, e.g. 1e-4")
+        return step_control.run_to_tolerance(recorded, tolerance, compile, states)
+    stepping = Stepping(steps_per_second)
+    done: Trajectories = recorded.run(stepping, compile, states)
+    raise_if_failed(done.failed, recorded.time, recorded.model.states)
+    return Controlled(done, stepping, np.full(len(recorded.model.sensors), np.nan))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.simulation.adaptive import simulate_adaptive
 from modelling.simulation.simulate import simulate
+from tests.simulation.adaptive import simulate_adaptive
 from tests.simulation.drives import EFFECTS, excitation, system_with
 
 TOLERANCE = 2e-4  # of each reading's range

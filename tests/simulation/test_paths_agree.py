@@ -5,7 +5,7 @@ import pytest
 
 from modelling.effects import EFFECTS as registry
 from modelling.equations.compiled import compiled
-from modelling.simulation.simulate import prepare, sensitivities, simulate, simulate_batch
+from modelling.simulation.simulate import sensitivities, simulate, simulate_batch, with_stick_speed
 from tests.simulation.drives import EFFECTS, excitation, system_with
 
 MIXED = [
@@ -39,7 +39,7 @@ def test_derivatives_are_those_of_finite_differences(kinds, path):
     time, inputs = excitation(0.4)
     start = {"speed(motor)": 0.3, "speed(load)": 0.3, "angle(motor)": 0.02}
     start |= {name: 0.5 for name in model.states if name.endswith(".lag")}  # given, so that parameters do not move it
-    p, steps = prepare(model, time, inputs, model.p0, start)
+    p, steps = with_stick_speed(model, time, inputs, model.p0, start), 4000.0
     names = [name for name in model.parameters if not name.startswith("simulation")] + list(start)
     got = sensitivities(model, time, inputs, p, names, start, steps_per_second=steps, compile=path)
     base = dict(zip(model.parameters, p, strict=True)) | start

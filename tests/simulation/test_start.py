@@ -10,7 +10,8 @@ from modelling.equations.compiled import compiled
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
 from modelling.simulation.recorded_start import recorded_start
-from modelling.simulation.simulate import simulate, simulate_batch, steady
+from modelling.simulation.simulate import simulate, simulate_batch
+from modelling.simulation.start import steady
 from tests.simulation.drives import EFFECTS, excitation, system_with
 
 TIME = np.linspace(0, 1, 201)

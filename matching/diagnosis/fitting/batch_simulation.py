@@ -15,7 +15,7 @@ from modelling.model.system import System
 from modelling.simulation.integrator import native, virtual
 from modelling.simulation.integrator.c_library import compile_ahead
 from modelling.simulation.integrator.functions import functions
-from modelling.simulation.integrator.task import Task, make_task
+from modelling.simulation.integrator.task import Task, Trajectories, make_task
 
 FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than they save (measured on two cores)
 LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a model without abrupt torques
@@ -53,7 +53,7 @@ def simulate_readings(
         Start states of each segment.
     """
     tasks = _tasks(model, segments, p, starts, steps_per_second)
-    return [results[1] for results in _run(tasks, states=False)]
+    return [done.readings for done in _run(tasks, states=False)]
 
 
 def simulate_states(
@@ -65,7 +65,7 @@ def simulate_states(
 ) -> list[np.ndarray]:
     """States (t, x) of each segment for parameters (p,) and a start state (x,) of each."""
     tasks = _tasks(model, segments, p[None], [start[None] for start in starts], steps_per_second)
-    return [results[0][0] for results in _run(tasks, readings=False)]
+    return [done.states[0] for done in _run(tasks, readings=False)]
 
 
 def _tasks(
@@ -77,7 +77,7 @@ def _tasks(
     ]
 
 
-def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[tuple[np.ndarray, ...]]:
+def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[Trajectories]:
     samples = sum(len(task.p) * len(task.time) for task in tasks)
     count = threads() if samples > FEWEST_SAMPLES_FOR_THREADS else 1
     results = native.run_all(tasks, states, readings, count) if tasks else []

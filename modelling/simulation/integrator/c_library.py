@@ -20,6 +20,7 @@ from modelling.simulation.integrator.functions import Functions
 
 FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-fno-semantic-interposition", "-w")
 GENERATED, DRIVER = "-O1", "-O2"  # the generated part differs by model: here the compiler's own time counts
+DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "run.c")  # one translation unit, in this order
 SECONDS = 300  # after which a compiler is given up
 
 # The C library's own are calls, and a lash takes ten of them. What is not a number gives way here too.
@@ -58,12 +59,12 @@ _LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
 
 
 def library(functions: Functions) -> ctypes.CDLL | None:
-    """The library with ``field`` and ``reading``, compiled if the cache lacks it; None without a working compiler."""
+    """The library with all functions of a step, compiled if the cache lacks it; None without a working compiler."""
     if not compiler():
         return None
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        made = _load(generated(functions.field, functions.reading), GENERATED)
+        made = _load(generated(*functions.all), GENERATED)
         kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
 
@@ -75,7 +76,8 @@ def driver() -> ctypes.CDLL | None:
 
 @functools.cache
 def _driver() -> ctypes.CDLL | None:
-    return _load(Path(__file__).with_name("driver.c").read_text(encoding="utf-8"), DRIVER)
+    here = Path(__file__).with_name("c")
+    return _load("\n".join((here / name).read_text(encoding="utf-8") for name in DRIVER_FILES), DRIVER)
 
 
 def external(function: ca.Function) -> ca.Function:

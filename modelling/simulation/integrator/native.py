@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from ctypes import c_double, c_longlong, c_void_p
@@ -10,17 +11,23 @@ from itertools import pairwise
 
 import numpy as np
 
+from modelling.simulation.integrator import rosenbrock
 from modelling.simulation.integrator.c_library import driver, library
 from modelling.simulation.integrator.functions import Functions, functions
-from modelling.simulation.integrator.task import Task
+from modelling.simulation.integrator.task import Task, Trajectories, band_order
+
+SHARES = 2  # a thread, at least: threads end together though not all shares take as long
+INTERRUPTIBLE = 3e7  # operations, some 30 ms: what takes longer runs beside the main thread, which takes signals
 
 _COUNTS = [
-    "first", "batch", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
-    "parameters", "sz_iw", "sz_w",
+    "first_row", "end_row", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
+    "parameters", "sz_iw", "sz_w", "refinement",
 ]  # fmt: skip
-_ARRAYS = ["time", "input", "constant", "start", "input_delay", "group_delay"]
+_ARRAYS = [
+    "time", "input", "constant", "start", "input_delay", "group_delay", "group", "state", "out", "failed", "stop",
+    "selected", "start_derivative", "input_delay_derivative", "sensor_delay_derivative", "derivative",
+]  # fmt: skip
 _PATTERNS = tuple("ABPCDQ")
-SHARES = 2  # a thread, at least: threads end together though not all shares take as long
 
 
 class _Pattern(ctypes.Structure):
@@ -28,25 +35,31 @@ class _Pattern(ctypes.Structure):
 
 
 class _Run(ctypes.Structure):
-    """The driver's ``Run``, field by field."""
+    """``Run`` of ``c/types.h``, field by field."""
 
     _fields_ = [
-        *((name, c_void_p) for name in ("field", "reading")),
+        *((name, c_void_p) for name in ("field", "reading", "jacobian")),
         *((name, c_longlong) for name in _COUNTS),
         ("steps_per_second", c_double),
         *((name, c_void_p) for name in _ARRAYS),
-        *((name, c_void_p) for name in ("group", "state", "out", "failed", "selected")),
-        *((name, c_void_p) for name in ("start_slope", "input_delay_slope", "sensor_delay_slope")),
         *((name, _Pattern) for name in _PATTERNS),
-        ("slope", c_void_p),
-    ]  # fmt: skip
+        ("method", c_void_p),
+        ("place", c_void_p),
+        *((name, c_longlong) for name in ("lower", "upper")),
+    ]
 
 
-def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1) -> tuple[np.ndarray, ...] | None:
-    """States (b, t, x), readings (b, t, y), failures (b, 2) and derivatives (b, t, y, s); None without a compiler.
+_METHOD = np.concatenate(
+    [part.ravel() for part in (rosenbrock.A, rosenbrock.C, rosenbrock.ALPHA, rosenbrock.GAMMA_SUM)]
+    + [np.array([rosenbrock.GAMMA])]
+)
+
+
+def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1) -> Trajectories | None:
+    """Run a task; None without a compiler.
 
     What is not asked for comes back empty. The rows of a batch may be shared out among ``threads``; no result depends
-    on how many.
+    on how many. Ctrl-C ends a long run at once.
     """
     done = run_all([task], states, readings, threads)
     return None if done is None else done[0]
@@ -54,73 +67,122 @@ def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1
 
 def run_all(
     tasks: Sequence[Task], states: bool = True, readings: bool = True, threads: int = 1
-) -> list[tuple[np.ndarray, ...]] | None:
-    """The same for several tasks of one model, side by side."""
-    made = functions(tasks[0].model, tasks[0].columns > 0)
-    own = library(made)
-    general = driver() if own else None
-    if own is None or general is None:
+) -> list[Trajectories] | None:
+    """The same for several tasks of one model, side by side.
+
+    Raises
+    ------
+    MemoryError
+        If the integrator gets no memory.
+    """
+    made = functions(tasks[0].model, tasks[0].columns > 0, tasks[0].implicit)
+    code = library(made)
+    general = driver() if code else None
+    if code is None or general is None:
         return None
-    code = [ctypes.cast(function, c_void_p) for function in (own.field, own.reading)]
-    ends_of_rows = np.cumsum([len(task.p) for task in tasks])
-    constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), ends_of_rows[:-1])
+    stop = ctypes.c_int(0)
+    last_rows = np.cumsum([len(task.p) for task in tasks])
+    constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), last_rows[:-1])
     prepared = [
-        _prepared(task, made, code, constant, states, readings) for task, constant in zip(tasks, constants, strict=True)
+        _Prepared(task, made, code, constant, stop, states, readings)
+        for task, constant in zip(tasks, constants, strict=True)
     ]
-    runs = [r for r, _, _ in prepared]
-    if threads == 1:
-        ends = [general.run(ctypes.byref(r)) for r in runs]
-    else:  # ctypes lets other threads run during a call
+    runs = [one.run for one in prepared]
+    work = sum(task.step_count for task in tasks) * 4 * made.field.n_instructions()
+    if threads > 1:
         pieces = -(-SHARES * threads // len(tasks))
-        shares = [share for r in runs for share in _shares(r, pieces)]
-        with ThreadPoolExecutor(threads) as pool:
-            ends = list(pool.map(lambda share: general.run(ctypes.byref(share)), shares))
+        runs = [share for whole in runs for share in _shares(whole, pieces)]
+    if threads > 1 or (work > INTERRUPTIBLE and threading.current_thread() is threading.main_thread()):
+        ends = _run_beside(general, runs, stop, threads)
+    else:
+        ends = [general.run(ctypes.byref(each)) for each in runs]
     if any(ends):
         raise MemoryError("the integrator found no memory")
-    return [results for _, _, results in prepared]
+    return [one.results for one in prepared]
 
 
-def _prepared(
-    task: Task, made: Functions, code: Sequence[c_void_p], constant: np.ndarray, states: bool, readings: bool
-) -> tuple[_Run, list[np.ndarray], tuple[np.ndarray, ...]]:
-    """The driver's view of a task, the arrays it points to, which must live until it has run, and those it fills."""
-    model, b, t, s = task.model, len(task.p), len(task.time), task.columns
-    x, y = len(model.states), len(model.sensors)
-    state = np.full((b, t, x) if states else (0,), np.nan)
-    out = np.full((b, t, y) if readings else (0,), np.nan)
-    slope = np.full((b, t, y, s), np.nan)
-    failed = np.full((b, 2), -1, dtype=np.int64)
-    r = _Run(
-        *code, 0, b, t, x, model.n, len(model.inputs), y, s, task.group_delay.shape[1], constant.shape[1],
-        len(model.parameters), max(made.field.sz_iw(), made.reading.sz_iw()),
-        max(made.field.sz_w(), made.reading.sz_w()), task.steps_per_second,
-    )  # fmt: skip
-    reals = {
-        "time": task.time, "input": task.inputs, "constant": constant, "start": task.start,
-        "input_delay": task.input_delay, "group_delay": task.group_delay, "start_slope": task.start_slope,
-        "input_delay_slope": task.input_delay_slope, "sensor_delay_slope": task.sensor_delay_slope,
-    }  # fmt: skip
-    arrays = {name: np.ascontiguousarray(array, dtype=float) for name, array in reals.items()}
-    arrays |= {"group": task.group, "selected": task.selected, "failed": failed, "slope": slope}
-    arrays |= {"state": state} if states else {}
-    arrays |= {"out": out} if readings else {}
-    for name, array in arrays.items():
-        setattr(r, name, array.ctypes.data)
-    kept = list(arrays.values())
-    if s:
-        outputs = [made.field.sparsity_out(i) for i in (1, 2, 3)] + [made.reading.sparsity_out(i) for i in (1, 2, 3)]
-        for name, sparsity in zip(_PATTERNS, outputs, strict=True):
+def _run_beside(general: ctypes.CDLL, runs: Sequence[_Run], stop: ctypes.c_int, threads: int) -> list[int]:
+    """Run in other threads, which ctypes lets go on during a call; whatever interrupts the wait ends the runs."""
+    with ThreadPoolExecutor(threads) as pool:
+        futures = [pool.submit(general.run, ctypes.byref(each)) for each in runs]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            stop.value = 1
+            raise
+
+
+class _Prepared:
+    """The integrator's view ``run`` of a task, the arrays that it points to, and the results that it fills."""
+
+    def __init__(
+        self,
+        task: Task,
+        made: Functions,
+        code: ctypes.CDLL,
+        constant: np.ndarray,
+        stop: ctypes.c_int,
+        states: bool,
+        readings: bool,
+    ):  # what a run consists of
+        model, b, t, s = task.model, len(task.p), len(task.time), task.columns
+        x, y = len(model.states), len(model.sensors)
+        self.results = Trajectories(
+            np.full((b, t, x) if states else (0,), np.nan),
+            np.full((b, t, y) if readings else (0,), np.nan),
+            np.full((b, 2), -1, dtype=np.int64),
+            np.full((b, t, y, s), np.nan),
+        )
+        pointers = [ctypes.cast(getattr(code, function.name()), c_void_p) for function in made.all]
+        self.run = _Run(
+            *pointers, *[None] * (3 - len(pointers)), 0, b, t, x, model.n, len(model.inputs), y, s,
+            task.group_delay.shape[1], constant.shape[1], len(model.parameters),
+            max(function.sz_iw() for function in made.all), max(function.sz_w() for function in made.all),
+            task.refinement, task.steps_per_second, stop=ctypes.addressof(stop),
+        )  # fmt: skip
+        self._kept: list = [stop]
+        reals = {
+            "time": task.time, "input": task.inputs, "constant": constant, "start": task.start,
+            "input_delay": task.input_delay, "group_delay": task.group_delay,
+            "start_derivative": task.start_derivative, "input_delay_derivative": task.input_delay_derivative,
+            "sensor_delay_derivative": task.sensor_delay_derivative,
+        }  # fmt: skip
+        for name, array in reals.items():
+            self._point(name, np.ascontiguousarray(array, dtype=float))
+        self._point("group", task.group)
+        self._point("selected", task.selected)
+        self._point("failed", self.results.failed)
+        self._point("derivative", self.results.derivatives)
+        if states:
+            self._point("state", self.results.states)
+        if readings:
+            self._point("out", self.results.readings)
+        if s:
+            outputs = [function.sparsity_out(i) for function in (made.field, made.reading) for i in (1, 2, 3)]
+            self._patterns(dict(zip(_PATTERNS, outputs, strict=True)))
+        if made.jacobian is not None:
+            order = band_order(made.jacobian)
+            self._patterns({"A": made.jacobian.sparsity_out(0), "B": made.jacobian.sparsity_out(1)})
+            self._point("place", order.place)
+            self._point("method", _METHOD)
+            self.run.lower, self.run.upper = order.lower, order.upper
+
+    def _point(self, name: str, array: np.ndarray) -> None:
+        self._kept.append(array)
+        setattr(self.run, name, array.ctypes.data)
+
+    def _patterns(self, patterns: dict) -> None:
+        for name, sparsity in patterns.items():
             start, row = (np.array(part, dtype=np.int64) for part in (sparsity.colind(), sparsity.row()))
-            kept += [start, row]
-            setattr(r, name, _Pattern(start.ctypes.data, row.ctypes.data))
-    return r, kept, (state, out, failed, slope)
+            self._kept += [start, row]
+            setattr(self.run, name, _Pattern(start.ctypes.data, row.ctypes.data))
 
 
-def _shares(r: _Run, pieces: int) -> list[_Run]:
+def _shares(run: _Run, pieces: int) -> list[_Run]:
     """The same run in pieces, each for some rows of the batch only."""
     out = []
-    for first, last in pairwise(np.linspace(0, r.batch, min(pieces, r.batch) + 1).astype(int)):
-        share = _Run.from_buffer_copy(r)
-        share.first, share.batch = int(first), int(last)
+    for first, last in pairwise(np.linspace(0, run.end_row, min(pieces, run.end_row) + 1).astype(int)):
+        share = _Run.from_buffer_copy(run)
+        share.first_row, share.end_row = int(first), int(last)
         out.append(share)
     return out

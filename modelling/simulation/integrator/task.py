@@ -1,11 +1,14 @@
-"""One job for an integrator: everything in arrays, nothing left to look up."""
+"""One job for an integrator, everything in arrays, and what it returns."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modelling.common.errors import InputError, unknown
 from modelling.equations.compiled import Model
@@ -14,11 +17,26 @@ from modelling.equations.shaft_law import CONTACT_TIME
 
 @dataclass(frozen=True)
 class Task:
-    """Inputs (t, u) on a time grid (t,) for parameters (b, p) from start states (b, x).
+    """A batch of simulations of one model on one recording.
 
-    ``input_delay`` (b, u) and ``group_delay`` (b, g) in s: a delayed sensor has its own group, all others are
-    group 0; ``group`` (y,) says which. For sensitivities: ``selected`` (s,) parameter of a column or −1,
-    ``start_slope`` (x, s), ``input_delay_slope`` (u, s), ``sensor_delay_slope`` (y, s); s = 0 otherwise.
+    Attributes
+    ----------
+    model : Model
+    time, inputs : ndarray (t,), (t, u)
+        s, N·m.
+    p, start : ndarray (b, p), (b, x)
+    steps_per_second, refinement : float, int
+        Every interval between samples is cut into ``refinement`` times the fewest equal steps that are none longer than
+        ``1/steps_per_second``.
+    implicit : bool
+        Rosenbrock steps instead of explicit Runge-Kutta ones.
+    input_delay, group_delay : ndarray (b, u), (b, g)
+        s. A delayed sensor has its own group, all others are group 0.
+    group : ndarray of int (y,)
+        Which group a sensor belongs to.
+    selected : ndarray of int (s,)
+        For sensitivities: the parameter of each column, −1 for a start state.
+    start_derivative, input_delay_derivative, sensor_delay_derivative : ndarray (x, s), (u, s), (y, s)
     """
 
     model: Model
@@ -27,18 +45,45 @@ class Task:
     p: np.ndarray
     start: np.ndarray
     steps_per_second: float
+    refinement: int
+    implicit: bool
     input_delay: np.ndarray
     group_delay: np.ndarray
     group: np.ndarray
     selected: np.ndarray
-    start_slope: np.ndarray
-    input_delay_slope: np.ndarray
-    sensor_delay_slope: np.ndarray
+    start_derivative: np.ndarray
+    input_delay_derivative: np.ndarray
+    sensor_delay_derivative: np.ndarray
 
     @property
     def columns(self) -> int:
         """Number of sensitivities s."""
         return len(self.selected)
+
+    @property
+    def step_count(self) -> float:
+        """Steps of all rows together."""
+        return len(self.p) * self.refinement * max(len(self.time), float(np.ptp(self.time)) * self.steps_per_second)
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What an integrator returns; what was not asked for is empty.
+
+    Attributes
+    ----------
+    states, readings : ndarray (b, t, x), (b, t, y)
+        NaN from the first sample on at which a state is not finite.
+    failed : ndarray of int (b, 2)
+        That sample and state, −1 where all is finite.
+    derivatives : ndarray (b, t, y, s)
+        Of the readings by the columns.
+    """
+
+    states: np.ndarray = field(repr=False)
+    readings: np.ndarray = field(repr=False)
+    failed: np.ndarray
+    derivatives: np.ndarray = field(repr=False)
 
 
 def make_task(
@@ -49,8 +94,16 @@ def make_task(
     start: np.ndarray,
     steps_per_second: float,
     names: list[str] | None = None,
-) -> Task:
-    """Collect a task; ``names`` are the parameters and start states to differentiate by. Contact takes one step.
+    implicit: bool = False,
+    refinement: int = 1,
+) -> Task:  # all that defines a simulation
+    """Collect a task; a closing lash gets its damping over one step.
+
+    Parameters
+    ----------
+    time, inputs, p, start : ndarray (t,), (t, u), (b, p), (b, x)
+    names : list of str, optional
+        Parameters and start states to differentiate by; explicit steps only.
 
     Raises
     ------
@@ -61,52 +114,77 @@ def make_task(
     if CONTACT_TIME in model.parameters:
         span = float(np.median(np.diff(time)))
         p = p.copy()
-        p[:, model.parameters.index(CONTACT_TIME)] = span / max(1.0, np.ceil(span * steps_per_second - 1e-9))
-    selected, start_slope = _selection(model, names)
-    inputs_by, sensors_by = model.equations.assembly.inputs.values(), model.equations.assembly.sensors.values()
-    delayed = [j for j, path in enumerate(sensors_by) if path.delay != 0]
-    delays = [np.zeros((len(p), len(inputs_by))), np.zeros((len(p), len(sensors_by)))]
-    if delayed or any(path.delay != 0 for path in inputs_by):
+        steps = refinement * max(1.0, np.ceil(span * steps_per_second - 1e-9))
+        p[:, model.parameters.index(CONTACT_TIME)] = span / steps
+    selected, start_derivative = _selection(model, names)
+    input_paths, sensor_paths = model.equations.assembly.inputs.values(), model.equations.assembly.sensors.values()
+    delayed = [j for j, path in enumerate(sensor_paths) if path.delay != 0]
+    delays = [np.zeros((len(p), len(input_paths))), np.zeros((len(p), len(sensor_paths)))]
+    if delayed or any(path.delay != 0 for path in input_paths):
         delays = [np.array(part).T for part in model.delays(p.T)]
     lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
     if lowest < 0:
         raise InputError("simulation", f"a delay of {lowest:g} s is not possible", "delays are 0 or more")
     group = np.zeros(len(model.sensors), dtype=np.int64)
     group[delayed] = np.arange(1, len(delayed) + 1)
-    slopes = [np.zeros((part.shape[1], len(names))) for part in delays]
-    for slope, jacobian in zip(slopes, _delay_slopes(model) if names else (), strict=bool(names)):
-        for column, j in enumerate(selected):
-            if j >= 0 and slope.size:
-                slope[:, column] = jacobian[:, j]
+    by_columns = [np.zeros((part.shape[1], len(names))) for part in delays]
+    if names:
+        for columns, jacobian in zip(by_columns, _delay_jacobians(model), strict=True):
+            columns[:, selected >= 0] = jacobian[:, selected[selected >= 0]]
     return Task(
-        model, time, inputs, p, start, float(steps_per_second), _c(delays[0]),
-        _c(np.hstack([np.zeros((len(p), 1)), delays[1][:, delayed]])), group,
-        selected, start_slope, _c(slopes[0]), _c(slopes[1]),
+        model, time, inputs, p, start, float(steps_per_second), refinement, implicit, _contiguous(delays[0]),
+        _contiguous(np.hstack([np.zeros((len(p), 1)), delays[1][:, delayed]])), group,
+        selected, start_derivative, _contiguous(by_columns[0]), _contiguous(by_columns[1]),
     )  # fmt: skip
 
 
-def _c(array: np.ndarray) -> np.ndarray:
+def _contiguous(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array, dtype=float)
 
 
-def _delay_slopes(model: Model) -> list[np.ndarray]:
+def _delay_jacobians(model: Model) -> list[np.ndarray]:
     """Derivatives (u, p) and (y, p) of the delays, which are sums of parameters."""
     p = ca.SX.sym("p", len(model.parameters))
-    values = model.delays(p)
-    jacobian = ca.Function("slopes", [p], [ca.jacobian(value, p) for value in values])
+    jacobian = ca.Function("delay_jacobians", [p], [ca.jacobian(delay, p) for delay in model.delays(p)])
     return [np.array(ca.DM(part).full()) for part in jacobian(model.p0)]
 
 
 def _selection(model: Model, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
     selected = np.full(len(names), -1, dtype=np.int64)
-    start_slope = np.zeros((len(model.states), len(names)))
+    start_derivative = np.zeros((len(model.states), len(names)))
     parameter = {name: i for i, name in enumerate(model.parameters)}
     state = {name: i for i, name in enumerate(model.states)}
     for column, name in enumerate(names):
         if name in parameter:
             selected[column] = parameter[name]
         elif name in state:
-            start_slope[state[name], column] = 1.0
+            start_derivative[state[name], column] = 1.0
         else:
             raise unknown(name, [*model.parameters, *model.states], "sensitivities")
-    return selected, start_slope
+    return selected, start_derivative
+
+
+@dataclass(frozen=True)
+class BandOrder:
+    """An order of the states in which the matrix of an implicit step is a narrow band.
+
+    ``place`` (x,) is the row of each state, ``lower`` and ``upper`` are the bandwidths.
+    """
+
+    place: np.ndarray
+    lower: int
+    upper: int
+
+
+@functools.lru_cache(maxsize=512)
+def band_order(jacobian: ca.Function) -> BandOrder:
+    """Reverse Cuthill-McKee order of the pattern of A, the first result of ``jacobian``."""
+    sparsity = jacobian.sparsity_out(0)
+    size = sparsity.size1()
+    pattern = csc_array((np.ones(sparsity.nnz()), sparsity.row(), sparsity.colind()), shape=(size, size))
+    order = reverse_cuthill_mckee((pattern + pattern.T).tocsr(), symmetric_mode=True)
+    place = np.empty(size, dtype=np.int64)
+    place[order] = np.arange(size)
+    rows, columns = place[pattern.tocoo().row], place[pattern.tocoo().col]
+    below = rows - columns
+    return BandOrder(place, int(below.max(initial=0)), int((-below).max(initial=0)))

@@ -1,75 +1,90 @@
-"""The same integration without a compiler, in CasADi's virtual machine."""
+"""The same integration without a compiler, in CasADi's virtual machine: what :mod:`native` does, step by step."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from modelling.simulation.integrator import rosenbrock_steps
 from modelling.simulation.integrator.functions import Functions, functions
-from modelling.simulation.integrator.task import Task
+from modelling.simulation.integrator.task import Task, Trajectories
 
 CHUNK = 256  # steps a call
 
 
-def run(task: Task, states: bool = True, readings: bool = True) -> tuple[np.ndarray, ...]:
+@dataclass(frozen=True)
+class _Row:
+    """One row of a batch: its constants (c,), and the columns' parameters as a matrix (p, s)."""
+
+    task: Task
+    made: Functions
+    b: int
+    constants: np.ndarray
+    selection: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """The ends of all steps: times (k,), augmented states (x·(1 + s), k) with the sensitivities by columns."""
+
+    time: np.ndarray
+    states: np.ndarray
+
+
+def run(task: Task, states: bool = True, readings: bool = True) -> Trajectories:
     """As :func:`modelling.simulation.integrator.native.run`, same result to rounding."""
-    made = functions(task.model, task.columns > 0)
-    rows = [_row(task, made, made.constants_of(task.p[b : b + 1])[0], b, states, readings) for b in range(len(task.p))]
-    return tuple(np.stack(part) for part in zip(*rows, strict=True))
-
-
-def _row(task: Task, made: Functions, c: np.ndarray, b: int, states: bool, readings: bool) -> tuple[np.ndarray, ...]:
-    s, model = task.columns, task.model
-    x, t = len(model.states), len(task.time)
-    first, nodes = mesh(task.time, task.steps_per_second)
-    h = np.diff(nodes)
-    middle = nodes[:-1] + h / 2
-    selection = np.zeros((len(model.parameters), s))
+    made = functions(task.model, task.columns > 0, task.implicit)
+    selection = np.zeros((len(task.model.parameters), task.columns))
     for column, j in enumerate(task.selected):
         if j >= 0:
             selection[j, column] = 1.0
-    looked = [_look(task, b, at) for at in (nodes[:-1], middle, nodes[1:])]
-    steps = len(h)
-    drive = np.zeros((1 + 6 * len(model.inputs), -(-steps // CHUNK) * CHUNK))  # idle steps at the end: h = 0
-    drive[:, :steps] = np.vstack([h, *(part.T for pair in looked for part in pair)])
-    fixed = np.concatenate([c, selection.ravel(order="F"), task.input_delay_slope.ravel(order="F")])
-    X = np.empty((x * (1 + s), drive.shape[1] + 1))
-    X[:, 0] = np.concatenate([task.start[b], task.start_slope.ravel(order="F")])
-    chunk = _chunk(made, s)
-    for begin in range(0, drive.shape[1], CHUNK):
-        X[:, begin + 1 : begin + CHUNK + 1] = chunk(X[:, begin], drive[:, begin : begin + CHUNK], fixed).full()
-    X = X[:, : steps + 1]
-    samples = X[:, first]
+    constants = made.constants_of(task.p)
+    rows = [_run_row(_Row(task, made, b, constants[b], selection), states, readings) for b in range(len(task.p))]
+    return Trajectories(
+        *(np.stack([getattr(row, name) for row in rows]) for name in ("states", "readings", "failed", "derivatives"))
+    )
+
+
+def _run_row(row: _Row, states: bool, readings: bool) -> Trajectories:
+    task = row.task
+    x, t, s = len(task.model.states), len(task.time), task.columns
+    first, node_times = mesh(task.time, task.steps_per_second, task.refinement)
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion that runs away is told by `failed`
+        if task.implicit:
+            nodes = _Nodes(node_times, _implicit_nodes(row, node_times))
+        else:
+            nodes = _Nodes(node_times, _explicit_nodes(row, node_times))
+        y, derivatives = _readings(row, nodes) if readings else (np.empty(0), np.empty((t, 0, s)))
+    samples = nodes.states[:, first]
     bad = np.argwhere(~np.isfinite(samples.T))
     failed = np.full(2, -1, dtype=np.int64)
     if len(bad):
         failed[:] = bad[0][0], bad[0][1] if bad[0][1] < x else (bad[0][1] - x) % x
-    y, slope = _readings(task, made, c, b, selection, nodes, X) if readings else (np.empty(0), np.empty((t, 0, s)))
-    if len(bad):
         samples = samples.copy()
         samples[:, bad[0][0] :] = np.nan
         y[bad[0][0] :] = np.nan
-    return (samples[:x].T.copy() if states else np.empty(0)), y, failed, slope
+    return Trajectories(samples[:x].T.copy() if states else np.empty(0), y, failed, derivatives)
 
 
-def mesh(time: np.ndarray, steps_per_second: float) -> tuple[np.ndarray, np.ndarray]:
+def mesh(time: np.ndarray, steps_per_second: float, refinement: int) -> tuple[np.ndarray, np.ndarray]:
     """Which node every sample is (t,), and the times of all nodes."""
     span = np.diff(time)
-    count = np.maximum(1, np.ceil(span * steps_per_second - 1e-9)).astype(np.int64)
+    count = refinement * np.maximum(1, np.ceil(span * steps_per_second - 1e-9)).astype(np.int64)
     first = np.concatenate([[0], np.cumsum(count)])
     inner = np.arange(first[-1]) - np.repeat(first[:-1], count)
     nodes = np.append(np.repeat(time[:-1], count) + inner * np.repeat(span / count, count), time[-1])
     return first, nodes
 
 
-def _look(task: Task, b: int, at: np.ndarray, delay: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs and their slopes (·, u) at times: linear between samples, held outside the recording."""
+def _inputs_at(task: Task, b: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and their time derivatives (·, u) at times: linear between samples, held outside the recording."""
     time, values = task.time, task.inputs
     u, du = np.empty((len(at), values.shape[1])), np.zeros((len(at), values.shape[1]))
     for i in range(values.shape[1]):
-        when = at - delay - task.input_delay[b, i]
+        when = at - task.input_delay[b, i]
         u[:, i] = np.interp(when, time, values[:, i])
         inside = (when > time[0]) & (when < time[-1])
         j = np.clip(np.searchsorted(time, when, side="left") - 1, 0, len(time) - 2)
@@ -77,37 +92,61 @@ def _look(task: Task, b: int, at: np.ndarray, delay: float = 0.0) -> tuple[np.nd
     return u, du
 
 
-def _flow(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: ca.SX, later: ca.SX) -> ca.SX:
-    """Ẋ of X = [x, S by columns]."""
+def _explicit_nodes(row: _Row, node_times: np.ndarray) -> np.ndarray:
+    task, s = row.task, row.task.columns
+    x, steps = len(task.model.states), len(node_times) - 1
+    h = np.diff(node_times)
+    stages = [_inputs_at(task, row.b, at) for at in (node_times[:-1], node_times[:-1] + h / 2, node_times[1:])]
+    drive = np.zeros((1 + 6 * len(task.model.inputs), -(-steps // CHUNK) * CHUNK))  # idle steps at the end: h = 0
+    drive[:, :steps] = np.vstack([h, *(part.T for pair in stages for part in pair)])
+    matrices = (row.selection, task.input_delay_derivative)
+    fixed = np.concatenate([row.constants, *(part.ravel(order="F") for part in matrices)])
+    X = np.empty((x * (1 + s), drive.shape[1] + 1))
+    X[:, 0] = np.concatenate([task.start[row.b], task.start_derivative.ravel(order="F")])
+    chunk = _chunk(row.made, s)
+    for begin in range(0, drive.shape[1], CHUNK):
+        X[:, begin + 1 : begin + CHUNK + 1] = chunk(X[:, begin], drive[:, begin : begin + CHUNK], fixed).full()
+    return X[:, : steps + 1]
+
+
+def _implicit_nodes(row: _Row, node_times: np.ndarray) -> np.ndarray:
+    def inputs_at(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _inputs_at(row.task, row.b, at)
+
+    return rosenbrock_steps.nodes(row.made, row.constants, row.task.start[row.b], node_times, inputs_at)
+
+
+def _rate(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: ca.SX, by_delay: ca.SX) -> ca.SX:
+    """Ẋ of X = [x, S by columns]; ``by_delay`` (u, s) are the derivatives of the input delays by the columns."""
     x, s = made.field.size1_in(0), selection.shape[1]
     if not s:
         return made.field(X, u, c)
     xdot, A, B, P = made.field(X[:x], u, c)
     S = ca.reshape(X[x:], x, s)
-    return ca.vertcat(xdot, ca.vec(A @ S + P @ selection - B @ (ca.repmat(du, 1, s) * later)))
+    return ca.vertcat(xdot, ca.vec(A @ S + P @ selection - B @ (ca.repmat(du, 1, s) * by_delay)))
 
 
 @functools.lru_cache(maxsize=128)
 def _chunk(made: Functions, s: int) -> ca.Function:
     """(X, drive, fixed) → X after each of ``CHUNK`` steps.
 
-    A column of ``drive`` is h and, at the beginning, the middle and the end of the step, the inputs and their slopes;
-    ``fixed`` is c, selection and input_delay_slope.
+    A column of ``drive`` is h and, at the beginning, the middle and the end of the step, the inputs and their
+    derivatives; ``fixed`` is c, selection and input_delay_derivative.
     """
     x, n, k = made.field.size1_in(0), made.field.size1_in(1), made.field.size1_in(2)
     p = made.constants.size1_in(0)
     X, drive, fixed = ca.SX.sym("X", x * (1 + s)), ca.SX.sym("drive", 1 + 6 * n), ca.SX.sym("fixed", k + p * s + n * s)
     h, *u = ca.vertsplit(drive, [0, *range(1, 1 + 6 * n, n), 1 + 6 * n]) if n else (drive, *([ca.SX(0, 1)] * 6))
-    c, selection, later = ca.vertsplit(fixed, [0, k, k + p * s, k + p * s + n * s])
-    selection, later = ca.reshape(selection, p, s), ca.reshape(later, n, s)
+    c, selection, by_delay = ca.vertsplit(fixed, [0, k, k + p * s, k + p * s + n * s])
+    selection, by_delay = ca.reshape(selection, p, s), ca.reshape(by_delay, n, s)
 
-    def flow(at: ca.SX, stage: int) -> ca.SX:
-        return _flow(made, at, u[2 * stage], u[2 * stage + 1], c, selection, later)
+    def rate(at: ca.SX, stage: int) -> ca.SX:
+        return _rate(made, at, u[2 * stage], u[2 * stage + 1], c, selection, by_delay)
 
-    k1 = flow(X, 0)
-    k2 = flow(X + h / 2 * k1, 1)
-    k3 = flow(X + h / 2 * k2, 1)
-    k4 = flow(X + h * k3, 2)
+    k1 = rate(X, 0)
+    k2 = rate(X + h / 2 * k1, 1)
+    k3 = rate(X + h / 2 * k2, 1)
+    k4 = rate(X + h * k3, 2)
     step = ca.Function("step", [X, drive, fixed], [ca.cse(X + h / 6 * (k1 + 2 * (k2 + k3) + k4))])
     begin, driven, same = (
         ca.MX.sym("X", X.shape[0]),
@@ -120,84 +159,81 @@ def _chunk(made: Functions, s: int) -> ca.Function:
 
 @functools.lru_cache(maxsize=128)
 def _reader(made: Functions, s: int) -> ca.Function:
-    """(X, Ẋ, u, du, c, t, selection, input_delay_slope) → y, its derivatives (y·s), its time derivative."""
+    """(X, Ẋ, u, du, c, t, selection, by_delay) → y, its derivatives (y·s), its time derivative."""
     x, n, k = made.field.size1_in(0), made.field.size1_in(1), made.field.size1_in(2)
     X, dX, u, du = (
         ca.SX.sym(name, size) for name, size in (("X", x * (1 + s)), ("dX", x * (1 + s)), ("u", n), ("du", n))
     )
     c, t, p = ca.SX.sym("c", k), ca.SX.sym("t"), made.constants.size1_in(0)
-    selection, later = ca.SX.sym("selection", p, s), ca.SX.sym("later", n, s)
+    selection, by_delay = ca.SX.sym("selection", p, s), ca.SX.sym("by_delay", n, s)
     outputs = made.reading(X[:x], u, c, t)
     if s:
         y, C, D, Q = outputs
-        slope = C @ ca.reshape(X[x:], x, s) + Q @ selection - D @ (ca.repmat(du, 1, s) * later)
+        derivative = C @ ca.reshape(X[x:], x, s) + Q @ selection - D @ (ca.repmat(du, 1, s) * by_delay)
         rate = C @ dX[:x] + D @ du
     else:
-        y, slope, rate = outputs, ca.SX(made.reading.size1_out(0), 0), ca.SX(made.reading.size1_out(0), 1)
+        y, derivative, rate = outputs, ca.SX(made.reading.size1_out(0), 0), ca.SX(made.reading.size1_out(0), 1)
     return ca.Function(
-        "reader", [X, dX, u, du, c, t, selection, later], [y, ca.vec(ca.densify(slope)), ca.densify(rate)]
+        "reader", [X, dX, u, du, c, t, selection, by_delay], [y, ca.vec(ca.densify(derivative)), ca.densify(rate)]
     )
 
 
 @functools.lru_cache(maxsize=128)
-def _flows(made: Functions, s: int) -> ca.Function:
+def _rates(made: Functions, s: int) -> ca.Function:
+    """(X, u, du, c, selection, by_delay) → Ẋ."""
     x, n, k = made.field.size1_in(0), made.field.size1_in(1), made.field.size1_in(2)
     p = made.constants.size1_in(0)
     X, u, du, c = (ca.SX.sym(name, size) for name, size in (("X", x * (1 + s)), ("u", n), ("du", n), ("c", k)))
-    selection, later = ca.SX.sym("selection", p, s), ca.SX.sym("later", n, s)
-    return ca.Function("flow", [X, u, du, c, selection, later], [_flow(made, X, u, du, c, selection, later)])
+    selection, by_delay = ca.SX.sym("selection", p, s), ca.SX.sym("by_delay", n, s)
+    rate = _rate(made, X, u, du, c, selection, by_delay)
+    return ca.Function("rates", [X, u, du, c, selection, by_delay], [rate])
 
 
-def _readings(
-    task: Task, made: Functions, c: np.ndarray, b: int, selection: np.ndarray, nodes: np.ndarray, X: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    s, t, m = task.columns, len(task.time), len(task.model.sensors)
-    y, slope = np.empty((t, m)), np.empty((t, m, s))
-    for g, delay in enumerate(task.group_delay[b]):
-        mine = task.group == g
-        if not mine.any():
+def _readings(row: _Row, nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (t, y) and their derivatives (t, y, s)."""
+    task, s = row.task, row.task.columns
+    t, m = len(task.time), len(task.model.sensors)
+    y, derivatives = np.empty((t, m)), np.empty((t, m, s))
+    for g, delay in enumerate(task.group_delay[row.b]):
+        members = task.group == g
+        if not members.any():
             continue
         at = task.time - delay
-        Z, dZ = _state_at(task, made, c, b, selection, nodes, X, at)
-        u, du = _look(task, b, at)
-        parts = _reader(made, s)(
-            Z, dZ, u.T, du.T, c, task.time[None], np.tile(selection, (1, t)), np.tile(task.input_delay_slope, (1, t))
-        )
-        values, slopes, rates = (np.array(part) for part in parts)
-        y[:, mine] = values.T[:, mine]
-        slopes = slopes.reshape(s, m, t).transpose(2, 1, 0)
-        if g:
-            slopes = slopes - rates.T[:, :, None] * task.sensor_delay_slope
-        slope[:, mine] = slopes[:, mine]
-    return y, slope
+        X, dX = _states_at(row, nodes, at)
+        u, du = _inputs_at(task, row.b, at)
+        values, by_columns, rates = (
+            np.array(part)
+            for part in _reader(row.made, s)(
+                X, dX, u.T, du.T, row.constants, task.time[None], np.tile(row.selection, (1, t)),
+                np.tile(task.input_delay_derivative, (1, t)),
+            )
+        )  # fmt: skip
+        y[:, members] = values.T[:, members]
+        by_columns = by_columns.reshape(s, m, t).transpose(2, 1, 0)
+        if g:  # a longer delay reads earlier
+            by_columns = by_columns - rates.T[:, :, None] * task.sensor_delay_derivative
+        derivatives[:, members] = by_columns[:, members]
+    return y, derivatives
 
 
-def _state_at(
-    task: Task,
-    made: Functions,
-    c: np.ndarray,
-    b: int,
-    selection: np.ndarray,
-    nodes: np.ndarray,
-    X: np.ndarray,
-    at: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """X and Ẋ at times: nodes exactly, cubic Hermite between them, moving on as at the start before it."""
-    s, n, x = task.columns, task.model.n, len(task.model.states)
-    j = np.clip(np.searchsorted(nodes, at, side="left") - 1, 0, len(nodes) - 2)
-    h = nodes[j + 1] - nodes[j]
-    z = (at - nodes[j]) / h
-    if np.array_equal(nodes[j[1:] + 1], at[1:]) and at[0] == nodes[0]:  # no delay
+def _states_at(row: _Row, nodes: _Nodes, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """X and Ẋ at times: nodes exactly, cubic Hermite between them, before the first moving on as at the start."""
+    task, s, X, time = row.task, row.task.columns, nodes.states, nodes.time
+    n, x = task.model.n, len(task.model.states)
+    j = np.clip(np.searchsorted(time, at, side="left") - 1, 0, len(time) - 2)
+    h = time[j + 1] - time[j]
+    z = (at - time[j]) / h
+    if np.array_equal(time[j[1:] + 1], at[1:]) and at[0] == time[0]:  # no delay
         first = np.append(0, j[1:] + 1)
         return X[:, first], np.zeros((len(X), len(at)))
 
-    def flow(node: np.ndarray) -> np.ndarray:
-        u, du = _look(task, b, nodes[node])
+    def rate(node: np.ndarray) -> np.ndarray:
+        u, du = _inputs_at(task, row.b, time[node])
         count = len(node)
-        fixed = (c, np.tile(selection, (1, count)), np.tile(task.input_delay_slope, (1, count)))
-        return np.array(_flows(made, s)(X[:, node], u.T, du.T, *fixed))
+        fixed = (row.constants, np.tile(row.selection, (1, count)), np.tile(task.input_delay_derivative, (1, count)))
+        return np.array(_rates(row.made, s)(X[:, node], u.T, du.T, *fixed))
 
-    low, high, dlow, dhigh = X[:, j], X[:, j + 1], flow(j), flow(j + 1)
+    low, high, dlow, dhigh = X[:, j], X[:, j + 1], rate(j), rate(j + 1)
     Z = (
         (1 + 2 * z) * (1 - z) ** 2 * low
         + h * z * (1 - z) ** 2 * dlow
@@ -205,10 +241,10 @@ def _state_at(
         + h * z**2 * (z - 1) * dhigh
     )
     dZ = 6 * z * (z - 1) / h * (low - high) + (1 - z) * (1 - 3 * z) * dlow + z * (3 * z - 2) * dhigh
-    early = np.flatnonzero(at <= nodes[0])
+    early = np.flatnonzero(at <= time[0])
     Z[:, early], dZ[:, early] = X[:, :1], 0.0
     for block in range(1 + s):
-        q, v = slice(block * x, block * x + n), slice(block * x + n, block * x + 2 * n)
-        Z[q, early] -= (nodes[0] - at[early]) * X[v, :1]
+        angles, speeds = slice(block * x, block * x + n), slice(block * x + n, block * x + 2 * n)
+        Z[angles, early] -= (time[0] - at[early]) * X[speeds, :1]
     dZ[:n, early] = X[n : 2 * n, :1]
     return Z, dZ

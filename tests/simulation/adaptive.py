@@ -1,4 +1,4 @@
-"""The cross-check: the same model by an adaptive solver of SciPy, which shares the equations but no integrator."""
+"""The same model by an adaptive solver of SciPy, which shares the equations but no integrator."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from modelling.equations.compiled import Model, compiled
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.system import System
+from modelling.simulation.recorded_inputs import Inputs, checked
 from modelling.simulation.result import Simulation, SimulationError
-from modelling.simulation.simulate import Inputs, checked
 from modelling.simulation.start import Start, start_state
 
 SHARP_CONTACT = 1e-6  # s
@@ -79,4 +79,6 @@ def simulate_adaptive(
         )
         readings[name] = np.array(y)[j]
     units = {part.name: part.unit for part in model.system.sensors}
-    return Simulation(time, readings, solution.sol(time).T, list(model.states), units, float("nan"), float("nan"))
+    unknown = float("nan")
+    error = dict.fromkeys(readings, unknown)
+    return Simulation(time, readings, solution.sol(time).T, list(model.states), units, unknown, unknown, False, error)
