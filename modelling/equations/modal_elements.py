@@ -28,9 +28,11 @@ def modal_elements(equations: Equations) -> ca.Function:
     return ca.Function("elements", [x, p], outputs)
 
 
-def _rows(shares: list[dict[int, Any]], n: int, known: dict) -> ca.SX:
-    rows = ca.SX(len(shares), n)
-    for i, share in enumerate(shares):
-        for j, entry in zip(share, to_casadi(list(share.values()), known), strict=True):
-            rows[i, j] = entry
+def _rows(motions: list[dict[int, Any]], n: int, known: dict) -> ca.SX:
+    """Coefficients of motions as a sparse matrix (r, n)."""
+    rows = ca.SX(len(motions), n)
+    places = [(i, j) for i, motion in enumerate(motions) for j in motion]
+    entries = to_casadi([entry for motion in motions for entry in motion.values()], known)
+    for (i, j), entry in zip(places, entries, strict=True):
+        rows[i, j] = entry
     return rows
