@@ -11,6 +11,8 @@ from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
 from modelling.model.system import System
 
+ROUNDING = 1e-9  # of a sensor's largest coefficient: what it reads of a free angle by rounding alone
+
 
 @dataclass(frozen=True)
 class StateSpace:
@@ -48,7 +50,9 @@ def state_space(system: System) -> StateSpace:
     rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
     lift = rest.lift
     model = linear.model
-    blind = np.abs(linear.C[:, : model.n] @ rest.free_angles).max(axis=1, initial=0.0) > 1e-9
+    angles = linear.C[:, : model.n]
+    free_part = np.abs(angles @ rest.free_angles).max(axis=1, initial=0.0)
+    blind = free_part > ROUNDING * np.abs(angles).max(axis=1, initial=0.0)  # relative: a stiff shaft has large entries
     if blind.any():
         name = model.sensors[int(np.argmax(blind))]
         raise InputError(f"sensors.{name}", "reads an angle that turns freely", "use a speed or a torque here")

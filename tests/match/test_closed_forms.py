@@ -19,6 +19,9 @@ from matching.frequency.search.match import SIMULATED_FREQUENCY_TOLERANCE, reach
 from matching.frequency.search.shared_components import differing_components
 from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures import STRUCTURES
+from modelling.common.errors import InputError
+from modelling.linear.state_space import state_space
+from modelling.model.components import Sensor
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MOVING = ca.MX.sym("moving")
@@ -143,3 +146,13 @@ def test_only_pi_without_gains_is_torqueless(small):
 def test_torques_a_structure_takes_as_measured():
     assert STRUCTURES["pi"].measured_inputs(["motor"], ["road"]) == ()
     assert STRUCTURES["model_based"].measured_inputs(["motor"], ["road"]) == ("motor", "road")
+
+
+@pytest.mark.parametrize("stiffness", [2e5, 3e6, 5e7, 1e9])
+def test_a_flange_may_be_as_stiff_as_it_is(small, stiffness):
+    """Its torque depends on a twist alone, whatever the rounding; a free angle is refused still."""
+    stiff = small.rig.with_values({"shafts.flange.stiffness": stiffness})
+    assert len(state_space(stiff).outputs) == len(stiff.sensors)
+    reading = replace(stiff, sensors=(*stiff.sensors, Sensor("rotor_angle", "angle", "rotor")))
+    with pytest.raises(InputError, match="rotor_angle"):
+        state_space(reading)
