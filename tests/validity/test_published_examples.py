@@ -1,10 +1,13 @@
 """GUM H.1 to H.3 and JCGM 101 9.2 to 9.4, to their published digits."""
 
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from matching.validity.budget.budget_file import budget_from_tables, read_budget
+from matching.validity.budget.distributions import Distribution
 from matching.validity.uncertainty.evaluate import evaluate
 from matching.validity.uncertainty.rounding import written
 
@@ -48,6 +51,30 @@ def test_end_gauge_h1():
     assert round(result.propagation.degrees_of_freedom, 1) == 16.8  # 16.7 from the rounded contributions GUM prints
     assert result.coverage_factor == pytest.approx(2.92, abs=0.005)  # t with 16 degrees of freedom at 99 %
     assert pytest.approx(result.expanded * nm, abs=1.0) == 2.92 * 32  # GUM prints 93 nm from the rounded 32
+
+
+def test_end_gauge_with_inexact_limits_jcgm_101_9_5():
+    """Limits of the expansion's difference known to 10 %, of the temperature's to 50 %: u = 36 nm, 99 % in 745 ... 931."""
+    tables = tomllib.loads((EXAMPLES / "end_gauge.toml").read_text(encoding="utf-8"))
+    for name, tolerance, freedom in (("dalpha", 1e-7, 50), ("dt", 0.025, 2)):
+        stated = tables["inputs"][name].pop("degrees_of_freedom")
+        tables["inputs"][name]["half_width_tolerance"] = tolerance
+        assert stated == freedom
+    budget = budget_from_tables(tables)
+    freedoms = {quantity.name: quantity.degrees_of_freedom for quantity in budget.inputs}
+    assert (freedoms["dalpha"], freedoms["dt"]) == pytest.approx((50, 2))
+    result = drawn(budget, draws=1_000_000).monte_carlo
+    assert result.standard_uncertainty * 1e9 == pytest.approx(35.7, abs=0.3)
+    assert [end * 1e9 - 50e6 for end in result.symmetric] == pytest.approx([744.6, 931.3], abs=2.0)
+
+
+def test_a_rectangle_with_inexact_limits_has_the_moments_of_its_definition():
+    shape = Distribution("rectangular", width_tolerance=0.5)
+    assert shape.weight() == pytest.approx(1 / 3 + 0.25 / 9)  # JCGM 101, 6.4.3.3
+    draws = shape.draw(np.random.default_rng(1), 1_000_000)
+    assert np.var(draws) == pytest.approx(1, rel=5e-3)
+    assert np.mean(draws**4) == pytest.approx(shape.kurtosis(), rel=1e-2)
+    assert np.abs(draws).max() == pytest.approx(1.5 / np.sqrt(shape.weight()), rel=1e-3)
 
 
 def test_impedance_h2_from_raw_readings():

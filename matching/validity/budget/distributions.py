@@ -22,12 +22,16 @@ class Distribution:
     name: str
     beta: float = 0.0
     degrees_of_freedom: float = math.inf
+    width_tolerance: float = 0.0  # of the half-width, relative: a rectangle with inexact limits (JCGM 101, 6.4.3)
 
     def weight(self) -> float:
         """G of Eq. 12: squared standard uncertainty over squared half-width."""
-        return {"rectangular": 1 / 3, "triangular": 1 / 6, "arcsine": 1 / 2, "trapezoidal": (1 + self.beta**2) / 6}[
-            self.name
-        ]
+        return {
+            "rectangular": 1 / 3 + self.width_tolerance**2 / 9,
+            "triangular": 1 / 6,
+            "arcsine": 1 / 2,
+            "trapezoidal": (1 + self.beta**2) / 6,
+        }[self.name]
 
     def law(self) -> Any:
         """The same as frozen SciPy distribution (of unit *scale* for Student's t, whose variance is larger)."""
@@ -48,6 +52,9 @@ class Distribution:
             return 3.0
         if self.name == "triangular":
             return 2.4
+        if self.width_tolerance:  # half-width W uniform in 1 ± τ: E x⁴ = E W⁴/5, E x² = E W²/3
+            tau = self.width_tolerance**2
+            return (1 + 2 * tau + tau**2 / 5) / 5 / ((1 + tau / 3) / 3) ** 2
         return 3.0 + float(self.law().stats("k"))
 
     def draw(self, generator: np.random.Generator, count: int) -> np.ndarray:
@@ -62,6 +69,8 @@ class Distribution:
             return half * np.cos(np.pi * draws)
         draws = 2 * draws - 1
         if self.name == "rectangular":
+            if self.width_tolerance:
+                draws *= 1 + self.width_tolerance * (2 * generator.random(count) - 1)
             return half * draws
         second = 2 * generator.random(count) - 1
         return half * ((1 + self.beta) / 2 * draws + (1 - self.beta) / 2 * second)

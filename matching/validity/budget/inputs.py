@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ KNOWN = (
     "unit",
     "distribution",
     "half_width",
+    "half_width_tolerance",
     "uncertainty",
     "expanded_uncertainty",
     "coverage_factor",
@@ -46,14 +48,30 @@ def read_input(name: str, table: Any, where: str) -> tuple[Input, np.ndarray]:
         raise InputError(f"{where}.simultaneous", "is for readings", "give readings = [...]")
     value = unit.value_to_si(number(table, "value", where))
     if not any(key in table for key in ("half_width", "uncertainty", "expanded_uncertainty")):
-        for key in ("distribution", "degrees_of_freedom", "beta", "coverage_factor"):
+        for key in ("distribution", "degrees_of_freedom", "beta", "coverage_factor", "half_width_tolerance"):
             if key in table:
                 raise InputError(where, f"{key} without an uncertainty", "give half_width, uncertainty or drop it")
         return Input(name, value, 0.0, unit, **told), np.empty(0)
-    freedom = number(table, "degrees_of_freedom", where, positive=True) if "degrees_of_freedom" in table else math.inf
-    distribution = _distribution(table, freedom, where)
+    tolerance = _width_tolerance(table, where)
+    freedom = 0.5 / tolerance**2 if tolerance else math.inf  # GUM G.4.2
+    freedom = number(table, "degrees_of_freedom", where, positive=True) if "degrees_of_freedom" in table else freedom
+    distribution = replace(_distribution(table, freedom, where), width_tolerance=tolerance)
     u = unit.difference_to_si(_standard_uncertainty(table, distribution, where))
     return Input(name, value, abs(u), unit, distribution, freedom, **told), np.empty(0)
+
+
+def _width_tolerance(table: Any, where: str) -> float:
+    """Half-width of the half-width, relative: limits that are not exactly known (JCGM 101, 6.4.3); 0 if exact."""
+    if "half_width_tolerance" not in table:
+        return 0.0
+    if "half_width" not in table or text(table, "distribution", where, "rectangular") != "rectangular":
+        wrong = "belongs to the half_width of a rectangular distribution"
+        raise InputError(f"{where}.half_width_tolerance", wrong, "drop it")
+    half_width = number(table, "half_width", where, positive=True)
+    tolerance = number(table, "half_width_tolerance", where, least=0.0)
+    if tolerance > half_width:
+        raise InputError(f"{where}.half_width_tolerance", f"{tolerance:g} is beyond half_width", "give less")
+    return tolerance / half_width
 
 
 def _distribution(table: Any, freedom: float, where: str) -> Distribution:
@@ -105,6 +123,7 @@ def _from_readings(name: str, table: Any, unit: Unit, told: dict[str, Any], wher
     for key in (
         "value",
         "half_width",
+        "half_width_tolerance",
         "uncertainty",
         "expanded_uncertainty",
         "distribution",

@@ -86,6 +86,9 @@ def _multivariate_t(members: list[int], u: np.ndarray, correlation: np.ndarray, 
 
 
 def _copula(members: list[int], u: np.ndarray, shapes: list[Distribution], correlation: np.ndarray) -> Draw:
+    if any(shape.width_tolerance for shape in shapes):
+        right = "drop the tolerance or the correlation"
+        raise InputError("correlations", "an input with half_width_tolerance cannot be correlated", right)
     root, laws = _root(correlation), [shape.law() for shape in shapes]
 
     def draw(generator: np.random.Generator, count: int) -> dict[int, np.ndarray]:
