@@ -54,7 +54,7 @@ def test_end_gauge_h1():
 
 
 def test_end_gauge_with_inexact_limits_jcgm_101_9_5():
-    """Limits of the expansion's difference known to 10 %, of the temperature's to 50 %: u = 36 nm, 99 % in 745 ... 931."""
+    """Limits of dalpha known to 10 %, of dt to 50 %: u = 36 nm, 99 % in 745 ... 931 nm."""
     tables = tomllib.loads((EXAMPLES / "end_gauge.toml").read_text(encoding="utf-8"))
     for name, tolerance, freedom in (("dalpha", 1e-7, 50), ("dt", 0.025, 2)):
         stated = tables["inputs"][name].pop("degrees_of_freedom")
