@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from xml.etree import ElementTree as ET
 
 from modelling.fmu.block import Block
@@ -22,7 +23,7 @@ def description(block: Block, identifier: str, fmi: str, token: str, step: float
         "fmiModelDescription",
         {
             "fmiVersion": fmi,
-            "modelName": block.title,
+            "modelName": xml_text(block.title),
             "guid" if two else "instantiationToken": token,
             "description": "All values in SI. Stepped by classical Runge-Kutta of order four, internal steps no longer "
             "than 1/simulation.steps_per_second; a communication step may have any length.",
@@ -55,6 +56,11 @@ def description(block: Block, identifier: str, fmi: str, token: str, step: float
     _structure(structure, range(first, first + len(block.outputs)), two)
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def xml_text(text: str) -> str:
+    """Text of a file without what XML 1.0 cannot hold: control characters, surrogates and non-characters."""
+    return re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
 
 
 def _units(root: ET.Element, block: Block) -> None:

@@ -7,13 +7,13 @@ import io
 import platform
 import re
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from modelling.fmu.block import Block
 from modelling.fmu.build import SUFFIX, binary, folder
-from modelling.fmu.description import description
+from modelling.fmu.description import description, xml_text
 from modelling.fmu.source import FILES, sources
 
 LICENCE = """The files motion.c and fmi2.c or fmi3.c are part of rigmatch, MIT licence. model.c was written by CasADi's
@@ -43,6 +43,7 @@ def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
     step : float
         s, communication step to suggest.
     """
+    block = replace(block, title=xml_text(block.title))
     identifier = re.sub(r"[^A-Za-z0-9_]+", "_", block.name).strip("_") or "model"
     identifier = identifier if identifier[0].isalpha() else f"model_{identifier}"
     token = _token(block, identifier, fmi, step)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def _header(block: Block, identifier: str, token: str) -> str:
     }
     time = Variable("time", "independent", "s")
     variables = [time, *block.variables]
-    lines = [f"/* {json.dumps(block.title)}: sizes, names and start values, in the order of the value references */"]
+    lines = [f"/* {_comment(block.title)}: sizes, names and start values, in the order of the value references */"]
     lines += [f'#define IDENTIFIER "{identifier}"', f'#define TOKEN "{token}"']
     lines += [f"#define {name} {value}" for name, value in sizes.items()]
     lines += [f"#define CONTACT {0.0 if math.isnan(block.contact) else block.contact!r}"]
@@ -64,6 +64,11 @@ def _header(block: Block, identifier: str, token: str) -> str:
 
 def _array(what: str, entries: Iterable[str]) -> list[str]:
     return [f"static const {what}[] = {{", *(f"    {entry}," for entry in entries), "};"]
+
+
+def _comment(text: str) -> str:
+    """Text of a file as it may stand in a C comment: ASCII letters, digits and what cannot end or continue one."""
+    return re.sub(r"[^A-Za-z0-9 .,:;()_+=-]", "_", text[:200])
 
 
 def _text(name: str) -> str:

@@ -177,3 +177,26 @@ def test_a_saved_state_holds_what_is_on_its_way(export, delayed_model):
             one.set({"motor_torque": -20.0})
         one.fmu.freeFMUstate(saved)
     assert ends[0] == ends[1]
+
+
+def test_a_failed_step_leaves_delays_as_they_were(export, delayed_model):
+    """A step that runs away is undone with what was on its way: the motion goes on as if it had not been tried."""
+
+    def run(fails):
+        with slave(export(delayed_model)) as one:
+            one.begin()
+            one.set({"motor_torque": 80.0})
+            for _ in range(40):
+                one.step(1e-3)
+            if fails:
+                one.set({"shafts.link.stiffness": 1e13})
+                with pytest.raises(FMICallException):
+                    one.fmu.doStep(one.time, 0.2)
+                one.set({"shafts.link.stiffness": 200.0})
+            readings = []
+            for _ in range(40):
+                one.step(1e-3)
+                readings.append(one.get(["motor_speed", "link_torque", "load_acceleration"]))
+            return readings
+
+    assert run(True) == run(False)

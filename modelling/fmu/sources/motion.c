@@ -64,6 +64,8 @@ typedef struct {
     int constants_due, outputs_due;
     long long taken;         /* internal steps so far */
     Taken step[N_TAKEN + 1]; /* the last of them, in a ring; none where nothing is delayed */
+    Taken replaced[N_TAKEN + 1]; /* what this communication step wrote over, for the case that it fails */
+    long long taken_before;      /* this communication step */
     char message[MESSAGE]; /* why the last call failed */
 } Motion;
 
@@ -197,7 +199,10 @@ static int set(Motion *m, unsigned reference, double value) {
 /* keep what an internal step begins with, if delays look back; 0 where they look back too far */
 static int keep(Motion *m, double t, double h, const double *x) {
     if (!N_TAKEN) return 1;
-    Taken *own = &m->step[m->taken++ % (N_TAKEN + 1)];
+    long long place = m->taken % (N_TAKEN + 1);
+    Taken *own = &m->step[place];
+    if (m->taken - m->taken_before <= N_TAKEN) m->replaced[place] = *own;
+    m->taken++;
     own->time = t, own->span = h;
     memcpy(own->x, x, sizeof own->x);
     for (int i = 0; i < N_INPUTS; i++) {
@@ -234,6 +239,15 @@ static int runge_kutta(Motion *m, int steps, double h, double *x) {
     return 1;
 }
 
+/* forget the internal steps of this communication step: the ring is as it was before */
+static void step_back(Motion *m) {
+    long long written = m->taken - m->taken_before;
+    if (written > N_TAKEN + 1) written = N_TAKEN + 1;
+    for (long long k = m->taken_before; k < m->taken_before + written; k++)
+        m->step[k % (N_TAKEN + 1)] = m->replaced[k % (N_TAKEN + 1)];
+    m->taken = m->taken_before;
+}
+
 /* One communication step; the motion stays where it was if it fails. */
 static int advance(Motion *m, double span) {
     double x[N_STATES], wanted = ceil(span * m->value[STEPS_PER_SECOND] - 1e-9);
@@ -241,11 +255,11 @@ static int advance(Motion *m, double span) {
     if (span == 0) return 1;
     if (wanted > MOST_STEPS) return fail(m, "a communication step of %g s would take %.3g internal steps", span, wanted);
     int steps = wanted < 1 ? 1 : (int)wanted;
-    long long before = m->taken;
+    m->taken_before = m->taken;
     if (HAS_CONTACT && m->contact != span / steps) m->contact = span / steps, m->constants_due = 1;
     renew_constants(m);
     memcpy(x, m->value + STATES, sizeof x);
-    if (!runge_kutta(m, steps, span / steps, x)) return m->taken = before, 0;
+    if (!runge_kutta(m, steps, span / steps, x)) return step_back(m), 0;
     memcpy(m->value + STATES, x, sizeof x);
     for (int i = 0; i < N_INPUTS; i++) m->value[INPUTS + i] += m->slope[i] * span, m->slope[i] = 0;
     m->value[TIME] += span;
