@@ -27,7 +27,7 @@ def number(value: float | None, digits: int = 4) -> str:
     mantissa, power = text.split("e")
     if int(power) not in _PLAIN_POWERS:
         return f"{mantissa}e{int(power)}"
-    return f"{float(text):.0f}" if int(power) > 0 else f"{value:.{digits - 1 - int(power)}f}"
+    return f"{float(text):.0f}"  # the format g writes small numbers of these powers without exponent
 
 
 def hertz(value: float | None) -> str:
