@@ -251,6 +251,9 @@ def test_mat_files(tmp_path):
     savemat(tmp_path / "b.mat", {"run": {"time": time, **channels}})
     np.testing.assert_allclose(read_recording(tmp_path / "a.mat", SYSTEM)["motor_speed"], 2 * np.pi * time)
     np.testing.assert_allclose(read_recording(tmp_path / "b.mat", SYSTEM)["brake_torque"], time**2)
+    savemat(tmp_path / "d.mat", {"time": time, **channels, "motor_speed": 60 * time[:-1], "remark": time[:7]})
+    with pytest.raises(InputError, match=r"d\.mat: 'motor_speed': has 29 values, time 30"):
+        read_recording(tmp_path / "d.mat", SYSTEM)
     (tmp_path / "c.mat").write_text("no such thing " * 40)
     with pytest.raises(InputError, match=r"is no \.mat file"):
         read_recording(tmp_path / "c.mat", SYSTEM)

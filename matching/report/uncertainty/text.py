@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from matching.validity.uncertainty.rounding import written
+
 
 def summary(answer: dict[str, Any]) -> str:
     """Statement of every measurand, then its budget table, checks and correlations; last what would have to improve."""
@@ -50,11 +52,11 @@ def _checks(measurand: dict[str, Any]) -> list[str]:
     ]
     if "monte_carlo" in measurand:
         sampled, check = measurand["monte_carlo"], measurand["first_order_check"]
-        low, high = sampled["shortest_interval"]
+        low, high = (written(end, sampled["standard_uncertainty"])[0] for end in sampled["shortest_interval"])
         lines += [
             f"Monte Carlo: u = {sampled['standard_uncertainty']:.4g}{unit}, "
             f"shortest {100 * measurand['coverage']:.4g} % interval "
-            f"{low:.8g} ... {high:.8g}{unit}, {sampled['draws']} draws",
+            f"{low} ... {high}{unit}, {sampled['draws']} draws",
             f"first order against Monte Carlo (JCGM 101, 8): {check['verdict']} "
             f"(d = {check['distances'][0]:.2g}, {check['distances'][1]:.2g}; δ = {check['tolerance']:.2g}{unit})",
         ]

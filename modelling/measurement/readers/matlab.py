@@ -21,7 +21,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     Raises
     ------
     InputError
-        If it is no such file, has no ``time``, or is of version 7.3 and h5py is not installed.
+        If it is no such file, a used channel has another length than time, or it is of version 7.3 and h5py is not installed.
     """
     try:
         found = {name: value for name, value in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
@@ -45,6 +45,13 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     )
     sizes = [np.size(found[name]) for name in known & {*found}]
     length = np.size(found["time"]) if "time" in found else max(sizes, key=sizes.count, default=0)
+    for name in sorted(known & {*found}):
+        if np.size(found[name]) != length:
+            raise InputError(
+                f"{path}: {name!r}",
+                f"has {np.size(found[name])} values, time {length}",
+                "save channels of one length, or leave it out",
+            )
     columns = {
         name: np.asarray(value, dtype=float).ravel()
         for name, value in found.items()
