@@ -21,7 +21,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     Raises
     ------
     InputError
-        If it is no such file, a used channel has another length than time, or it is of version 7.3 and h5py is not installed.
+        If it is no such file, a used channel has another length than time, or h5py is missing for version 7.3.
     """
     try:
         found = {name: value for name, value in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
