@@ -12,7 +12,7 @@ from matching.diagnosis.data.holdout_split import held_out_segments
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import Fit, FitOptions, solve
 from matching.diagnosis.fitting.problem import FitProblem
-from matching.diagnosis.fitting.start_states import first_state
+from matching.diagnosis.fitting.start_states import first_state, flank_shifts
 
 START_ITERATIONS = 30  # of the fit of start states
 
@@ -156,10 +156,16 @@ def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
     system = problem.system.with_values(known)
     fixed = FitProblem(system, data, {}, problem.steps_per_second, problem.stick_speed)
     starts = [first_state(system, fixed.model, segment) for segment in data.segments]
-    fitted = solve(fixed, fixed.pack({}, starts), None, FitOptions(START_ITERATIONS))
+    fits = [
+        solve(fixed, fixed.pack({}, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
+        for shift in flank_shifts(system, fixed.model)
+    ]
+    best = np.argmin([[np.sum(part**2) for part in fit.by_sensor()] for fit in fits], axis=0)
+    residual = np.concatenate([fits[k].by_sensor()[i].ravel() for i, k in enumerate(best)])
+    starts = [fits[k].starts[i] for i, k in enumerate(best)]
     same = replace(problem, data=data, held_states=None)
     none_used = (0,) * len(data.segments)
-    return [HoldoutRun(same, same.pack(fit.values, fitted.starts), fitted.residual, none_used, False)]
+    return [HoldoutRun(same, same.pack(fit.values, starts), residual, none_used, False)]
 
 
 def rms_by_sensor(residuals: list[np.ndarray]) -> np.ndarray:

@@ -37,6 +37,43 @@ def _connected_inertias(system: System) -> dict[str, set[str]]:
     return connected
 
 
+def flank_shifts(system: System, model: Model) -> list[np.ndarray]:
+    """Changes (x,) of a start state: none, and with backlash to either flank of each gap.
+
+    A start state is fitted from each of them: within a gap no torque tells in which direction the flanks are.
+    """
+    shifts = [np.zeros(len(model.states))]
+    for effect in system.effects:
+        if not effect.law.free_play:
+            continue
+        gap = system.parameters[f"{effect.name}.{effect.law.free_play}"].value
+        shaft = next(shaft for shaft in system.shafts if f"shafts.{shaft.name}" == effect.at)
+        moved = _turns_with(system, shaft.between[1], shaft.name)
+        shift = np.array([moved.get(name, 0.0) for name in model.coordinates])
+        for flank in (-gap / 2, gap / 2):
+            shifts.append(np.concatenate([flank * shift, np.zeros(len(model.states) - model.n)]))
+    return shifts
+
+
+def _turns_with(system: System, inertia: str, without_shaft: str) -> dict[str, float]:
+    """By inertia: its angle when one turns by 1 rad and all that is connected follows without twist, a shaft left
+    out."""
+    angles, reached = {inertia: 1.0}, [inertia]
+    while reached:
+        name = reached.pop()
+        for shaft in system.shafts:
+            if name not in shaft.between or shaft.name == without_shaft:
+                continue
+            first, second = shaft.between
+            ratio = system.parameters.get(f"shafts.{shaft.name}.ratio")
+            factor = ratio.value if ratio is not None else 1.0
+            other, angle = (second, angles[name] / factor) if name == first else (first, angles[name] * factor)
+            if other not in angles:
+                angles[other] = angle
+                reached.append(other)
+    return angles
+
+
 def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     """A state (x,) from which a fit of the start state begins.
 

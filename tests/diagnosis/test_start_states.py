@@ -1,0 +1,62 @@
+"""Start states of held-out data with backlash, and which inertias turn together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.batch_simulation import simulate_readings
+from matching.diagnosis.fitting.fit import Fit
+from matching.diagnosis.fitting.holdout import holdout_residuals, rms_by_sensor, simulate_other
+from matching.diagnosis.fitting.problem import base_problem
+from matching.diagnosis.fitting.start_states import flank_shifts
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
+
+GAP = 0.05
+
+
+def chain(**effects):
+    return from_dict({
+        "inertias": {"motor": {"J": 0.1}, "hub": {"J": 0.2}, "load": {"J": 1.0}},
+        "shafts": {
+            "link": {"between": ["motor", "hub"], "stiffness": 300, "damping": 0.6},
+            "side": {"between": ["hub", "load"], "stiffness": 400, "damping": 0.6, "ratio": 2.0},
+        },
+        "inputs": {"torque": {"on": "motor"}},
+        "sensors": {
+            "motor_speed": {"measures": "speed", "of": "motor", "uncertainty": 0.02},
+            "load_speed": {"measures": "speed", "of": "load", "uncertainty": 0.02},
+            "link_torque": {"measures": "torque", "of": "link", "uncertainty": 0.02},
+        },
+    } | effects)  # fmt: skip
+
+
+def test_shifts_go_to_both_flanks_and_leave_the_other_shafts_untwisted() -> None:
+    system = chain(effects=[{"kind": "backlash", "at": "shafts.link", "gap": GAP}])
+    none, low, high = flank_shifts(system, compiled(system))
+    assert not none.any()
+    np.testing.assert_allclose(low, -high)
+    motor, hub, load = high[:3]
+    assert motor - hub == pytest.approx(-GAP / 2)
+    assert hub / 2 - load == pytest.approx(0.0)
+    assert not high[3:].any()
+    assert len(flank_shifts(chain(), compiled(chain()))) == 1
+
+
+@pytest.mark.parametrize("flank", [-1, 1])
+def test_a_recording_that_begins_on_a_flank_is_simulated_to_the_noise(flank: int) -> None:
+    system = chain(effects=[{"kind": "backlash", "at": "shafts.link", "gap": GAP}])
+    model, time = compiled(system), np.arange(600) * 1e-3
+    torque = flank * (8.0 + 4 * np.sin(2 * np.pi * 3 * time))
+    start = np.concatenate([[0.0, -flank * (GAP / 2 + 0.02), -flank * (GAP / 4 + 0.01)], [5.0, 5.0, 2.5]])
+    segment = Segment(time, torque[:, None], np.zeros((600, 3)), "made")
+    exact = simulate_readings(model, [segment], model.p0[None], [start[None]], 8000.0)[0][0]
+    noise = 0.02 * np.random.default_rng(1).standard_normal(exact.shape)
+    data = FitData((replace(segment, readings=exact + noise),), np.full(3, 0.02))
+    problem, v = base_problem(system, data)
+    problem = replace(problem, steps_per_second=8000.0)
+    residual = problem.residuals(v[None])[0]
+    fit = Fit(problem, v, residual, np.zeros((len(residual), len(v))), float(residual @ residual))
+    assert rms_by_sensor(holdout_residuals(simulate_other(fit, data))) == pytest.approx(1.0, abs=0.1)
