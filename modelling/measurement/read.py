@@ -16,6 +16,7 @@ from modelling.measurement.readers import read_table
 from modelling.measurement.readers.table import Table
 from modelling.measurement.recording import Recording
 from modelling.measurement.time_base import TimeBase, time_base
+from modelling.measurement.time_unit import check_seconds
 from modelling.model.system import System
 from modelling.units import factor, signal_unit
 
@@ -54,6 +55,8 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     base = _time_base(table, source)
+    if not table.units[0]:
+        check_seconds(base.time, system, source)
     columns = {name: column(table, name, base.rows, scale, source) for name, scale in scales.items()}
     notes = [*table.notes, *base.notes]
     complete = np.ones(len(base.time), dtype=bool)

@@ -298,3 +298,12 @@ def test_newton_metres_as_test_beds_write_them(tmp_path):
     np.testing.assert_allclose(got["motor_torque"], [1, 2])
     np.testing.assert_allclose(got["brake_torque"], [2000, 3000])
     np.testing.assert_allclose(got["motor_speed"], 2 * np.pi)
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6)])
+def test_a_time_without_unit_that_cannot_be_seconds_is_an_error_that_names_the_unit(tmp_path, unit, seconds):
+    lines = [f"{k * 0.002 / seconds:.9g},{k},1,1,1" for k in range(50)]
+    with pytest.raises(InputError, match=f"has no unit.*it is probably in {unit}"):
+        read_recording(written(tmp_path, lines, HEADER.replace("time [s]", "time")), SYSTEM)
+    got = read_recording(written(tmp_path, lines, HEADER.replace("time [s]", f"time [{unit}]")), SYSTEM)
+    np.testing.assert_allclose(got.time, 0.002 * np.arange(50), atol=1e-12)
