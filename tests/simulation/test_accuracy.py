@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from matching.diagnosis.data.segments import Segment
+from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
@@ -108,3 +110,14 @@ def test_a_finer_tolerance_gives_smaller_errors():
     ]
     assert errors[0] < 1e-2
     assert errors[1] < 1e-8
+
+
+def test_a_fit_steps_a_stiff_chain_implicitly():
+    """With the few steps a sample that a fit takes, explicit ones run away."""
+    model = compiled(chain())
+    motor = 50 * np.sin(2 * np.pi * 2 * TIME)[:, None]
+    segment = Segment(TIME, motor, np.zeros((len(TIME), 3)))
+    (got,) = simulate_readings(model, [segment], model.p0[None], [np.zeros((1, len(model.states)))], 8000.0)
+    expected = simulate(model, TIME, motor)
+    for j, name in enumerate(model.sensors):
+        assert np.abs(got[0, :, j] - expected[name]).max() < 1e-4 * np.ptp(expected[name]), name

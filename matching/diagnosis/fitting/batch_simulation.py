@@ -16,9 +16,11 @@ from modelling.simulation.integrator import native, virtual
 from modelling.simulation.integrator.c_library import compile_ahead
 from modelling.simulation.integrator.functions import functions
 from modelling.simulation.integrator.task import Task, Trajectories, make_task
+from modelling.simulation.plan import rates_at_rest
 
 FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than they save (measured on two cores)
 LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a model without abrupt torques
+UNSTABLE_RATE = 2.7  # rate times step; the same limit, just reached
 STABLE_RATE = 2.2  # rate times step; classical Runge–Kutta of order 4 is stable up to 2.78 on the negative real axis
 LOWEST_STICK_SPEED, HIGHEST_STICK_SPEED, STICK_SPEED_FACTOR = 1e-5, 1e3, 1.5  # rad/s, rad/s, between two trials
 
@@ -71,10 +73,23 @@ def simulate_states(
 def _tasks(
     model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps_per_second: float
 ) -> list[Task]:
+    stiff = _stiff(model, steps_per_second)
     return [
-        make_task(model, segment.time, segment.inputs, p, start, steps_per_second)
+        make_task(model, segment.time, segment.inputs, p, start, steps_per_second, implicit=stiff)
         for segment, start in zip(segments, starts, strict=True)
     ]
+
+
+@functools.lru_cache(maxsize=512)
+def _stiff(model: Model, steps_per_second: float) -> bool:
+    """Whether explicit steps at this rate are unstable for the model as it stands, dry friction aside.
+
+    Decided by the model's nominal values, so that all simulations of a fit take the same kind of step.
+    """
+    p = model.p0.copy()
+    if STICK_SPEED in model.parameters:
+        p[model.parameters.index(STICK_SPEED)] = 1e9  # friction that hardly depends on speed
+    return rates_at_rest(model, p[None]).any > UNSTABLE_RATE * steps_per_second
 
 
 def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[Trajectories]:
