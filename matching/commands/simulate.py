@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.model.files import load
     from modelling.simulation.recorded_start import recorded_start
     from modelling.simulation.simulate import simulate, with_stick_speed
+    from modelling.simulation.step_control import TOLERANCE
 
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
@@ -54,6 +55,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         p = with_stick_speed(model, recording.time, inputs, model.p0)
         start = recorded_start(model, recording, p)
     done = simulate(model, recording.time, inputs, start=start)
+    inaccurate = [
+        f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
+        for name, error in done.integration_error.items()
+        if error > TOLERANCE
+    ]
     misfit = {}
     for name in recording.sensors(system):
         there = np.isfinite(recording[name])
@@ -72,8 +78,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "duration": float(done.time[-1] - done.time[0]),
         "start": {"from": arguments.start, "states": dict(zip(done.state_names, done.states[0].tolist(), strict=True))},
         "steps_per_second": done.steps_per_second,
+        "integration_error": done.integration_error,
         "misfit": misfit,
-        "notes": list(recording.notes),
+        "notes": [*recording.notes, *inaccurate],
         "files": sorted(files),
     }
 
