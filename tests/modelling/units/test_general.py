@@ -59,8 +59,8 @@ def power(speed_unit, formula="M*n", speed=3000.0, torque_unit="N*m"):
             "n": {"value": speed, "unit": speed_unit, "uncertainty": 1.0},
         },
     }
-    results, _ = evaluate(budget_from_tables(tables), with_monte_carlo=False)
-    return results[0].measurand.unit.value_from_si(results[0].propagation.value)
+    result = evaluate(budget_from_tables(tables), with_monte_carlo=False).measurands[0]
+    return result.measurand.unit.value_from_si(result.propagation.value)
 
 
 def test_torque_times_speed_is_the_power_of_turns():
@@ -82,6 +82,7 @@ def test_a_speed_that_the_formula_states_in_turns():
     inputs = {"a": {"value": 90.0, "unit": "deg"}, "t": {"value": 10.0, "unit": "ms"}}
     for formula in ("a/t", "a/(2*pi*t)"):
         measurand = {"name": "n", "formula": formula, "unit": "1/min"}
-        results, _ = evaluate(budget_from_tables({"measurand": measurand, "inputs": inputs}), with_monte_carlo=False)
-        speed = results[0].measurand.unit.value_from_si(results[0].propagation.value)
+        budget = budget_from_tables({"measurand": measurand, "inputs": inputs})
+        result = evaluate(budget, with_monte_carlo=False).measurands[0]
+        speed = result.measurand.unit.value_from_si(result.propagation.value)
         assert speed == pytest.approx(1500.0, rel=1e-12)
