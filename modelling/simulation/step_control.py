@@ -31,6 +31,7 @@ IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to
 ORDER = 2  # with which the error falls at least: that of kinked laws, and of a torque that jumps within a step
 FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
 CALMER = 4  # refinement where a state is not finite
+SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
 OUTLIERS_IN = 32  # samples, of which one may miss a jump of torque: it lies on either side of it
 NO_RANGE = 1e-6  # of a reading's size: a range below that is rounding
 
@@ -137,15 +138,22 @@ def suited(rates: Rates, time: np.ndarray) -> Stepping:
 
 
 def _finite_run(recorded: Recorded, stepping: Stepping, compiled: bool | None) -> tuple[Stepping, Trajectories]:
-    """A run that stays finite, with finer steps or implicit ones where it does not at first."""
+    """A run that stays finite, with finer steps or implicit ones where it does not at first.
+
+    A motion that stops being finite at the same moment with finer steps runs away by itself: no step helps.
+    """
+    before = None
     while True:
         for each in dict.fromkeys((stepping, replace(stepping, implicit=True))):
             done = recorded.run(each, compiled)
             if (done.failed[:, 0] < 0).all():
                 return each, done
+        moment = int(done.failed[done.failed[:, 0] >= 0, 0].min())
         stepping = stepping.finer(CALMER)
-        if stepping.least(recorded.time) > MAX_STEPS_PER_SECOND:
+        runs_away = before is not None and abs(moment - before) <= max(SAME_MOMENT, SAME_MOMENT_RELATIVE * moment)
+        if runs_away or stepping.least(recorded.time) > MAX_STEPS_PER_SECOND:
             raise_if_failed(done.failed, recorded.time, recorded.model.states)
+        before = moment
 
 
 def run_to_tolerance(
