@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.screening import Screen
-from matching.diagnosis.data.segments import Data, Segment
-from matching.diagnosis.fitting.fit import base_problem, solve
+from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.problem import base_problem
 from matching.report.diagnosis.sentences import clause
 from modelling.effects import EFFECTS
 from modelling.model.files import from_dict
@@ -60,8 +61,8 @@ def test_a_new_effect_is_one_file(cubic_drag):
     assert speed[-1] == pytest.approx((4.0 / COEFFICIENT) ** (1 / 3), rel=1e-3)  # torque = coefficient·speed³
 
     recorded = simulate(system, TIME, {"motor": torque}, compile=False)["speed"]
-    data = Data((Segment(TIME, torque[:, None], recorded[:, None], "made"),), np.array([0.01]))
-    screened = list(Screen(solve(*base_problem(from_dict(MODEL), data))).candidates())
+    data = FitData((Segment(TIME, torque[:, None], recorded[:, None], "made"),), np.array([0.01]))
+    screened = list(Screening(solve(*base_problem(from_dict(MODEL), data))).candidates())
     (one,) = [candidate for candidate in screened if candidate.kind == "cubic_drag"]
     assert one.at == "inertias.rotor"
     assert one.parameters["coefficient"] > 0
