@@ -55,8 +55,8 @@ def test_unstable_poles_are_counted_alike(values):
     assert ClosedLoop(case).unstable_poles() == expected
 
 
-def test_an_undamped_oscillator_grows_with_negative_drag():
-    """One pole pair of a two-mass drive whose load drives itself; counted on the half plane alone."""
+def test_without_control_nothing_is_unstable_and_the_loop_has_no_gain():
+    """With every gain at 0 the bed is passive, and I + L is I."""
     case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
     still = replace(case, loop=case.loop.with_values(dict.fromkeys(
         ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0

@@ -10,6 +10,6 @@ from modelling.modal.modes import modes
 
 
 def programme_of(case: Case) -> Task:
-    """With what is frozen frozen, and nothing thawed."""
+    """With fixed parameters fixed, and none released."""
     shares = shares_of(case, modes(case.vehicle), counterparts(case))
     return task_of(case, shares, released_moves(case, shares), target_modes(case), demands(case))

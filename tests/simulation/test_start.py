@@ -134,7 +134,7 @@ def test_a_ripple_is_averaged_over_a_turn():
 
 
 def test_a_load_that_friction_would_hide_runs_up():
-    """Between breakaway and sliding friction falls with speed: Newton from rest ends in the valley between."""
+    """Between breakaway and sliding friction falls with speed: Newton from rest ends in the minimum between."""
     system = system_with("stribeck_friction", "quadratic_drag")
     model = compiled(system)
     x = steady(model, model.p0, np.array([6.0, -9.5]))

@@ -122,7 +122,6 @@ class ClosedLoop:
         """
         radius = 2 * np.pi * 2e4
         up = np.concatenate([[0.0], np.geomspace(1e-4, radius, steps)])
-        # the same path twice over as one parameter: 0 … 1 up the line, 1 … 2 along the quarter circle
         line = offset + 1j * up
         angle = np.pi / 2 - np.linspace(0, np.pi / 2, 400)[1:]
         path = np.concatenate([line, offset + radius * np.exp(1j * angle)])

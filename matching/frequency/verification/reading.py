@@ -117,7 +117,7 @@ def _read(
 
 def _kick(parts: Parts, vehicle: Body, mode: Mode, shape: np.ndarray) -> tuple[str, Mapping[str, np.ndarray]] | None:
     """A one-sided pulse, half a period long, on the input that moves the mode most."""
-    known = parts.measured or (*parts.drives, *parts.simulated)  # a torque nobody announces shows the feedback's modes
+    known = parts.measured or (*parts.drives, *parts.simulated)  # an unmeasured torque shows the feedback's modes
     inputs = [name for name in known if name in vehicle.space.inputs]
     on = {own.name: f"inertias.{own.on}" for own in vehicle.system.inputs}
     push = {name: abs(mode.shape[on[name]]) for name in dict.fromkeys(inputs)}
