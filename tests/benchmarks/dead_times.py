@@ -15,8 +15,9 @@ from tqdm import tqdm
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
-from matching.frequency.search.match import _errors, match
-from matching.frequency.verification import error_figures
+from matching.frequency.response.response_error import error_figures
+from matching.frequency.search.errors import errors_with_bounds
+from matching.frequency.search.match import match
 from modelling.bed.structures import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -37,8 +38,7 @@ def measured(case: Case, dead_time: float, structure: str) -> dict:
     over = []
     for band in BANDS:
         tuned = replace(found.tuned, band=band)
-        seen = replace(found.verification, errors=error_figures(tuned))
-        over.append(_errors(replace(case, band=band), tuned, seen).to_dict())
+        over.append(errors_with_bounds(tuned, error_figures(tuned)).to_dict())
     fidelity = None if found.fidelity is None else found.fidelity.to_dict()
     return {
         "dead_time": dead_time, "structure": structure, "status": found.status, "limits": list(found.limits),

@@ -11,8 +11,9 @@ from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.check import IndependentCheck, check
 from matching.frequency.independent.closed_loop import ClosedLoop, plain_response
 from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.responses import responses
+from matching.frequency.response.responses import ComparedBed
 from modelling.linear.response import response
 from modelling.model.files import from_dict
 
@@ -24,12 +25,20 @@ def case(request):
     return load_case(EXAMPLES / request.param / "case.toml")
 
 
+def feedback_responses(case, frequencies):
+    """Of the compared functions (f, h), by feedback alone and continuous control."""
+    pairs = [(pair.input, pair.sensor) for pair in case.compared]
+    inputs, sensors = [source for source, _ in pairs], [sensor for _, sensor in pairs]
+    H = ExactLoop(parts_of(case)).response(2j * np.pi * frequencies, inputs, sensors)
+    return np.stack([H[:, i, i] for i in range(len(pairs))], axis=1)
+
+
 def test_examples_agree_by_both_methods(case):
     frequencies = np.geomspace(*case.band, 15)
     parts = parts_of(case)
-    found = responses(case, frequencies, parts)
+    vehicle, controlled = ComparedBed(case).of_vehicle(frequencies), feedback_responses(case, frequencies)
     winding = encirclements(parts)
-    own = check(case, frequencies, found.vehicle, found.unmeasured)
+    own = check(case, frequencies, vehicle, controlled)
     assert own.not_covered == ""
     assert own.unstable_poles == winding.unstable == 0
     assert own.modulus_margin == pytest.approx(winding.modulus_margin, abs=1e-5)

@@ -8,7 +8,7 @@ from match import independent
 
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.response_error import error_figures
+from matching.frequency.response.response_error import error_figures
 from matching.frequency.search.match import match
 
 
@@ -35,7 +35,10 @@ def test_response_error(reference):
     error = reference.response_error
     assert error.band == (0.5, 30.0)
     assert error.after <= error.before / 10
-    assert error.after <= 1.3 * error.bound
+    assert error.after_held <= 1.3 * error.bound
+    # what sampling costs comes on top: half a sample on average
+    assert error.after_held < error.sampling < 0.04
+    assert error.after <= np.hypot(error.after_held, error.sampling)
     low = replace(reference.tuned, band=(0.5, 15.0))
     narrow = error_figures(low, parts_of(low, untuned=reference.case.rig))
     assert narrow.after <= narrow.before / 5
@@ -43,13 +46,14 @@ def test_response_error(reference):
 
 def test_unannounced_torques_are_told_apart(reference):
     """The honest figure: what the feedback alone does is far from the vehicle, and the result says so."""
-    assert reference.response_error.unmeasured > 100 * reference.response_error.after
+    assert reference.response_error.unmeasured > 20 * reference.response_error.after
     assert {mode["answers"] for mode in reference.matched_modes} == {"announced", "feedback"}
 
 
 def test_free_rig_is_the_one_before_tuning(reference):
     own = error_figures(reference.case)
-    assert reference.response_error.before == pytest.approx(own.before, rel=1e-12)
+    # each figure has converged to 1 % on frequencies of its own, which follow the rig in the case
+    assert reference.response_error.before == pytest.approx(own.before, rel=0.01)
     assert reference.tuned.rig.parameters != reference.case.rig.parameters
 
 

@@ -1,4 +1,4 @@
-"""Simulation against frequency responses, the twin, and itself by another path; poles of both parts together."""
+"""Simulation against frequency responses, feed-forward, and itself by another path; poles of both parts together."""
 
 from dataclasses import replace
 
@@ -8,23 +8,16 @@ from scipy.signal import cont2discrete
 
 from matching.frequency.loop.delay_line import arrivals
 from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.motion import LinearMotion
-from matching.frequency.loop.parts import parts_of, watched
+from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.poles import sampled_poles
-from matching.frequency.verification.robustness import feed_forward_action
+from matching.frequency.response.responses import feed_forward_of
 from matching.frequency.verification.simulation import free_motion, matched_motion
-from modelling.bed.feed_forward_design import design_feed_forward
-from modelling.bed.residual_vehicle import cut
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.simulation.simulate import simulate
 
 STEP = 1e-3
-
-
-def feed_forward_of(case):
-    return design_feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
 
 
 def phasor(signal, frequency, periods=5):
@@ -81,7 +74,7 @@ def test_feedback_in_simulation_is_its_response(feedback, source, frequency):
 
 @pytest.mark.parametrize("frequency", [1.0, 8.0, 25.0])
 @pytest.mark.parametrize("source", ["motor_torque", "road_left"])
-def test_announced_torques_are_answered_as_the_twin_says(reference, source, frequency):
+def test_measured_torques_are_answered_as_the_feed_forward_predicts(reference, source, frequency):
     parts, feed_forward = parts_of(reference), feed_forward_of(reference)
     traces = matched_motion(parts, feed_forward, {source: sine(frequency, 14)})
     H = feed_forward.response(np.array([frequency]))[0]
@@ -91,8 +84,8 @@ def test_announced_torques_are_answered_as_the_twin_says(reference, source, freq
 
 
 @pytest.mark.parametrize("dead_time", [0.0005, 0.003, 0.0047])
-def test_a_perfect_twin_and_the_rig_do_the_same(reference, dead_time):
-    """The twin's own recursion against the rig at fine steps with a true delay line: to rounding."""
+def test_a_perfect_model_and_the_rig_do_the_same(reference, dead_time):
+    """The feed-forward's recursion against the rig at fine steps with a true delay line: to rounding."""
     case = replace(reference, loop=reference.loop.with_values({"dead_time": dead_time, "torque_feed_forward": 0.0}))
     parts, feed_forward = parts_of(case), feed_forward_of(case)
     rng = np.random.default_rng(0)
@@ -113,29 +106,8 @@ def test_a_perfect_twin_and_the_rig_do_the_same(reference, dead_time):
         np.testing.assert_allclose(traces[sensor], wanted, atol=tolerance * np.ptp(wanted))
 
 
-def test_a_wrong_twin_answers_as_the_frequency_domain_says(reference):
-    """The rig's side shafts are 5 % stiffer than the twin believes: both parts of the loop at work."""
-    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
-    values = {f"shafts.side_{side}.stiffness": 1.05 * 1.092e4 for side in ("left", "right")}
-    rig = reference.rig.with_values(values)
-    true = replace(parts, rig=body(watched(rig, parts.cuts, rig_side=True)))
-    true = replace(true, case=replace(reference, rig=rig))
-    frequency = 5.0
-    traces = matched_motion(true, feed_forward, {"motor_torque": sine(frequency, 40)})
-    f = np.array([frequency])
-    H = ExactLoop(true).response(
-        2j * np.pi * f,
-        ["motor_torque"],
-        ["side_left_torque"],
-        feed_forward_action(feed_forward, true, ["motor_torque"], f, 0.003),
-    )
-    assert phasor(traces["side_left_torque"], frequency) == pytest.approx(H[0, 0, 0] * held(frequency), rel=2e-2)
-    right = feed_forward.response(f)[0, feed_forward.outputs.index("side_left_torque"), 0]
-    assert abs(H[0, 0, 0] * held(frequency) / right - 1) > 0.02
-
-
 def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
-    """Rig, true delay line, feedback and twin assembled in one discrete model: block triangular."""
+    """Rig, true delay line, feedback and feed-forward assembled in one discrete model: block triangular."""
     parts, feed_forward = parts_of(reference), feed_forward_of(reference)
     bed, own, k = parts.bed, parts.controller, 2
     motion = LinearMotion(bed.A, bed.B, k, STEP, [0.003, 0.0025])

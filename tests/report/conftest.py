@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from matching.frequency.case.load import load_case
-from matching.frequency.loop.responses import responses
+from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.verification import verify
+from matching.frequency.verification.verify import verify
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -30,7 +30,7 @@ def case():
 def hand_made(case):
     tuned = replace(case, loop=case.loop.with_values(GAINS))
     seen = verify(tuned)
-    found = responses(tuned, np.geomspace(0.3, 50, 200))
+    found = ComparedBed(tuned).at(np.geomspace(0.3, 50, 200))
     vehicle, rig = tuple(modes(case.vehicle)), tuple(modes(case.rig))
     targets = []
     for (number, mode, _), own in zip(seen.targets, seen.seen, strict=True):
@@ -77,6 +77,8 @@ def hand_made(case):
             errors.after,
             errors.after_like_before,
             errors.unmeasured,
+            errors.after_held,
+            errors.sampling,
             0.004,
             0.003,
             errors.functions,

@@ -29,6 +29,7 @@ FLOORS = [
     ["matching.frequency.case"],
     ["matching.frequency.independent"],
     ["matching.frequency.loop"],
+    ["matching.frequency.response"],
     ["matching.frequency.programme"],
     ["matching.frequency.programme.objectives"],
     ["matching.frequency.solver"],

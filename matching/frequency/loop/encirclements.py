@@ -106,7 +106,7 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
     left = round(float(slope))
     unstable = right - step.sum() / np.pi - left / 2
     remainder = 0.5 if len(wide) or np.abs(step).max() > STEP else float(unstable - round(unstable))
-    margin, where = _margin(difference, frequencies, values)
+    margin, where = modulus_margin(difference, frequencies, values)
     gaining = frequencies[_gain(values) > 0.5]
     edge = float(gaining.max(initial=LOWEST))
     return Encirclements(round(unstable), right, left, remainder, margin, where, edge, frequencies)
@@ -136,8 +136,16 @@ def _grid(delay: float, corners: np.ndarray, top: float) -> np.ndarray:
     return grid[(grid > 0) & (grid <= top)]
 
 
-def _margin(difference: Difference, frequencies: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Least singular value and its frequency, refined about the five lowest valleys."""
+def modulus_margin(difference: Difference, frequencies: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Least singular value of I + L and its frequency in Hz, refined about the five lowest minima of a grid.
+
+    Parameters
+    ----------
+    difference : callable
+        s (n,) → I + L (n, k, k).
+    frequencies, values : ndarray (f,), (f, k, k)
+        Hz, and the same there.
+    """
     sizes = np.linalg.svd(values, compute_uv=False)[:, -1]
     padded = np.concatenate([[np.inf], sizes, [np.inf]])
     valleys = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))

@@ -3,28 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from matching.frequency.loop.parts import Parts
 from modelling.common.errors import unknown
-
-
-@dataclass(frozen=True)
-class FeedForwardAction:
-    """What the model-based feed-forward does about measured torques w.
-
-    Attributes
-    ----------
-    commands : ndarray (f, k, w)
-        As the inverters get them, dead time included.
-    expected : ndarray (f, 2k, w)
-        Signed flange torques and rotor speeds.
-    """
-
-    commands: np.ndarray
-    expected: np.ndarray
 
 
 class ExactLoop:
@@ -44,20 +27,11 @@ class ExactLoop:
     def return_difference(self, s: np.ndarray) -> np.ndarray:
         """I + L at the dynamometers' commands, (f, k, k)."""
         k = len(self.parts.dynamometers)
-        own = self._measured(s, [dyno.torque_input for dyno in self.parts.dynamometers])
-        return np.eye(k) - self._controller(s)[:, :, : 2 * k] @ own
+        plant = self._measured(s, [dynamometer.torque_input for dynamometer in self.parts.dynamometers])
+        return np.eye(k) - self._controller(s)[:, :, : 2 * k] @ plant
 
-    def response(
-        self,
-        s: np.ndarray,
-        inputs: Sequence[str],
-        sensors: Sequence[str],
-        feed_forward: FeedForwardAction | None = None,
-    ) -> np.ndarray:
-        """Response (f, y, u) of the rig's sensors to inputs of the rig or of the residual vehicle.
-
-        Without ``feed_forward``, the feedback reacts to rig inputs only by what they do, and simulated inputs act in
-        its residual vehicle.
+    def response(self, s: np.ndarray, inputs: Sequence[str], sensors: Sequence[str]) -> np.ndarray:
+        """Response (f, y, u) of the rig's sensors to torques on the rig or in the residual vehicle, by feedback alone.
 
         Raises
         ------
@@ -71,18 +45,14 @@ class ExactLoop:
                 raise unknown(name, [*rig.inputs, *parts.simulated], "response")
         H, act = parts.rig.response(s), self._controller(s)
         here = [i for i, name in enumerate(inputs) if name in rig.inputs]
-        seen = np.zeros((len(s), 2 * k, len(inputs)), complex)
-        seen[:, :, here] = self._measured(s, [inputs[i] for i in here])
-        drive = act[:, :, : 2 * k] @ (seen if feed_forward is None else seen - feed_forward.expected)
-        if feed_forward is not None:
-            drive = drive + feed_forward.commands / (1 + s * parts.case.loop["inverter_lag"])[:, None, None]
-        else:
-            for i, name in enumerate(inputs):
-                if name in parts.simulated:
-                    drive[:, :, i] += act[:, :, 2 * k + parts.simulated.index(name)]
+        drive = np.zeros((len(s), k, len(inputs)), complex)
+        drive[:, :, here] = act[:, :, : 2 * k] @ self._measured(s, [inputs[i] for i in here])
+        for i, name in enumerate(inputs):
+            if name in parts.simulated:
+                drive[:, :, i] = act[:, :, 2 * k + parts.simulated.index(name)]
         torque = np.linalg.solve(self.return_difference(s), drive)
         rows = [rig.outputs.index(name) for name in sensors]
-        columns = [rig.inputs.index(dyno.torque_input) for dyno in parts.dynamometers]
+        columns = [rig.inputs.index(dynamometer.torque_input) for dynamometer in parts.dynamometers]
         total = H[:, rows][:, :, columns] @ torque
         total[:, :, here] += H[:, rows][:, :, [rig.inputs.index(inputs[i]) for i in here]]
         return total

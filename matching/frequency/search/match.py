@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping
 
@@ -13,18 +12,15 @@ from matching.frequency.case.demands import demands
 from matching.frequency.case.targets import target_modes
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight, counterparts, shares_of
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.response_error import error_figures
-from matching.frequency.loop.responses import responses
+from matching.frequency.response.responses import ComparedBed
+from matching.frequency.search.errors import errors_with_bounds
 from matching.frequency.search.infeasible_limits import shorter_dead_times
 from matching.frequency.search.limits import limits
-from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.search.result import Curves, MatchResult, ParameterResult, TargetResult
 from matching.frequency.search.shared_components import differing_components
 from matching.frequency.search.solve_and_verify import solve_and_verify
 from matching.frequency.solver.task import Near, Solution, Task
 from matching.frequency.verification.verify import Verification
-from modelling.bed.feed_forward_design import dead_time_lower_bound
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures.model_based import ModelBased
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import Mode, modes
 
@@ -87,7 +83,7 @@ def match(
     missed = any(not target.met for target in results)
     trial = shorter_dead_times(task, solution, targets) if missed and _feedback_alone(case, solution) else None
     stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, trial)
-    error = _errors(case, tuned, checked)
+    error = errors_with_bounds(tuned, checked.errors)
     tell("bound and curves")
     return MatchResult(
         status="limited" if stands else "matched",
@@ -178,37 +174,8 @@ def _target(
     )
 
 
-def _errors(case: Case, tuned: Case, checked: Verification) -> ResponseError:
-    own = checked.errors
-    return ResponseError(
-        band=own.band,
-        before=own.before,
-        after=own.after,
-        after_like_before=own.after_like_before,
-        unmeasured=own.unmeasured,
-        bound=_bound(tuned, 1),
-        bound_unsampled=_bound(tuned, 8),
-        functions=own.functions,
-    )
-
-
-def _bound(case: Case, refinement: int) -> float:
-    """Response error of the best causal controller, see :func:`modelling.bed.feed_forward.dead_time_lower_bound`."""
-    reference = cut(case.vehicle, case.rig)
-    ideal = dead_time_lower_bound(case.rig, reference, case.loop, refinement)
-    all_measured = dataclasses.replace(
-        case, loop=dataclasses.replace(case.loop, structure=ModelBased(), measured=_all_torques(case))
-    )
-    return float(error_figures(all_measured, parts_of(all_measured), ideal).after)
-
-
-def _all_torques(case: Case) -> tuple[str, ...]:
-    driven = {dyno.torque_input for dyno in case.loop.dynamometers}
-    return tuple(part.name for part in case.rig.inputs if part.name not in driven)
-
-
 def _curves(case: Case, tuned: Case) -> Curves:
     top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
     f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
-    found = responses(tuned, f, parts_of(tuned, untuned=case.rig))
+    found = ComparedBed(tuned, parts_of(tuned, untuned=case.rig)).at(f)
     return Curves(f, found.vehicle, found.rig, found.matched, found.unmeasured)

@@ -9,17 +9,15 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.loop.parts import Parts, parts_of, watched
-from matching.frequency.loop.response_error import response_error
+from matching.frequency.response.response_error import log_squares, nodes_of, pooled
+from matching.frequency.response.responses import ComparedBed
 from matching.frequency.studies.drawn_loops import Loops
-from matching.frequency.verification.robustness import compared
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 
-POINTS = 48  # frequencies of a response error
 CLOSE = 0.6  # relative distance within which a mode of the loop counts as the target's
 
 
@@ -58,6 +56,7 @@ class Prepared(Loops):
         reference = cut(self.case.vehicle, self.case.rig)
         self.feed_forward = loop.structure.feed_forward(self.case.rig, reference, loop)
         self.vehicle = body(self.case.vehicle)
+        self.nodes = nodes_of(ComparedBed(self.case, self.parts, self.feed_forward, self.vehicle))
 
     def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
         """Whether each draw is stable, (b,)."""
@@ -86,10 +85,11 @@ class Prepared(Loops):
         own = {one.name.removeprefix("rig."): v for one, v in zip(self.varied, x)}
         shared = {name: v for name, v in own.items() if name in self.case.vehicle.parameters}
         vehicle = body(self.case.vehicle.with_values(shared)) if shared else self.vehicle
-        loop = ExactLoop(self.true(x), self.dead_time(x))
-        frequencies = np.geomspace(*self.case.band, POINTS)
-        feed_forward = [self.feed_forward, None] if self.feed_forward is not None else [None]
-        return [response_error(*compared(loop, one, vehicle, frequencies)) for one in feed_forward]
+        found = ComparedBed(self.case, self.true(x), self.feed_forward, vehicle, self.dead_time(x)).at(
+            self.nodes.frequencies
+        )
+        matched = [found.matched, found.unmeasured] if self.feed_forward is not None else [found.unmeasured]
+        return [pooled(self.nodes.root_mean(log_squares(one, found.vehicle))) for one in matched]
 
     def _goals(self) -> dict[int, complex]:
         """Modes of the nominal feedback loop near the targets, as far as it has any, by the target's mode number."""

@@ -10,6 +10,7 @@ import numpy as np
 from matching.frequency.case.case import Case
 from matching.frequency.independent.check import IndependentCheck, check
 from matching.frequency.loop.encirclements import Encirclements, encirclements
+from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.loop_modes import LoopMode, feed_forward_modes, feedback_modes, match_mode
 from matching.frequency.loop.motion import is_linear
 from matching.frequency.loop.pade import phase_error
@@ -23,13 +24,12 @@ from matching.frequency.loop.poles import (
     resting_and_right,
     sampled_poles,
 )
-from matching.frequency.loop.response_error import ErrorFigures, error_figures
-from matching.frequency.loop.responses import responses
+from matching.frequency.response.response_error import ErrorFigures, error_figures
+from matching.frequency.response.responses import ComparedBed
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
 from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
-from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 from modelling.model.system import System
@@ -173,7 +173,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     counted = _believed(orders, delay, winding.gain_edge, notes)
     checks = {f"poles, order {own.order}": own.unstable(neutral) == 0 for own in counted}
     checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
-    independent = _independent(case, parts, feed_forward)
+    independent = _independent(case, parts)
     if independent.unstable_poles is not None:
         checks["dynamic stiffness"] = independent.unstable_poles == 0
     if independent.not_covered:
@@ -194,6 +194,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     every = (*found, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
+    errors = error_figures(case, parts, feed_forward)
     least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
     if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
         notes.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
@@ -207,15 +208,19 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         margin, winding.margin_frequency, winding, independent,
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
         _targets(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
-        error_figures(case, parts, feed_forward),
-        robustness(parts, feed_forward) if deviations else (), traces, tuple(notes),
+        errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
+        tuple(notes),
     )  # fmt: skip
 
 
-def _independent(case: Case, parts: Parts, feed_forward: FeedForward | None) -> IndependentCheck:
+def _independent(case: Case, parts: Parts) -> IndependentCheck:
+    """The vehicle and the feedback loop with continuous control, by dynamic stiffness."""
     frequencies = np.geomspace(*case.band, COMPARED_FREQUENCIES)
-    found = responses(case, frequencies, parts, feed_forward)
-    return check(case, frequencies, found.vehicle, found.unmeasured)
+    pairs = [(pair.input, pair.sensor) for pair in case.compared]
+    inputs, sensors = ([*dict.fromkeys(names)] for names in zip(*pairs, strict=True))
+    H = ExactLoop(parts).response(2j * np.pi * frequencies, inputs, sensors)
+    controlled = np.stack([H[:, sensors.index(sensor), inputs.index(source)] for source, sensor in pairs], axis=1)
+    return check(case, frequencies, ComparedBed(case, parts).of_vehicle(frequencies), controlled)
 
 
 def _inside(z: np.ndarray, neutral: int) -> bool:

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
-from matching.frequency.loop.responses import responses
 from matching.frequency.programme.closed_loop import General
 from matching.frequency.programme.constraints import CommonParts, summed
 from matching.frequency.programme.evaluators import jacobian, value, weighted_gradient, weighted_hessian
 from matching.frequency.programme.objective import Objective, ObjectiveBlock, Terms
 from matching.frequency.programme.terms import logarithm
+from matching.frequency.response.responses import ComparedBed
 
 FREQUENCIES = 48  # log-spaced over the band
 SMALLEST_RATIO_SQUARED = 1e-12  # added to |H/H_vehicle|², so that its logarithm stays finite
@@ -33,7 +33,7 @@ class ResponseErrorObjective(Objective):
     def of(cls, case: Case) -> ResponseErrorObjective:
         """See :meth:`Objective.of`."""
         frequencies = np.geomspace(*case.band, FREQUENCIES)
-        return cls(frequencies, responses(case, frequencies).vehicle)
+        return cls(frequencies, ComparedBed(case).of_vehicle(frequencies))
 
     @staticmethod
     def terms(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Terms, Terms]:

@@ -1,0 +1,166 @@
+"""How far the compared responses of rig and vehicle are apart: the response error and its figures.
+
+The error is the root mean square of |log(H_rig/H_vehicle)|, complex logarithm, phase by its principal value, over the
+band (logarithm of frequency) and the compared functions. H_vehicle is the continuous vehicle; torques enter the
+continuous rig, whose controller samples and holds (:mod:`matching.frequency.response.sampled_data`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.loop.parts import Parts
+from matching.frequency.response.band import BandNodes, antiresonances, converged_nodes, resonances
+from matching.frequency.response.responses import ComparedBed
+from modelling.bed.feed_forward import FeedForward
+
+
+@dataclass(frozen=True)
+class FunctionError:
+    """Root mean squares over the band for one compared function; None where the free rig has no path."""
+
+    input: str
+    sensor: str
+    before: float | None
+    after: float
+    unmeasured: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "input": self.input, "sensor": self.sensor, "before": self.before, "after": self.after,
+            "unannounced": self.unmeasured,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Response errors of a tuned bed, over the band and the compared functions together and by function.
+
+    Attributes
+    ----------
+    before : float or None
+        The free rig over the functions that have a path there; None where none has.
+    after, unmeasured : float
+        The matched rig, and the same by feedback alone, over all compared functions.
+    after_like_before : float or None
+        The matched rig over the functions of ``before``.
+    after_held : float
+        ``after`` if measured torques were held from sample to sample for rig and vehicle alike: what is left when
+        sampling costs nothing.
+    sampling : float or None
+        What sampling costs: of a vehicle that gets the measured torques sampled and held, against the vehicle; None
+        where no torque is measured.
+    nodes : BandNodes
+        Frequencies at which these means have converged to 1 %.
+    """
+
+    band: tuple[float, float]
+    before: float | None
+    after: float
+    after_like_before: float | None
+    unmeasured: float
+    after_held: float
+    sampling: float | None
+    functions: tuple[FunctionError, ...]
+    nodes: BandNodes
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """|log(H/H_vehicle)|² (f, h) of free rig, matched rig and feedback alone; NaN where there is no path."""
+
+    before: np.ndarray
+    after: np.ndarray
+    unmeasured: np.ndarray
+
+    @classmethod
+    def of(cls, bed: ComparedBed, frequencies: np.ndarray) -> _Squares:
+        found = bed.at(frequencies)
+        return cls(*(log_squares(one, found.vehicle) for one in (found.rig, found.matched, found.unmeasured)))
+
+
+def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
+    """|log(H_rig/H_vehicle)|², complex logarithm, principal value; arrays of one shape."""
+    with np.errstate(invalid="ignore"):  # NaN where a torque has no path
+        return np.abs(np.log(rig / vehicle)) ** 2
+
+
+def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForward | None = None) -> ErrorFigures:
+    """Response errors over the band of a tuned case.
+
+    Parameters
+    ----------
+    case, parts, feed_forward
+        As for :class:`matching.frequency.response.responses.ComparedBed`.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the feed-forward has no solution.
+    """
+    bed = ComparedBed(case, parts, feed_forward)
+    nodes = nodes_of(bed)
+    squares = _Squares.of(bed, nodes.frequencies)
+    before, after, unmeasured = (nodes.root_mean(one) for one in (squares.before, squares.after, squares.unmeasured))
+    held, sampling = _held(bed, nodes)
+    path = ~np.isnan(before)
+    functions = tuple(
+        FunctionError(
+            source, sensor, float(before[h]) if path[h] else None, float(after[h]), float(unmeasured[h])
+        )
+        for h, (source, sensor) in enumerate(bed.pairs)
+    )  # fmt: skip
+    return ErrorFigures(
+        band=case.band,
+        before=pooled(before[path]) if path.any() else None,
+        after=pooled(after),
+        after_like_before=pooled(after[path]) if path.any() else None,
+        unmeasured=pooled(unmeasured),
+        after_held=pooled(np.where(bed.measured, held, after)),
+        sampling=pooled(sampling[bed.measured]) if bed.measured.any() else None,
+        functions=functions,
+        nodes=nodes,
+    )
+
+
+def held_error(case: Case, parts: Parts, feed_forward: FeedForward) -> float:
+    """Response error of a feed-forward's own design with every torque measured and held between its samples."""
+    bed = ComparedBed(case, parts, feed_forward)
+    nodes = converged_nodes(case.band, lambda f: log_squares(*bed.held(f)), _breaks(bed))
+    return pooled(nodes.root_mean(log_squares(*bed.held(nodes.frequencies))))
+
+
+def pooled(errors: Sequence[float] | np.ndarray) -> float:
+    """Root mean square of the errors of several functions."""
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def nodes_of(bed: ComparedBed) -> BandNodes:
+    """Nodes over the band of a bed's case at which the errors of every compared function have converged."""
+
+    def squares(frequencies: np.ndarray) -> np.ndarray:
+        found = _Squares.of(bed, frequencies)
+        together = np.hstack([found.before, found.after, found.unmeasured])
+        return together[:, ~np.isnan(together[0])]
+
+    return converged_nodes(bed.case.band, squares, _breaks(bed))
+
+
+def _breaks(bed: ComparedBed) -> np.ndarray:
+    """Resonances of vehicle and rig and antiresonances of the vehicle's compared functions, Hz."""
+    vehicle = bed.vehicle.space
+    zeros = [antiresonances(vehicle, source, sensor) for source, sensor in dict.fromkeys(bed.pairs)]
+    return np.concatenate([resonances(vehicle), resonances(bed.parts.rig.space), *zeros])
+
+
+def _held(bed: ComparedBed, nodes: BandNodes) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (h,) with torques held for rig and vehicle alike, and of the vehicle held against the vehicle."""
+    rig, vehicle = bed.held(nodes.frequencies)
+    continuous = bed.of_vehicle(nodes.frequencies)
+    return nodes.root_mean(log_squares(rig, vehicle)), nodes.root_mean(log_squares(vehicle, continuous))
