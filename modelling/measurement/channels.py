@@ -4,6 +4,7 @@
 motor_torque = "T_EM_actual"                                  # name in the model = name in the measurement
 motor_speed = { channel = "n_EM", unit = "1/min" }            # a unit where the file has none, or a wrong one
 flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction
+load_speed = { channel = "n_load", group = 3, factor = 1.02 } # of an MDF: the group; times a factor
 time = "t"
 """
 
@@ -20,19 +21,21 @@ import numpy as np
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml
 from modelling.measurement.readers.table import Table
-from modelling.units import factor
+from modelling.units import factor, to_si
 
-KEYS = ("channel", "unit", "sign")
+KEYS = ("channel", "unit", "sign", "factor", "group")
 CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of a measurement file: its name there, its unit (None: as the file says), and its sign."""
+    """A channel of a measurement file: its name there, its unit (None: as the file says), what it is multiplied by, and
+    the group it is in where several have it (MDF)."""
 
     name: str
     unit: str | None = None
-    sign: float = 1.0
+    factor: float = 1.0
+    group: int | None = None
 
 
 def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
@@ -69,14 +72,19 @@ def _channel(value: Any, where: str) -> Channel:
     for key in table:
         if key not in KEYS:
             raise unknown(key, list(KEYS), where)
-    name, unit, sign = table.get("channel"), table.get("unit"), table.get("sign", 1)
+    name, unit, sign, group = table.get("channel"), table.get("unit"), table.get("sign", 1), table.get("group")
     if not isinstance(name, str) or not name.strip():
         raise InputError(where, "names no channel", 'write "channel" or { channel = "…", unit = "…", sign = -1 }')
     if unit is not None and not isinstance(unit, str):
         raise InputError(f"{where}.unit", f"{unit!r} is no unit", 'write a text such as "N*m" or "1/min"')
     if isinstance(sign, bool) or sign not in (1, -1):
         raise InputError(f"{where}.sign", f"{sign!r} is no sign", "write 1 or -1")
-    return Channel(name.strip(), unit, float(sign))
+    multiplier = to_si(table.get("factor", 1.0), "1", f"{where}.factor")
+    if multiplier == 0:
+        raise InputError(f"{where}.factor", "is 0", "write what the channel is to be multiplied by")
+    if group is not None and (isinstance(group, bool) or not isinstance(group, int) or group < 0):
+        raise InputError(f"{where}.group", f"{group!r} is no group", "write its number, counted from 0")
+    return Channel(name.strip(), unit, sign * multiplier, group)
 
 
 def _same_unit(first: str, second: str) -> bool:
@@ -92,6 +100,11 @@ def _same_unit(first: str, second: str) -> bool:
 def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
     """What channels of the model, and time, are called in the file."""
     return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
+
+
+def groups_in_file(channels: Mapping[str, Channel] | None) -> dict[str, int]:
+    """The group of every channel for which one is named, by the channel's name in the file."""
+    return {one.name: one.group for one in (channels or {}).values() if one.group is not None}
 
 
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
@@ -119,8 +132,7 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         if stated and not _same_unit(stated, unit):
             notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
         names[index], units[index] = name, unit
-        if channel.sign < 0:
-            values[:, index] = -values[:, index]
+        values[:, index] *= channel.factor
     return replace(table, names=names, units=units, values=values, notes=tuple(notes))
 
 

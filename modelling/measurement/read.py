@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from modelling.common.errors import InputError, listed, unknown
-from modelling.measurement.channels import Channel, names_in_file, renamed
+from modelling.measurement.channels import Channel, groups_in_file, names_in_file, renamed
 from modelling.measurement.columns import check_header, column
 from modelling.measurement.gaps import bridged, longest_bridge, missing_note
 from modelling.measurement.readers import read_table
@@ -43,7 +43,7 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
         time that does not rise, too few rows.
     """
     source = str(path)
-    table = read_table(path, names_in_file(_units(system), channels))
+    table = read_table(path, names_in_file(_units(system), channels), groups_in_file(channels))
     return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
 
 
@@ -91,7 +91,7 @@ def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Chan
     """
     source = str(path)
     wanted = {name: channel for name, channel in (channels or {}).items() if name in names or name == "time"}
-    table = read_table(path, {*names_in_file(names, wanted), *names, "time"})
+    table = read_table(path, {*names_in_file(names, wanted), *names, "time"}, groups_in_file(wanted))
     wanted = {
         name: channel for name, channel in wanted.items() if channel.name in table.names or name not in table.names
     }

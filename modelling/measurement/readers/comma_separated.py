@@ -23,6 +23,11 @@ TIME_UNITS = {"s", "sec", "ms", "us", "µs", "min", "h"}  # below the name of ti
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
 
 
+def is_foreign(_: Path) -> bool:
+    """Never."""
+    return False
+
+
 def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read a CSV file; empty cells and ``nan`` are missing values, units may stand in a row of their own.
 

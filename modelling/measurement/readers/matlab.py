@@ -7,14 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
 from modelling.common.errors import InputError
 from modelling.measurement.readers.table import Table
 
 
+def is_foreign(path: Path) -> bool:
+    """Whether it is of version 7.3, which the HDF5 library reads."""
+    with path.open("rb") as file:
+        header = file.read(128)
+    return header.startswith(b"MATLAB") and header[124:126] in (b"\x00\x02", b"\x02\x00")
+
+
 def read(path: Path, used: Collection[str] | None = None) -> Table:
-    """Read a .mat file with a vector ``time`` and one a channel, of one length.
+    """Read a .mat file with a vector ``time`` and one a channel, of one length; only structs and what is used is read.
 
     Names in MATLAB hold no brackets, so values are in SI, unless a struct ``units`` gives a text by channel.
 
@@ -23,15 +30,15 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     InputError
         If it is no such file, a used channel has another length than time, or h5py is missing for version 7.3.
     """
-    try:
-        found = {name: value for name, value in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
-    except NotImplementedError:
-        found = _version_7_3(path)
-    except OSError:
-        raise
-    except Exception as fault:  # scipy raises many kinds for what is not a .mat file
-        raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
     known = set(used or ()) | {"time"}
+    try:
+        found, others = (_version_7_3 if is_foreign(path) else _version_5)(path, None if used is None else known)
+    except (InputError, MemoryError):
+        raise
+    except Exception as fault:  # the libraries raise many kinds for what is not a .mat file
+        if isinstance(fault, OSError) and fault.strerror:
+            raise
+        raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
     structs = [
         value for name, value in found.items() if isinstance(value, dict) and name != "units" and known & {*value}
     ]
@@ -55,7 +62,8 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     columns = {
         name: np.asarray(value, dtype=float).ravel()
         for name, value in found.items()
-        if isinstance(value, np.ndarray)
+        if (used is None or name in known)
+        and isinstance(value, np.ndarray)
         and np.size(value) == length
         and np.issubdtype(value.dtype, np.number)
         and value.dtype.kind != "c"
@@ -64,32 +72,48 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
     names = sorted(columns, key=lambda name: name != "time")
     values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
-    return Table(names, [units.get(name, "") for name in names], values)
+    others = tuple(name for name in (*others, *found) if name not in names and name != "units")
+    return Table(names, [units.get(name, "") for name in names], values, others=others)
 
 
-def _version_7_3(path: Path) -> dict[str, Any]:
+def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Values by name, structs as dicts, and the names of what is not read."""
+    names = {name: kind for name, _, kind in whosmat(path)}
+    read = [name for name, kind in names.items() if wanted is None or name in wanted or kind == "struct"]
+    found = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
+    return {name: found[name] for name in read if name in found}, tuple(name for name in names if name not in read)
+
+
+def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
     try:
         import h5py
     except ImportError:
         right = "in rigmatch's folder: pip install -e '.[measurement]', or save it with -v7"
         raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
     with h5py.File(path) as file:
-        return _members(file)
+        others: list[str] = []
+        return _members(file, wanted, others), tuple(others)
 
 
-def _members(group: Any) -> dict[str, Any]:
-    """Numbers, texts and structs of a group, as ``loadmat`` would give them; other classes are left out."""
+def _members(group: Any, wanted: set[str] | None, others: list[str]) -> dict[str, Any]:
+    """Numbers, texts and structs of a group, as ``loadmat`` would give them; other classes are left out.
+
+    Names of numbers that are not ``wanted`` are added to ``others``.
+    """
     import h5py
 
     found: dict[str, Any] = {}
-    for name, own in group.items():
-        kind = own.attrs.get("MATLAB_class", b"")
+    for name, member in group.items():
+        kind = member.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-        if isinstance(own, h5py.Group):
+        if isinstance(member, h5py.Group):
             if not name.startswith("#"):
-                found[name] = _members(own)
+                found[name] = _members(member, wanted, others)
         elif kind == "char":
-            found[name] = "" if "MATLAB_empty" in own.attrs else own[()].tobytes().decode("utf-16-le")
-        elif own.dtype.kind in "fiu" and "MATLAB_empty" not in own.attrs:
-            found[name] = np.asarray(own)
+            found[name] = "" if "MATLAB_empty" in member.attrs else member[()].tobytes().decode("utf-16-le")
+        elif member.dtype.kind in "fiu" and "MATLAB_empty" not in member.attrs:
+            if wanted is None or name in wanted:
+                found[name] = np.asarray(member)
+            else:
+                others.append(name)
     return found

@@ -13,6 +13,11 @@ from modelling.measurement.readers.table import Table, name_and_unit
 TICKS_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
+def is_foreign(_: Path) -> bool:
+    """Always: pyarrow."""
+    return True
+
+
 def read(path: Path, used: Collection[str] | None = None) -> Table:
     """Read a Parquet file.
 
@@ -25,8 +30,14 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     import pyarrow.parquet
 
     try:
-        table = pyarrow.parquet.read_table(path)
-    except pyarrow.ArrowInvalid as fault:
+        fields = pyarrow.parquet.read_schema(path).names
+        wanted = [name for name in fields if used is None or name_and_unit(name)[0] in used]
+        table = pyarrow.parquet.read_table(path, columns=wanted)
+    except MemoryError:
+        raise
+    except (pyarrow.ArrowException, ValueError, OSError) as fault:
+        if isinstance(fault, OSError) and fault.strerror:
+            raise
         raise InputError(str(path), f"is no Parquet file: {fault}", "write it as Parquet") from None
     names: list[str] = []
     units: list[str] = []
@@ -49,4 +60,5 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     if "time" in names:
         for texts in (names, units, columns):  # an index is written last
             texts.insert(0, texts.pop(names.index("time")))
-    return Table(names, units, np.stack(columns, axis=1) if columns else np.empty((0, 0)))
+    others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in names)
+    return Table(names, units, np.stack(columns, axis=1) if columns else np.empty((0, 0)), others=others)
