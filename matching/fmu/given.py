@@ -59,8 +59,36 @@ def given(path: str | Path) -> Given:
     return _residual(case, {move.name: move.start for move in case.moves}, ())
 
 
-def _result(path: Path) -> Given:
-    """The residual vehicle of a match: the case it wrote, with the values that its result states."""
+@dataclass(frozen=True)
+class TunedCase:
+    """A case with the values of its moves (SI), by name, and what has to be said of them."""
+
+    case: Case
+    values: dict[str, float]
+    notes: tuple[str, ...]
+
+    @property
+    def tuned(self) -> Case:
+        """The case at these values."""
+        moves = {move.name: move for move in self.case.moves}
+        return apply(self.case, {name: value for key, value in self.values.items() for name in moves[key].together})
+
+
+def tuned_case(path: str | Path) -> TunedCase:
+    """The case of a match with the values that its result states, or a case file with its start values.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "result.json"
+    if path.suffix != ".json":
+        case = load_case(path)
+        note = "a case, not a match: everything stands at its start value"
+        return TunedCase(case, {move.name: move.start for move in case.moves}, (note,))
     result = _json(path)
     case_file = path.with_name("case.toml")
     if not case_file.exists():
@@ -80,7 +108,13 @@ def _result(path: Path) -> Given:
     notes = []
     if result.get("status") != "matched":
         notes.append(f"the match is {str(result.get('status'))!r}, not 'matched': see its limits in {path}")
-    return _residual(case, values, tuple(notes))
+    return TunedCase(case, values, tuple(notes))
+
+
+def _result(path: Path) -> Given:
+    """The residual vehicle of a match."""
+    match = tuned_case(path)
+    return _residual(match.case, match.values, match.notes)
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,44 @@ from modelling.simulation.integrator.functions import functions
 from modelling.simulation.plan import steps_per_second
 
 STEPS = "simulation.steps_per_second"
+ABOUT = (
+    "All values in SI. Stepped by classical Runge-Kutta of order four, internal steps no longer than "
+    "1/simulation.steps_per_second; a communication step may have any length."
+)
+
+
+class Contents(Protocol):
+    """What every FMU says of itself: title, file name, one sentence, and its variables with the time left out."""
+
+    @property
+    def title(self) -> str:
+        """What it is, for a reader."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """As a file name."""
+        ...
+
+    @property
+    def about(self) -> str:
+        """How it steps, in one sentence."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:
+        """Inputs."""
+        ...
+
+    @property
+    def outputs(self) -> tuple[Variable, ...]:
+        """Outputs."""
+        ...
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """All, in the order of their value references, which begin at 1; 0 is the time."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -61,6 +100,11 @@ class Block:
     def variables(self) -> tuple[Variable, ...]:
         """All, in the order of their value references, which begin at 1; 0 is the time."""
         return (*self.inputs, *self.outputs, *self.parameters, *self.states)
+
+    @property
+    def about(self) -> str:
+        """How it steps, in one sentence."""
+        return ABOUT
 
     @property
     def steps_per_second(self) -> float:

@@ -6,7 +6,7 @@ import math
 import re
 from xml.etree import ElementTree as ET
 
-from modelling.fmu.block import Block
+from modelling.fmu.block import Contents
 from modelling.fmu.units import exponents
 from modelling.fmu.variables import Variable
 
@@ -16,7 +16,7 @@ VARIABILITY = {
 }  # fmt: skip
 
 
-def description(block: Block, identifier: str, fmi: str, token: str, step: float, source: str) -> str:
+def description(block: Contents, identifier: str, fmi: str, token: str, step: float, source: str) -> str:
     """XML text; ``step`` (s) is the communication step suggested, ``source`` the C file to be compiled."""
     two = fmi == "2.0"
     root = ET.Element(
@@ -25,8 +25,7 @@ def description(block: Block, identifier: str, fmi: str, token: str, step: float
             "fmiVersion": fmi,
             "modelName": xml_text(block.title),
             "guid" if two else "instantiationToken": token,
-            "description": "All values in SI. Stepped by classical Runge-Kutta of order four, internal steps no longer "
-            "than 1/simulation.steps_per_second; a communication step may have any length.",
+            "description": block.about,
             "generationTool": "rigmatch",
             "variableNamingConvention": "flat",
         },
@@ -63,7 +62,7 @@ def xml_text(text: str) -> str:
     return re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
 
 
-def _units(root: ET.Element, block: Block) -> None:
+def _units(root: ET.Element, block: Contents) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted({"s", *(own.unit for own in block.variables)}):
         powers = {name: str(power) for name, power in exponents(unit).items()}

@@ -7,11 +7,12 @@ import io
 import platform
 import re
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from modelling.fmu.block import Block
+from modelling.fmu.block import Block, Contents
 from modelling.fmu.build import SUFFIX, binary, folder
 from modelling.fmu.description import description, xml_text
 from modelling.fmu.source import FILES, sources
@@ -43,14 +44,32 @@ def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
     step : float
         s, communication step to suggest.
     """
-    block = replace(block, title=xml_text(block.title))
-    identifier = re.sub(r"[^A-Za-z0-9_]+", "_", block.name).strip("_") or "model"
+    clean = replace(block, title=xml_text(block.title))
+    page = page_of("index.html", block=clean, fmi=fmi)
+    return package(clean, fmi, step, page, lambda identifier, token: sources(clean, identifier, fmi, token))
+
+
+def package(contents: Contents, fmi: str, step: float, page: str, code_of: Callable[[str, str], dict[str, str]]) -> Fmu:
+    """An FMU of any contents.
+
+    Parameters
+    ----------
+    contents : Contents
+        With a title that XML can hold.
+    fmi, step
+        As in :func:`fmu`.
+    page : str
+        HTML of the documentation.
+    code_of : callable
+        (identifier, token) → C files by name.
+    """
+    identifier = re.sub(r"[^A-Za-z0-9_]+", "_", contents.name).strip("_") or "model"
     identifier = identifier if identifier[0].isalpha() else f"model_{identifier}"
-    token = _token(block, identifier, fmi, step)
-    code = sources(block, identifier, fmi, token)
+    token = _token(description(contents, identifier, fmi, "", step, ""), code_of(identifier, ""))
+    code = code_of(identifier, token)
     files: dict[str, bytes] = {
-        "modelDescription.xml": description(block, identifier, fmi, token, step, FILES[fmi]).encode(),
-        "documentation/index.html": _page(block, fmi).encode(),
+        "modelDescription.xml": description(contents, identifier, fmi, token, step, FILES[fmi]).encode(),
+        "documentation/index.html": page.encode(),
         "documentation/licenses/license.txt": LICENCE.encode(),
     }
     made, lacking = binary(code, FILES[fmi])
@@ -62,19 +81,19 @@ def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
     return Fmu(_archive(files), token, identifier, folder(fmi) if made is not None else None, lacking)
 
 
-def _token(block: Block, identifier: str, fmi: str, step: float) -> str:
+def _token(described: str, code: dict[str, str]) -> str:
     """A GUID that follows from all that is in the FMU but its binary."""
-    parts = [description(block, identifier, fmi, "", step, ""), *sources(block, identifier, fmi, "").values()]
-    digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    digest = hashlib.sha256("\0".join([described, *code.values()]).encode()).hexdigest()
     return "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
 
 
-def _page(block: Block, fmi: str) -> str:
+def page_of(template: str, **values: object) -> str:
+    """HTML of the documentation from a template of ``sources/``."""
     made = Environment(
         loader=PackageLoader("modelling.fmu", "sources"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    return made.get_template("index.html").render(block=block, fmi=fmi) + "\n"
+    return made.get_template(template).render(**values) + "\n"
 
 
 def _build_description(identifier: str) -> str:

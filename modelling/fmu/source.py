@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -32,6 +32,19 @@ def _generated(block: Block) -> str:
     return generator.dump()
 
 
+def variable_table(
+    title: str, defines: Mapping[str, str], variables: Sequence[Variable], parameters: Sequence[Variable]
+) -> list[str]:
+    """Lines of ``model.h``: definitions, then names and start values in the order of the value references."""
+    time = Variable("time", "independent", "s")
+    lines = [f"/* {_comment(title)}: sizes, names and start values, in the order of the value references */"]
+    lines += [f"#define {name} {value}" for name, value in defines.items()]
+    lines += _array("char *const NAME", (_text(variable.name) for variable in (time, *variables)))
+    lines += _array("double START", (_real(variable.start) for variable in (time, *variables)))
+    lines += _array("double LOWER", (_real(parameter.lower) for parameter in parameters))
+    return lines + _array("double UPPER", (_real(parameter.upper) for parameter in parameters))
+
+
 def _header(block: Block, identifier: str, token: str) -> str:
     own = (block.constants, block.field, block.reading)
     sizes = {
@@ -47,16 +60,10 @@ def _header(block: Block, identifier: str, token: str) -> str:
         "N_TAKEN": math.ceil(LOOK_BACK * block.delay * block.steps_per_second) + 8 if block.delay else 0,
         "HAS_CONTACT": int(not math.isnan(block.contact)),
     }
-    time = Variable("time", "independent", "s")
-    variables = [time, *block.variables]
-    lines = [f"/* {_comment(block.title)}: sizes, names and start values, in the order of the value references */"]
-    lines += [f'#define IDENTIFIER "{identifier}"', f'#define TOKEN "{token}"']
-    lines += [f"#define {name} {value}" for name, value in sizes.items()]
-    lines += [f"#define CONTACT {0.0 if math.isnan(block.contact) else block.contact!r}"]
-    lines += _array("char *const NAME", (_text(own.name) for own in variables))
-    lines += _array("double START", (_real(own.start) for own in variables))
-    lines += _array("double LOWER", (_real(own.lower) for own in block.parameters))
-    lines += _array("double UPPER", (_real(own.upper) for own in block.parameters))
+    defines = {"IDENTIFIER": f'"{identifier}"', "TOKEN": f'"{token}"'}
+    defines |= {name: str(value) for name, value in sizes.items()}
+    defines["CONTACT"] = repr(0.0 if math.isnan(block.contact) else block.contact)
+    lines = variable_table(block.title, defines, block.variables, block.parameters)
     lines += _array("int SPEED", (str(own) for own in block.speeds))
     lines += _array("int NOT_ZERO", (str(int(own.nonzero)) for own in block.parameters))
     return "\n".join(lines) + "\n"

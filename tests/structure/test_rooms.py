@@ -20,6 +20,7 @@ FLOORS = [
     ["modelling.simulation"],
     ["modelling.bed"],
     ["modelling.bed.structures"],
+    ["modelling.controller"],
     ["modelling.fmu"],
     ["matching.studies"],
     ["matching.validity.budget"],

@@ -1,0 +1,116 @@
+"""C sources of a controller: a header to call it by, its numbers, and the fixed code of ``sources/``."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from modelling.controller import settings as fixed
+from modelling.controller.exported import ExportedController
+
+HERE = Path(__file__).with_name("sources")
+
+
+def c_sources(controller: ExportedController) -> dict[str, str]:
+    """C files by name: ``controller.h``, ``controller.c`` and ``controller_data.h``."""
+    return {
+        "controller.h": _header(controller),
+        "controller.c": (HERE / "controller.c").read_text(encoding="utf-8"),
+        "controller_data.h": _data(controller),
+    }
+
+
+def memory_bytes(controller: ExportedController) -> int:
+    """Size of the controller's structure in double precision, padding aside."""
+    k, y = len(controller.law.dynamometers), len(controller.law.sensors)
+    x, w = len(controller.law.A), len(controller.law.known)
+    reals = 5 * k + y + x + 2 * y + (w + 1) + 4 * k + fixed.REMEMBERED_SAMPLES * k
+    return 8 * reals + 4 * 10
+
+
+def _header(controller: ExportedController) -> str:
+    law = controller.law
+    readings = [f"{name}, {unit}" for name, unit in zip(law.sensors, controller.units, strict=True)]
+    # loads from the folder itself: the text is C, not HTML, so names go through _comment and nothing else
+    made = Environment(
+        loader=FileSystemLoader(HERE), autoescape=False, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return (
+        made.get_template("controller.h.in").render(
+            title=_comment(controller.title) or "Controller",
+            sample_time=_real(law.sample_time),
+            seconds=law.sample_time,
+            bytes=memory_bytes(controller),
+            states=len(law.A),
+            readings=[_comment(reading) for reading in readings],
+            known=[_comment(name) for name in law.known],
+            dynamometers=[_comment(name) for name in law.dynamometers],
+            remembered=fixed.REMEMBERED_SAMPLES,
+        )
+        + "\n"
+    )
+
+
+def _data(controller: ExportedController) -> str:
+    law, own = controller.law, controller.settings
+    lines = [
+        "/* numbers of the controller: each matrix row by row, without its zeros */",
+        "typedef struct {",
+        "    const uint32_t *start;",
+        "    const uint16_t *column;",
+        "    const controller_real *value;",
+        "} controller_matrix;",
+        "",
+        f"#define CONTROLLER_TURNING {_real(fixed.TURNING)} /* rad/s */",
+        f"#define CONTROLLER_GONE {_real(fixed.GONE)}",
+        f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(fixed.HELD_BELOW_LIMIT)}",
+        f"#define CONTROLLER_IN_A_ROW {fixed.SAMPLES_IN_A_ROW}",
+        "",
+        f"static const int32_t TORQUE_READING[] = {{{', '.join(map(str, controller.torque_readings))}}};",
+        f"static const int32_t SPEED_READING[] = {{{', '.join(map(str, controller.speed_readings))}}};",
+        "static const controller_settings CONTROLLER_DEFAULTS = {",
+    ]
+    for part in ("torque_limit", "speed_limit", "hold_proportional", "hold_integral", "lost_torque", "unexpected"):
+        lines.append(f"    {{{', '.join(_real(value) for value in getattr(own, part))}}}, /* {part} */")
+    lines += [f"    {own.frozen_samples}, {own.life_samples}}};"]
+    matrices = {
+        "EXPECTED": law.E,
+        "CORRECTION": law.L,
+        "COMMAND": np.hstack([law.K, law.Dy, law.Dw]),
+        "NEXT_STATE": np.hstack([law.A, law.By, law.Bw, law.Bs]),
+    }
+    for name, matrix in matrices.items():
+        lines += ["", *_rows(name, matrix)]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(name: str, matrix: np.ndarray) -> list[str]:
+    """A matrix in compressed rows; one unused entry at the end, for C knows no empty array."""
+    rows, columns = np.nonzero(matrix)
+    starts = np.searchsorted(rows, np.arange(len(matrix) + 1))
+    values = matrix[rows, columns]
+    lines = [f"static const uint32_t {name}_START[] = {{"]
+    lines += _wrapped([str(start) for start in starts])
+    lines += ["};", f"static const uint16_t {name}_COLUMN[] = {{", *_wrapped([*map(str, columns), "0"]), "};"]
+    lines += [f"static const controller_real {name}_VALUE[] = {{", *_wrapped([*map(_real, values), "0.0"]), "};"]
+    lines.append(f"static const controller_matrix {name} = {{{name}_START, {name}_COLUMN, {name}_VALUE}};")
+    return lines
+
+
+def _wrapped(entries: list[str], a_line: int = 6) -> list[str]:
+    return [f"    {', '.join(entries[i : i + a_line])}," for i in range(0, len(entries), a_line)]
+
+
+def _comment(text: str) -> str:
+    """Text of a file as it may stand in a C comment: ASCII letters, digits and what cannot end or continue one."""
+    return re.sub(r"[^A-Za-z0-9 .,:;()_+=/-]", "_", text[:200].replace("*", " "))
+
+
+def _real(value: float) -> str:
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+    return repr(float(value))

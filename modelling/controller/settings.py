@@ -1,0 +1,55 @@
+"""What the supervision of a controller needs to know: limits, speed hold, when to give up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
+FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
+HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
+REMEMBERED_SAMPLES = 3  # a torque gone within so many samples has gone at once
+SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
+GONE = 0.2  # of the torque before: what is left of it counts as none
+HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
+NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
+TURNING = 1.0  # rad/s: a rotor that turns faster cannot have readings that do not change
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Limits and thresholds; k dynamometers, y readings.
+
+    Attributes
+    ----------
+    torque_limit, speed_limit : ndarray (k,)
+        N·m, rad/s.
+    hold_proportional, hold_integral : ndarray (k,)
+        N·m·s/rad, N·m/rad of the speed hold.
+    lost_torque : ndarray (k,)
+        N·m: a flange torque above it that is gone within :data:`REMEMBERED_SAMPLES` samples is a broken shaft.
+    unexpected : ndarray (y,)
+        How far a reading may be from what the controller's model expects, in its unit.
+    frozen_samples : int
+        So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
+    life_samples : int
+        So many samples without a change of the sign of life stop the emulation; 0 switches it off.
+    """
+
+    torque_limit: np.ndarray
+    speed_limit: np.ndarray
+    hold_proportional: np.ndarray
+    hold_integral: np.ndarray
+    lost_torque: np.ndarray
+    unexpected: np.ndarray
+    frozen_samples: int = 4
+    life_samples: int = 0
+
+
+def no_limits(dynamometers: int, readings: int) -> Settings:
+    """Nothing limited and nothing watched but whether numbers are finite."""
+    free = np.full(dynamometers, NO_LIMIT)
+    return Settings(
+        free, free, np.zeros(dynamometers), np.zeros(dynamometers), free, np.full(readings, NO_LIMIT), frozen_samples=0
+    )

@@ -1,0 +1,285 @@
+/* A sampled controller for a powertrain test bed: its law, written by rigmatch, and its supervision.
+ *
+ * Nothing is allocated, nothing recurses, every loop has a fixed end; no library but the mathematics of C is used.
+ * controller.h says how to call it. Matrices stand in controller_data.h row by row without their zeros. */
+#include "controller.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "controller_data.h"
+
+#define STATES CONTROLLER_STATES
+#define READINGS CONTROLLER_READINGS
+#define KNOWN CONTROLLER_KNOWN
+#define DYNAMOMETERS CONTROLLER_DYNAMOMETERS
+
+/* what a row of the law is multiplied with, one after the other */
+enum { AT_STATE = 0, AT_READINGS = STATES, AT_KNOWN = AT_READINGS + READINGS, AT_SENT = AT_KNOWN + KNOWN, WIDTH = AT_SENT + DYNAMOMETERS };
+
+static controller_real row(const controller_matrix *m, int32_t i, const controller_real *z)
+{
+    controller_real sum = (controller_real)0.0;
+    for (uint32_t k = m->start[i]; k < m->start[i + 1]; k++) {
+        sum += m->value[k] * z[m->column[k]];
+    }
+    return sum;
+}
+
+static controller_real within(controller_real value, controller_real low, controller_real high)
+{
+    controller_real cut = value;
+    if (cut > high) {
+        cut = high;
+    }
+    if (cut < low) {
+        cut = low;
+    }
+    return cut;
+}
+
+static bool all_finite(const controller_real *value, int32_t count)
+{
+    bool finite = true;
+    for (int32_t i = 0; i < count; i++) {
+        if (!isfinite(value[i])) {
+            finite = false;
+        }
+    }
+    return finite;
+}
+
+static bool is_holdable(int32_t fault)
+{
+    return (fault == CONTROLLER_OVERSPEED) || (fault == CONTROLLER_TORQUE_GONE) || (fault == CONTROLLER_UNEXPECTED);
+}
+
+void controller_init(controller *c)
+{
+    c->settings = CONTROLLER_DEFAULTS;
+    controller_reset(c);
+}
+
+void controller_reset(controller *c)
+{
+    const controller_settings kept = c->settings;
+    (void)memset(c, 0, sizeof *c);
+    c->settings = kept;
+    c->fallback = CONTROLLER_ZERO_TORQUE;
+}
+
+static bool is_frozen(controller *c, const controller_input *in)
+{
+    bool same = true;
+    bool turning = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        if (in->reading[i] != c->last[i]) {
+            same = false;
+        }
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        if (fabs((double)in->reading[SPEED_READING[j]]) > CONTROLLER_TURNING) {
+            turning = true;
+        }
+    }
+    c->unchanged = (same && turning) ? (c->unchanged + 1) : 0;
+    return (c->settings.frozen_samples > 0) && (c->unchanged >= c->settings.frozen_samples);
+}
+
+static bool is_lifeless(controller *c, const controller_input *in)
+{
+    const bool same = (c->has_life != 0) && (in->life == c->life);
+    c->lifeless = same ? (c->lifeless + 1) : 0;
+    c->life = in->life;
+    c->has_life = 1;
+    return (c->settings.life_samples > 0) && (c->lifeless >= c->settings.life_samples);
+}
+
+static bool is_too_fast(const controller *c, const controller_input *in)
+{
+    bool fast = false;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        if (fabs((double)in->reading[SPEED_READING[j]]) > (double)c->settings.speed_limit[j]) {
+            fast = true;
+        }
+    }
+    return fast;
+}
+
+static bool has_lost_torque(const controller *c, const controller_input *in)
+{
+    bool lost = false;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        double before = 0.0;
+        for (int32_t n = 0; n < CONTROLLER_REMEMBERED; n++) {
+            before = fmax(before, fabs((double)c->past_torque[n][j]));
+        }
+        if ((before > (double)c->settings.lost_torque[j]) &&
+            (fabs((double)in->reading[TORQUE_READING[j]]) < (CONTROLLER_GONE * before))) {
+            lost = true;
+        }
+    }
+    return lost;
+}
+
+static bool is_unexpected(controller *c, const controller_input *in)
+{
+    bool surprised = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        const controller_real deviation = in->reading[i] - c->reading_start[i] - row(&EXPECTED, i, c->state);
+        if (fabs((double)deviation) > (double)c->settings.unexpected[i]) {
+            surprised = true;
+        }
+    }
+    c->surprised = surprised ? (c->surprised + 1) : 0;
+    return c->surprised >= CONTROLLER_IN_A_ROW;
+}
+
+static int32_t check(controller *c, const controller_input *in)
+{
+    int32_t fault = CONTROLLER_NO_FAULT;
+    const bool lifeless = is_lifeless(c, in);
+    if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS)) {
+        fault = CONTROLLER_NOT_FINITE;
+    } else if (lifeless) {
+        fault = CONTROLLER_MISSING;
+    } else if (is_frozen(c, in)) {
+        fault = CONTROLLER_FROZEN;
+    } else if (is_too_fast(c, in)) {
+        fault = CONTROLLER_OVERSPEED;
+    } else if (c->mode != CONTROLLER_EMULATION) {
+        c->surprised = 0;
+    } else if (has_lost_torque(c, in)) {
+        fault = CONTROLLER_TORQUE_GONE;
+    } else if (is_unexpected(c, in)) {
+        fault = CONTROLLER_UNEXPECTED;
+    } else {
+        fault = CONTROLLER_NO_FAULT;
+    }
+    return fault;
+}
+
+/* the speed that is held: after a fault the one at that moment */
+static controller_real wanted_speed(const controller *c, const controller_input *in, int32_t j)
+{
+    return (c->fault != CONTROLLER_NO_FAULT) ? c->held[j] : in->hold_speed[j];
+}
+
+static void enter(controller *c, const controller_input *in, int32_t mode)
+{
+    if (mode != c->mode) {
+        c->mode = mode;
+        if (mode == CONTROLLER_SPEED_HOLD) {
+            for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+                c->integral[j] = c->sent[j] - (c->settings.hold_proportional[j] *
+                                               (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]));
+            }
+        }
+        if (mode == CONTROLLER_EMULATION) {
+            (void)memset(c->state, 0, sizeof c->state);
+            (void)memcpy(c->reading_start, in->reading, sizeof c->reading_start);
+            (void)memcpy(c->known_start, in->known, sizeof c->known_start);
+            (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
+            for (int32_t n = 0; n < CONTROLLER_REMEMBERED; n++) {
+                for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+                    c->past_torque[n][j] = in->reading[TORQUE_READING[j]];
+                }
+            }
+            c->surprised = 0;
+        }
+    }
+}
+
+static void emulate(controller *c, const controller_input *in)
+{
+    controller_real z[WIDTH];
+    controller_real deviation[READINGS];
+    for (int32_t i = 0; i < READINGS; i++) {
+        z[AT_READINGS + i] = in->reading[i] - c->reading_start[i];
+        deviation[i] = z[AT_READINGS + i] - row(&EXPECTED, i, c->state);
+    }
+    for (int32_t i = 0; i < STATES; i++) {
+        z[AT_STATE + i] = c->state[i] + row(&CORRECTION, i, deviation);
+    }
+    for (int32_t i = 0; i < KNOWN; i++) {
+        z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real limit = c->settings.torque_limit[j];
+        c->sent[j] = within(c->sent_start[j] + row(&COMMAND, j, z), -limit, limit);
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        z[AT_SENT + j] = c->sent[j] - c->sent_start[j];
+    }
+    for (int32_t i = 0; i < STATES; i++) {
+        c->state[i] = row(&NEXT_STATE, i, z);
+    }
+}
+
+static void hold(controller *c, const controller_input *in)
+{
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real limit = c->settings.torque_limit[j];
+        const controller_real error = wanted_speed(c, in, j) - in->reading[SPEED_READING[j]];
+        const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j];
+        c->sent[j] = within(asked, -limit, limit);
+        if (c->sent[j] == asked) {
+            c->integral[j] += c->settings.hold_integral[j] * (controller_real)CONTROLLER_SAMPLE_TIME * error;
+        }
+    }
+}
+
+static void answer_fault(controller *c, const controller_input *in, int32_t fault)
+{
+    if ((fault != CONTROLLER_NO_FAULT) && (c->fault == CONTROLLER_NO_FAULT) && (c->mode != CONTROLLER_ZERO_TORQUE)) {
+        c->fault = fault;
+        c->fallback = CONTROLLER_ZERO_TORQUE;
+        if (is_holdable(fault)) {
+            c->fallback = CONTROLLER_SPEED_HOLD;
+            for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+                const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
+                c->held[j] = within(in->reading[SPEED_READING[j]], -below, below);
+            }
+        }
+    } else if ((fault != CONTROLLER_NO_FAULT) && !is_holdable(fault)) {
+        c->fallback = CONTROLLER_ZERO_TORQUE;
+    } else if ((fault == CONTROLLER_NO_FAULT) && (in->mode == CONTROLLER_ZERO_TORQUE)) {
+        c->fault = CONTROLLER_NO_FAULT;
+    } else {
+        /* nothing changes */
+    }
+}
+
+void controller_step(controller *c, const controller_input *in, controller_output *out)
+{
+    const int32_t fault = check(c, in);
+    const bool unknown = (fault != CONTROLLER_NO_FAULT) && !is_holdable(fault);
+    answer_fault(c, in, fault);
+    const int32_t wanted = (c->fault != CONTROLLER_NO_FAULT) ? c->fallback : in->mode;
+    enter(c, in, unknown ? CONTROLLER_ZERO_TORQUE : wanted);
+    if (c->mode == CONTROLLER_EMULATION) {
+        emulate(c, in);
+    } else if (c->mode == CONTROLLER_SPEED_HOLD) {
+        hold(c, in);
+    } else {
+        (void)memset(c->sent, 0, sizeof c->sent);
+    }
+    if (!all_finite(c->sent, DYNAMOMETERS)) { /* a law that has left all bounds */
+        c->fault = CONTROLLER_NOT_FINITE;
+        c->fallback = CONTROLLER_ZERO_TORQUE;
+        c->mode = CONTROLLER_ZERO_TORQUE;
+        (void)memset(c->sent, 0, sizeof c->sent);
+    }
+    if (!unknown) {
+        (void)memcpy(c->last, in->reading, sizeof c->last);
+        for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+            for (int32_t n = CONTROLLER_REMEMBERED - 1; n > 0; n--) {
+                c->past_torque[n][j] = c->past_torque[n - 1][j];
+            }
+            c->past_torque[0][j] = in->reading[TORQUE_READING[j]];
+        }
+    }
+    (void)memcpy(out->command, c->sent, sizeof out->command);
+    out->mode = c->mode;
+    out->fault = c->fault;
+}

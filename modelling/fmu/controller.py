@@ -1,0 +1,133 @@
+"""A controller as an FMU: the C sources that run on a bed, with the interface of FMI round them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from modelling.controller.c_source import c_sources, memory_bytes
+from modelling.controller.exported import ExportedController
+from modelling.fmu.description import xml_text
+from modelling.fmu.export import Fmu, package, page_of
+from modelling.fmu.source import FILES, variable_table
+from modelling.fmu.variables import Variable
+
+MOST_SAMPLES = 1e6  # of a watchdog
+ABOUT = (
+    "The controller of a powertrain test bed. All values in SI. A communication step is a whole number of samples; the "
+    "controller runs at its beginning, so step it before the bed."
+)
+
+
+@dataclass(frozen=True)
+class ControllerContents:
+    """What the FMU of a controller says of itself."""
+
+    title: str
+    name: str
+    about: str
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """In the order of their value references, which begin at 1."""
+        return (*self.inputs, *self.outputs, *self.parameters)
+
+
+def contents(controller: ExportedController, name: str = "controller") -> ControllerContents:
+    """Variables in the order of ``sources/controller_motion.c``."""
+    law, own = controller.law, controller.settings
+    readings = [
+        Variable(sensor, "input", unit, 0.0, "reading of the bed")
+        for sensor, unit in zip(law.sensors, controller.units, strict=True)
+    ]
+    known = [Variable(torque, "input", "N*m", 0.0, "torque, measured or demanded") for torque in law.known]
+    hold = [
+        Variable(f"{dynamometer}.hold_speed", "input", "rad/s", 0.0, "speed that speed hold holds")
+        for dynamometer in law.dynamometers
+    ]
+    switches = [
+        Variable(
+            "mode", "input", "1", 0.0, "asked for: 0 zero torque, which also ends a fault; 1 speed hold; 2 emulation"
+        ),
+        Variable("life", "input", "1", 0.0, "changes from sample to sample as long as the sender lives"),
+    ]
+    outputs = [
+        Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
+        for dynamometer in law.dynamometers
+    ]
+    outputs += [
+        Variable("active_mode", "output", "1", 0.0, "0 zero torque, 1 speed hold, 2 emulation"),
+        Variable(
+            "fault", "output", "1", 0.0,
+            "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
+        ),
+    ]  # fmt: skip
+    parameters = []
+    for j, dynamometer in enumerate(law.dynamometers):
+        for key, unit, meaning in (
+            ("torque_limit", "N*m", "commands stay within ± this"),
+            ("speed_limit", "rad/s", "beyond it is overspeed"),
+            ("hold_proportional", "N*m*s/rad", "of the speed hold"),
+            ("hold_integral", "N*m/rad", "of the speed hold"),
+            ("lost_torque", "N*m", "a flange torque above it that is gone at once is a fault"),
+        ):
+            value = float(getattr(own, key)[j])
+            parameters.append(Variable(f"{dynamometer}.{key}", "parameter", unit, value, meaning, 0.0))
+    for sensor, unit, value in zip(law.sensors, controller.units, own.unexpected, strict=True):
+        meaning = "how far the reading may be from what the controller's model expects"
+        parameters.append(Variable(f"{sensor}.unexpected", "parameter", unit, float(value), meaning, 0.0))
+    for key, meaning in (
+        ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
+        ("life_samples", "samples without a change of life that are a fault; 0: no check"),
+    ):
+        parameters.append(Variable(key, "parameter", "1", float(getattr(own, key)), meaning, 0.0, MOST_SAMPLES))
+    return ControllerContents(
+        xml_text(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
+        tuple(parameters),
+    )  # fmt: skip
+
+
+def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:
+    """Write a controller as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    controller : ExportedController
+    fmi : str
+        ``"2.0"`` or ``"3.0"``.
+    """
+    own = contents(controller)
+    page = page_of(
+        "controller.html", contents=own, sample_time=controller.law.sample_time, bytes=memory_bytes(controller),
+        states=len(controller.law.A),
+    )  # fmt: skip
+    return package(
+        own,
+        fmi,
+        controller.law.sample_time,
+        page,
+        lambda identifier, token: _code(controller, own, fmi, identifier, token),
+    )
+
+
+def _code(
+    controller: ExportedController, own: ControllerContents, fmi: str, identifier: str, token: str
+) -> dict[str, str]:
+    here = Path(__file__).with_name("sources")
+    defines = {
+        "IDENTIFIER": f'"{identifier}"',
+        "TOKEN": f'"{token}"',
+        "N_INPUTS": str(len(own.inputs)),
+        "N_OUTPUTS": str(len(own.outputs)),
+        "N_PARAMETERS": str(len(own.parameters)),
+    }
+    table = variable_table(own.title, defines, own.variables, own.parameters)
+    return {
+        **c_sources(controller),
+        "motion.c": (here / "controller_motion.c").read_text(encoding="utf-8"),
+        FILES[fmi]: (here / FILES[fmi]).read_text(encoding="utf-8"),
+        "model.h": "\n".join(table) + "\n",
+    }

@@ -1,0 +1,310 @@
+"""The exported controller: its C equals Python's, its law equals rigmatch's own, it watches, it closes a loop."""
+
+import subprocess
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fmu.slave import slave
+from needs import compiles
+from scipy.signal import cont2discrete, dlsim
+
+from matching.cli import main
+from matching.fmu.controller import exported_controller
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.verification.simulation import matched_motion
+from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures import STRUCTURES
+from modelling.controller.c_source import c_sources, memory_bytes
+from modelling.controller.settings import FAULTS
+from modelling.fmu.controller import controller_fmu
+from modelling.linear.state_space import state_space
+from modelling.simulation.integrator.c_library import compiler
+
+pytestmark = compiles
+
+ZERO, HOLD, EMULATION = 0, 1, 2
+
+
+def with_structure(case, name):
+    structure = STRUCTURES[name]
+    values = {key: quantity.start for key, quantity in structure.quantities.items()}
+    return replace(case, loop=replace(case.loop, structure=structure, values={**values, **case.loop.values}))
+
+
+@pytest.fixture(scope="module")
+def case(reference_case):
+    return load_case(reference_case)
+
+
+@pytest.fixture(scope="module", params=sorted(STRUCTURES))
+def controller(request, case):
+    return exported_controller(with_structure(case, request.param))
+
+
+@pytest.fixture(scope="module")
+def path(controller, tmp_path_factory):
+    target = tmp_path_factory.mktemp("controller") / "controller.fmu"
+    target.write_bytes(controller_fmu(controller).content)
+    return target
+
+
+def names(controller):
+    law = controller.law
+    inputs = [*law.sensors, *law.known, *(f"{name}.hold_speed" for name in law.dynamometers)]
+    return inputs, [*(f"{name}.command" for name in law.dynamometers), "active_mode", "fault"]
+
+
+def test_c_equals_python_through_all_modes_and_faults(controller, path):
+    """Random readings through hold, emulation, limits, a loss of torque and readings that are no numbers."""
+    rng = np.random.default_rng(3)
+    own, law = controller.running(), controller.law
+    y, w, k = len(law.sensors), len(law.known), len(law.dynamometers)
+    inputs, outputs = names(controller)
+    sizes = np.ones(y)
+    sizes[list(controller.torque_readings)] = 30.0
+    seen = set()
+    with slave(path) as one:
+        one.begin()
+        for n in range(400):
+            mode = ZERO if n < 5 or 300 <= n < 305 else HOLD if n < 60 or 305 <= n < 350 else EMULATION
+            readings, known = sizes * rng.normal(size=y), 50 * rng.normal(size=w)
+            readings[list(controller.speed_readings)] += 30
+            if n == 250:
+                readings[1] = np.nan
+            hold = np.full(k, 30.0)
+            answer = own.step(readings, known, mode, hold)
+            one.set(dict(zip(inputs, np.concatenate([readings, known, hold]), strict=True)) | {"mode": float(mode)})
+            one.step(law.sample_time)
+            got = np.array(one.get(outputs))
+            np.testing.assert_allclose(got[:k], answer.commands, rtol=1e-9, atol=1e-9 * 1500)
+            assert (got[k], got[k + 1]) == (answer.mode, answer.fault)
+            seen.add((answer.mode, answer.fault))
+    assert {(ZERO, 0), (HOLD, 0), (EMULATION, 0), (ZERO, 1)} <= seen
+
+
+def closed(case, law, torques):
+    """Commands of a law on the linear bed of a case; SciPy's discretisation, a queue for the dead time."""
+    parts, step = parts_of(case), case.loop["sample_time"]
+    k, bed = len(parts.dynamometers), parts.bed
+    A, B, *_ = cont2discrete((bed.A, bed.B, bed.C, bed.D), step)
+    signs = np.concatenate([parts.toward, np.ones(k)])
+    queue = [np.zeros(k)] * round(case.loop["dead_time"] / step)
+    x, state, commands = np.zeros(len(A)), np.zeros(len(law.A)), []
+    drives = np.stack([torques.get(name, np.zeros(len(torques["motor_torque"]))) for name in parts.drives], axis=1)
+    known = np.stack([torques.get(name, np.zeros(len(drives))) for name in law.known], axis=1)
+    for now, drive in zip(known, drives, strict=True):
+        sent, state = law.step(state, (bed.C @ x)[: 2 * k] * signs, now, np.full(k, np.inf))
+        commands.append(sent)
+        queue.append(sent)
+        x = A @ x + B @ np.concatenate([queue.pop(0), drive])
+    return np.array(commands)
+
+
+def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
+    case = with_structure(case, "model_based")
+    time = np.arange(600) * case.loop["sample_time"]
+    torques = {"motor_torque": 100.0 * (time > 0.05), "road_left": -200.0 * np.sin(20 * time)}
+    feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
+    wanted = matched_motion(parts_of(case), feed_forward, torques)
+    commands = closed(case, exported_controller(case).law, torques)
+    for j, name in enumerate(("left", "right")):
+        trace = wanted[f"dynamometers.{name}.command"]
+        np.testing.assert_allclose(commands[:, j], trace, atol=1e-7 * np.abs(trace).max())
+
+
+def test_law_of_pi_is_its_sampled_state_space(case):
+    case = with_structure(case, "pi")
+    parts, law = parts_of(case), exported_controller(case).law
+    rng = np.random.default_rng(1)
+    readings, known = rng.normal(size=(200, 4)), rng.normal(size=(200, len(law.known)))
+    state, got = np.zeros(len(law.A)), []
+    for y, w in zip(readings, known, strict=True):
+        sent, state = law.step(state, y, w, np.full(2, np.inf))
+        got.append(sent)
+    own = parts.sampled_controller
+    drive = np.hstack([readings * np.concatenate([parts.toward, np.ones(2)]), known])
+    wanted = dlsim((own.A, own.B, own.C, own.D, law.sample_time), drive)[1]
+    np.testing.assert_allclose(np.array(got), wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_nothing_winds_up_behind_a_limit(controller):
+    """After a long time at the limit the commands leave it at once when the demand does."""
+    law = controller.law
+    y, k = len(law.sensors), len(law.dynamometers)
+    pushed, rest = np.zeros(y), np.zeros(y)
+    pushed[list(controller.speed_readings)] = -5.0  # rotors too slow by far
+    state, limit = np.zeros(len(law.A)), np.full(k, 50.0)
+    for _ in range(2000):
+        _, state = law.step(state, pushed, np.zeros(len(law.known)), limit)
+    assert np.isfinite(state).all()
+    for _ in range(40):
+        _, state = law.step(state, rest, np.zeros(len(law.known)), limit)
+    free = np.zeros(len(law.A))
+    for n in range(2040):
+        _, free = law.step(free, pushed if n < 2000 else rest, np.zeros(len(law.known)), np.full(k, np.inf))
+    assert np.abs(state).max() <= np.abs(free).max()
+
+
+@pytest.mark.parametrize(
+    ("fault", "mode"),
+    [("not finite", ZERO), ("missing", ZERO), ("frozen", ZERO), ("overspeed", HOLD), ("torque gone", HOLD)],
+)
+def test_what_goes_wrong_ends_the_emulation_within_five_samples(controller, fault, mode):
+    settings = replace(controller.settings, life_samples=3)
+    own = replace(controller, settings=settings).running()
+    y, k = len(controller.law.sensors), len(controller.law.dynamometers)
+    known, hold, rng = np.zeros(len(controller.law.known)), np.full(k, 20.0), np.random.default_rng(0)
+
+    def readings(torque=400.0, speed=20.0):
+        values = 1e-3 * rng.normal(size=y)
+        values[list(controller.torque_readings)] += torque
+        values[list(controller.speed_readings)] += speed
+        return values
+
+    for life in range(30):
+        answer = own.step(readings(), known, HOLD if life < 10 else EMULATION, hold, life)
+    assert (answer.mode, answer.fault) == (EMULATION, 0)
+    last = readings()
+    own.step(last, known, EMULATION, hold, 30)
+    for n in range(5):
+        wrong = {
+            "not finite": np.where(np.arange(y) == 0, np.inf, last), "missing": readings(), "frozen": last,
+            "overspeed": readings(speed=200.0), "torque gone": readings(torque=0.0),
+        }[fault]  # fmt: skip
+        answer = own.step(wrong, known, EMULATION, hold, 30 if fault == "missing" else 31 + n)
+        if answer.fault:
+            break
+    assert (FAULTS[answer.fault], answer.mode) == (fault, mode)
+    for n in range(3):  # it stays until zero torque is asked for
+        assert own.step(readings(), known, EMULATION, hold, 40 + n).fault == answer.fault
+    assert own.step(readings(), known, ZERO, hold, 50).fault == 0
+
+
+def test_readings_far_from_the_model_end_the_emulation(case):
+    controller = exported_controller(with_structure(case, "model_based"))
+    own, hold = controller.running(), np.full(2, 20.0)
+    at = np.array([100.0, 100.0, 20.0, 20.0])
+    for n in range(3):
+        assert own.step(at + 1e-3 * n, np.zeros(3), EMULATION, hold).fault == 0
+    away = at + np.array([700.0, 0.0, 0.0, 0.0])  # limit 0.4 · 1500 N·m
+    faults = [FAULTS[own.step(away + 1e-3 * n, np.zeros(3), EMULATION, hold).fault] for n in range(2)]
+    assert faults == ["none", "unexpected"]
+
+
+class Bed:
+    """The rig as an FMU; dead time, inverter and sensor lag by this test, in fine steps."""
+
+    def __init__(self, one, case, fine=10):
+        self.one, self.case, self.fine = one, case, fine
+        loop = case.loop
+        self.queue = [np.zeros(2)] * round(loop["dead_time"] / loop["sample_time"])
+        self.air_gap, self.flange = np.zeros(2), np.zeros(2)
+
+    def sample(self):
+        speeds = self.one.get([own.speed_sensor for own in self.case.loop.dynamometers])
+        return np.concatenate([self.flange, speeds])
+
+    def step(self, command, motor_torque):
+        loop = self.case.loop
+        self.queue.append(np.array(command))
+        arrived, h = self.queue.pop(0), loop["sample_time"] / self.fine
+        torques = [own.torque_sensor for own in loop.dynamometers]
+        for _ in range(self.fine):
+            before = self.air_gap
+            self.air_gap = arrived + (before - arrived) * np.exp(-h / loop["inverter_lag"])
+            mean = arrived + (before - arrived) * np.exp(-h / 2 / loop["inverter_lag"])
+            values = {own.torque_input: float(t) for own, t in zip(loop.dynamometers, mean, strict=True)}
+            self.one.set(values | {"motor_torque": float(motor_torque)})
+            self.one.step(h)
+            now = np.array(self.one.get(torques))
+            self.flange = now + (self.flange - now) * np.exp(-h / loop["torque_sensor_lag"])
+
+
+@pytest.mark.parametrize("controller", ["model_based"], indirect=True)
+def test_controller_and_bed_as_fmus_answer_like_the_vehicle(controller, path, case, reference_case, export):
+    """Speed hold, emulation without a bump, a tip-in; side-shaft torque against the vehicle's closed-form response."""
+    case, step, count = with_structure(case, "model_based"), controller.law.sample_time, 900
+    on = 400  # samples of speed hold before
+    rig = export(reference_case.with_name("rig.toml"))
+    with slave(rig) as bed_fmu, slave(path) as one:
+        bed_fmu.begin(given={f"speed({inertia.name})": 0.0 for inertia in case.rig.inertias})
+        one.begin()
+        bed, side, commands = Bed(bed_fmu, case), [], []
+        for n in range(count):
+            motor = 100.0 if n >= on + 50 else 0.0
+            readings = dict(zip(controller.law.sensors, bed.sample(), strict=True))
+            one.set(readings | {"motor_torque": motor, "mode": 1.0 if n < on else 2.0})
+            one.set({"left.hold_speed": 20.0 * min(n / 100, 1), "right.hold_speed": 20.0 * min(n / 100, 1)})
+            one.step(step)
+            side.append(bed_fmu.get(["side_left_torque"])[0])
+            commands.append(one.get(["left.command"])[0])
+            bed.step([commands[-1], one.get(["right.command"])[0]], motor)
+    vehicle = state_space(case.vehicle)
+    A, B, C, D, _ = cont2discrete((vehicle.A, vehicle.B, vehicle.C, vehicle.D), step)
+    torque = np.zeros((count - on, len(vehicle.inputs)))
+    torque[50:, vehicle.inputs.index("motor_torque")] = 100.0
+    wanted = dlsim((A, B, C, D, step), torque)[1][:, vehicle.outputs.index("side_left_torque")]
+    got = np.array(side[on:])
+    assert abs(commands[on] - commands[on - 1]) < 1.0  # N·m: no bump
+    assert np.abs(got - got[0] - wanted).max() < 0.03 * np.ptp(wanted)
+
+
+MAIN = """
+#include <stdio.h>
+#include "controller.h"
+int main(void) {
+    static controller c;
+    controller_input in = {0};
+    controller_output out;
+    controller_init(&c);
+    for (int n = 0; n < 3000; n++) {
+        for (int i = 0; i < CONTROLLER_READINGS; i++) in.reading[i] = (controller_real)((n * 7 + i) % 13);
+        in.mode = n < 10 ? 1 : 2;
+        if (n == 2500) in.reading[0] = in.reading[0] / (controller_real)0;
+        controller_step(&c, &in, &out);
+    }
+    controller_reset(&c);
+    printf("%u %d\\n", (unsigned)sizeof c, (int)out.fault);
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_sources_compile_without_a_warning_and_run_under_sanitizers(real, controller, tmp_path):
+    for name, text in c_sources(controller).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "main.c").write_text(MAIN, encoding="utf-8")
+    strict = [compiler(), "-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DCONTROLLER_REAL={real}"]
+    files = ["main.c", "controller.c", "-lm", "-o", "run"]
+    sane = subprocess.run([*strict, "-g", "-fsanitize=address,undefined", *files], cwd=tmp_path, capture_output=True)
+    if sane.returncode:  # a compiler without sanitizers
+        subprocess.run([*strict, *files], cwd=tmp_path, check=True)
+    done = subprocess.run(["./run"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    size, fault = map(int, done.stdout.split())
+    assert fault in (1, 6)
+    if real == "double":
+        assert abs(size - memory_bytes(controller)) <= 8
+    text = (tmp_path / "controller.c").read_text()
+    assert not [word for word in ("malloc", "calloc", "free(", "goto", "printf") if word in text]
+
+
+def test_a_title_cannot_leave_its_comment(controller):
+    hostile = replace(controller, title='*/ int x; /* "??/\n#error')
+    first = c_sources(hostile)["controller.h"].split("\n")[0]
+    assert first.count("*/") == 0
+    assert "#" not in first
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_the_command_writes_it(fmi, reference_case, tmp_path, capsys):
+    target = tmp_path / "bed.fmu"
+    assert main(["export", str(reference_case), "--controller", str(target), "--fmi", fmi]) == 0
+    assert "sample time 1 ms" in capsys.readouterr().out
+    with zipfile.ZipFile(target) as archive:
+        assert {"sources/controller.c", "sources/controller.h", "sources/controller_data.h"} <= set(archive.namelist())
+    assert main(["export", str(reference_case), "--controller", str(tmp_path / "bed.txt")]) == 2
+    assert "--controller" in capsys.readouterr().err
