@@ -27,11 +27,21 @@ class BedModel:
         Speed of the rig less that of the residual vehicle at each cut, rad/s by state.
     measured : tuple of str (w)
         Every torque that is no dynamometer's: of the rig, then of the residual vehicle.
+    rig_states : int
+        The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
+        follow.
     """
 
     space: StateSpace
     speed_error: np.ndarray
     measured: tuple[str, ...]
+    rig_states: int
+
+    @property
+    def rotor_torques(self) -> np.ndarray:
+        """What a torque right at each dynamometer's rotor does (x, k), like columns of B."""
+        k, n = len(self.speed_error), self.rig_states
+        return np.vstack([self.space.A[:n, n : n + k], np.zeros((len(self.space.A) - n, k))])
 
 
 def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
@@ -74,7 +84,7 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
         B[starts[at] : starts[at + 1], j] = parts[at].input(name)
     C, D, outputs = _readings(rig_space, loop, len(A), B.shape[1], on_rig)
     measured = (*on_rig, *(name for _, name in in_vehicle))
-    return BedModel(StateSpace(A, B, C, D, (*dynamometer_inputs, *measured), outputs), error, measured)
+    return BedModel(StateSpace(A, B, C, D, (*dynamometer_inputs, *measured), outputs), error, measured, n)
 
 
 def _readings(

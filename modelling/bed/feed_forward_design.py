@@ -11,9 +11,10 @@ sample time of the controller, with dead times that are no multiple of it taken 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 from modelling.bed.bed_model import bed_model
+from modelling.bed.delayed_bed import of_model
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import ResidualVehicle
@@ -22,7 +23,6 @@ from modelling.model.system import System
 
 COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)²: with this weight the commands are practically free
 STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
-WHOLE_SAMPLE = 1e-9  # of a sample: dead times this little short of a whole number of samples count as whole
 
 
 def design_feed_forward(
@@ -54,14 +54,10 @@ def design_feed_forward(
     step = loop["sample_time"] if sample_time is None else sample_time
     model, k = bed_model(rig, residual, loop), len(loop.dynamometers)
     plant, size = model.space, len(model.space.A)
-    delay = int(np.floor(loop["dead_time"] / step + WHOLE_SAMPLE))
-    late = max(loop["dead_time"] - delay * step, 0.0)  # of a sample: for so long the command before still acts
-    whole, both = _held(plant.A, plant.B, step)
-    after, new = _held(plant.A, plant.B[:, :k], step - late)
-    old = after @ _held(plant.A, plant.B[:, :k], late)[1]
-    A = np.vstack([np.hstack([whole, old]), np.zeros((k, size + k))])
-    B = np.vstack([new, np.eye(k)])
-    W = np.vstack([both[:, k:], np.zeros((k, len(model.measured)))])
+    bed = of_model(model, loop["dead_time"], step)
+    A = np.vstack([np.hstack([bed.whole, bed.old]), np.zeros((k, size + k))])
+    B = np.vstack([bed.new, np.eye(k)])
+    W = np.vstack([bed.torques, np.zeros((k, len(model.measured)))])
     E = np.hstack([model.speed_error, np.zeros((k, k))])
     R = command_weight * np.eye(k)
     try:
@@ -74,7 +70,7 @@ def design_feed_forward(
         ) from None
     F = np.linalg.solve(B.T @ X @ B + R, B.T @ X @ A)
     C = np.hstack([plant.C, np.zeros((len(plant.C), k))])
-    return FeedForward(A, B, W, C, plant.D[:, k:], F, delay, step, model.measured, plant.outputs)
+    return FeedForward(A, B, W, C, plant.D[:, k:], F, bed.delay, step, model.measured, plant.outputs)
 
 
 def dead_time_lower_bound(rig: System, residual: ResidualVehicle, loop: Loop, refinement: int = 8) -> FeedForward:
@@ -85,10 +81,3 @@ def dead_time_lower_bound(rig: System, residual: ResidualVehicle, loop: Loop, re
     a controller may do a little better, at the cost of what lies outside.
     """
     return design_feed_forward(rig, residual, loop, loop["sample_time"] / refinement)
-
-
-def _held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Exact discretisation (x, x), (x, u) over a step (s) with inputs held."""
-    n, m = len(A), B.shape[1]
-    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
-    return block[:n, :n], block[:n, n:]

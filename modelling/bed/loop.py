@@ -16,6 +16,7 @@ from scipy.signal import cont2discrete
 
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.bed.sampled_controller import SampledController
 from modelling.linear.state_space import StateSpace
 from modelling.model.system import System
 
@@ -67,12 +68,15 @@ class ControlStructure(ABC):
         What may be tuned of it.
     has_feed_forward : bool
         Whether :meth:`feed_forward` gives one.
+    is_observer : bool
+        Whether :meth:`observer` gives the whole controller; there is no law in the Laplace domain then.
     """
 
     name: str
     summary: str
     quantities: Mapping[str, LoopQuantity]
     has_feed_forward: bool = False
+    is_observer: bool = False
 
     @abstractmethod
     def gives_torque(self, values: Mapping[str, float]) -> bool:
@@ -90,7 +94,6 @@ class ControlStructure(ABC):
             Inputs of the residual vehicle, whose torque the controller itself computes.
         """
 
-    @abstractmethod
     def commands(
         self, values: Mapping[str, Any], s: Any, reference: Sequence[Any], speeds: Sequence[Any], torques: Sequence[Any]
     ) -> list[Any]:
@@ -108,8 +111,8 @@ class ControlStructure(ABC):
         reference, speeds, torques : sequence (k)
             Reference speed, rotor speed (rad/s) and lagged flange torque in the direction that drives the rotor (N·m).
         """
+        raise NotImplementedError(f"{self.name} runs from sample to sample only")
 
-    @abstractmethod
     def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """The same feedback law in continuous time, residual vehicle included.
 
@@ -126,6 +129,7 @@ class ControlStructure(ABC):
         StateSpace
             Inputs [flange torques (k), rotor speeds (k), inputs of the residual vehicle (r)], outputs commands (k).
         """
+        raise NotImplementedError(f"{self.name} runs from sample to sample only")
 
     def sampled(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """The feedback law as it runs, from sample to sample: :meth:`controller` by Tustin's rule unless overridden."""
@@ -150,6 +154,21 @@ class ControlStructure(ABC):
         """
         return None
 
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledController | None:
+        """The whole controller where it is an observer with state feedback; None for feedback laws.
+
+        Parameters
+        ----------
+        residual : ResidualVehicle
+            As cut out of the vehicle.
+
+        Raises
+        ------
+        InputError
+            If a model cannot be made linear or a Riccati equation has no stabilising solution.
+        """
+        return None
+
     @abstractmethod
     def cure(self, modulus_margin: float) -> str:
         """What helps where no shorter dead time does, as the end of a sentence; empty where nothing is known."""
@@ -159,16 +178,24 @@ class ControlStructure(ABC):
 class Loop:
     """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
-    ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller.
+    ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
+    ``further_sensors`` those of the rig that reach it beside the dynamometers' own.
     """
 
     structure: ControlStructure
     dynamometers: tuple[Dynamometer, ...]
     measured: tuple[str, ...]
     values: Mapping[str, float]
+    further_sensors: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
+
+    @property
+    def controller_sensors(self) -> tuple[str, ...]:
+        """Sensors that reach the controller: the dynamometers' torques, their speeds, then further ones."""
+        torques = [dynamometer.torque_sensor for dynamometer in self.dynamometers]
+        return (*torques, *(dynamometer.speed_sensor for dynamometer in self.dynamometers), *self.further_sensors)
 
     @property
     def quantities(self) -> dict[str, LoopQuantity]:

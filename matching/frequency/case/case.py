@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from matching.frequency.case.uncertainty import Box
 from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle
@@ -70,3 +71,6 @@ class Case:
     title: str = ""
     path: str = field(default="", compare=False)
     objective: str = "response_error"
+    uncertainty: Box = field(default_factory=Box)
+    tolerance: float = 0.1  # largest response error to measured torques that is still called matched
+    unmeasured_tolerance: float = 0.3  # the same to unmeasured torques

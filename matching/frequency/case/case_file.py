@@ -34,6 +34,8 @@ def case_text(case: Case) -> str:
         dyno.name: {key: value for key, value in vars(dyno).items() if key != "name"} for dyno in loop.dynamometers
     }
     data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
+    if loop.further_sensors:
+        data["loop"]["measures"] = list(loop.further_sensors)
     data["loop"] |= {name: loop[name] for name in loop.quantities}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}

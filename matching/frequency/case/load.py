@@ -10,6 +10,7 @@ from matching.frequency.case.case import OBJECTIVES, Case, Compared, Target
 from matching.frequency.case.load_loop import read_loop
 from matching.frequency.case.load_moves import read_moves
 from matching.frequency.case.tables import table_of, text_of
+from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre, from_table
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
@@ -19,8 +20,21 @@ from modelling.model.files import load
 from modelling.model.system import System
 from modelling.units import to_si
 
+TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
 DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
-_TOP = {"title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move"}
+_TOP = {
+    "title",
+    "vehicle",
+    "rig",
+    "dynamometers",
+    "loop",
+    "targets",
+    "response",
+    "manoeuvre",
+    "limits",
+    "move",
+    "uncertainty",
+}
 
 
 def load_case(path: str | Path) -> Case:
@@ -57,11 +71,13 @@ def load_case(path: str | Path) -> Case:
         text_of(data, "title", where) if "title" in data else "",
         where,
         _objective(data, where),
+        read_uncertainty(data, rig, loop, where),
+        *(_tolerance(data, key, start, where) for key, start in TOLERANCES.items()),
     )
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
-    table = table_of(data, "response", where, {"band", "compare", "objective"})
+    table = table_of(data, "response", where, {"band", "compare", "objective", *TOLERANCES})
     band = table.get("band", [0.5, 30.0])
     if not isinstance(band, list) or len(band) != 2:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
@@ -76,6 +92,13 @@ def _objective(data: Mapping[str, Any], where: str) -> str:
     if name not in OBJECTIVES:
         raise unknown(str(name), list(OBJECTIVES), f"{where}: response.objective")
     return name
+
+
+def _tolerance(data: Mapping[str, Any], key: str, start: float, where: str) -> float:
+    value = to_si(table_of(data, "response", where).get(key, start), "1", f"{where}: response.{key}")
+    if not value > 0:
+        raise InputError(f"{where}: response.{key}", f"{value:g} is not possible", "greater than 0 is needed")
+    return value
 
 
 def _compared(
@@ -155,6 +178,9 @@ def _limits(data: Mapping[str, Any], rig: System, where: str) -> dict[str, float
     table = table_of(data, "limits", where)
     units = {
         "modulus_margin": "1",
+        "margin_from": "Hz",
+        "rolled_off_from": "Hz",
+        "command_noise": "N*m",
         "damping_ratio": "1",
         "dynamometer_torque": "N*m",
         "dynamometer_speed": "rad/s",

@@ -29,8 +29,8 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     structure = STRUCTURES[name]
     known = {**HARDWARE, **structure.quantities}
     for key in table:
-        if key not in known and key not in ("structure", "knows"):
-            raise unknown(key, ["structure", "knows", *known], f"{where}: loop")
+        if key not in known and key not in ("structure", "knows", "measures"):
+            raise unknown(key, ["structure", "knows", "measures", *known], f"{where}: loop")
     values = {}
     for name, known_quantity in known.items():
         value = (
@@ -45,14 +45,22 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
                 f"{known_quantity.lower:g} … {known_quantity.upper:g} {known_quantity.unit} is needed",
             )
         values[name] = value
-    knows = table.get("knows", [])
-    if not isinstance(knows, list) or not all(isinstance(name, str) for name in knows):
-        raise InputError(f"{where}: loop.knows", "is no list of names", 'write knows = ["motor_torque"]')
-    inputs = [part.name for part in rig.inputs]
-    for name in knows:
-        if name not in inputs:
-            raise unknown(name, inputs, f"{where}: loop.knows")
-    return Loop(structure, tuple(_dynamometers(data, rig, residual, where)), tuple(knows), values)
+    knows = _names(table, "knows", [part.name for part in rig.inputs], "motor_torque", where)
+    measures = _names(table, "measures", [part.name for part in rig.sensors], "motor_speed", where)
+    dynamometers = tuple(_dynamometers(data, rig, residual, where))
+    those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
+    further = tuple(name for name in measures if name not in those)
+    return Loop(structure, dynamometers, knows, values, further)
+
+
+def _names(table: Mapping[str, Any], key: str, known: list[str], example: str, where: str) -> tuple[str, ...]:
+    names = table.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{where}: loop.{key}", "is no list of names", f'write {key} = ["{example}"]')
+    for name in names:
+        if name not in known:
+            raise unknown(name, known, f"{where}: loop.{key}")
+    return tuple(dict.fromkeys(names))
 
 
 def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Iterator[Dynamometer]:

@@ -1,0 +1,164 @@
+"""A sampled controller on beds: poles, damping, responses, all beds of a set at once; b beds, f frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching.frequency.beds.bed import Bed, bed_of, compared_sensors, disturbing, vehicle_response
+from matching.frequency.case.case import Case
+from modelling.bed.sampled_controller import SampledController
+
+FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
+SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
+
+
+@dataclass(frozen=True)
+class BedSet:
+    """Beds of one case, their matrices side by side.
+
+    Attributes
+    ----------
+    A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
+        From sample to sample; the states end with the commands on their way, newest first.
+    frequencies : ndarray (f,)
+        Hz.
+    held : ndarray (b, f, y, k)
+        Readings for commands, sampled.
+    read, answered, commanded : ndarray (b, f, y, d), (b, f, c, d), (b, f, c, k)
+        Readings and compared sensors for continuous torques, and compared sensors for held commands.
+    vehicle : ndarray (b, f, h)
+    """
+
+    case: Case
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    frequencies: np.ndarray
+    held: np.ndarray
+    read: np.ndarray
+    answered: np.ndarray
+    commanded: np.ndarray
+    vehicle: np.ndarray
+
+
+def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
+    """Beds with the values given, see :func:`bed_of`."""
+    beds = [bed_of(case, one) for one in values]
+    longest = max(bed.sampled.delay for bed in beds) + 1
+    step = case.loop["sample_time"]
+    matrices = [_shifting(bed, longest) for bed in beds]
+    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
+    s = 2j * np.pi * frequencies
+    hold = (1 - np.exp(-s * step)) / (s * step)
+    z = np.exp(s * step)
+    held = np.stack([c @ _resolved(a, b, z) for a, b, c in zip(A, B, C, strict=True)])
+    read, answered, commanded = [], [], []
+    for bed in beds:
+        d = bed.torques.shape[1]
+        states = _resolved(bed.A, np.hstack([bed.torques, bed.commands]), s)
+        read.append(bed.readings @ states[:, :, :d])
+        answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
+        late = hold * np.exp(-s * bed.dead_time)
+        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
+    vehicle = np.stack([vehicle_response(case, one, frequencies) for one in values])
+    return BedSet(case, A, B, C, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
+
+
+def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C with ``longest`` commands on their way as further states."""
+    x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
+    A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
+    A[:x, :x] = bed.sampled.whole
+    if delay:
+        A[:x, x + k * (delay - 1) : x + k * delay] = bed.sampled.new
+    else:
+        B[:x] = bed.sampled.new
+    A[:x, x + k * delay : x + k * (delay + 1)] = bed.sampled.old
+    A[x + k :, x:-k] = np.eye(k * (longest - 1))
+    B[x : x + k] = np.eye(k)
+    return A, B, np.hstack([bed.readings, np.zeros((len(bed.readings), k * longest))])
+
+
+def _resolved(A: np.ndarray, B: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """(s·I − A)⁻¹·B, (f, x, u)."""
+    return np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
+
+
+@dataclass(frozen=True)
+class Action:
+    """A controller at frequencies: commands for readings (f, k, y) and for known torques (f, k, w)."""
+
+    of_readings: np.ndarray
+    of_known: np.ndarray
+    known: tuple[str, ...]
+
+
+def action(controller: SampledController, frequencies: np.ndarray) -> Action:
+    """What a controller does at frequencies (f,), Hz."""
+    space, o, y = controller.space, controller.observed, len(controller.sensors)
+    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
+    feedback = controller.feedback
+    # C·(zI − A)⁻¹ of the observer, from the left: as many right-hand sides as dynamometers
+    left = np.swapaxes(_resolved(feedback.A.T, feedback.C.T, z), 1, 2)
+    ahead = _resolved(space.A[o:, o:], space.B[o:, y:], z)
+    reaches = space.A[:o, o:] @ ahead + space.B[:o, y:]
+    of_known = left @ reaches + space.C[:, o:] @ ahead + space.D[:, y:]
+    return Action(left @ feedback.B + feedback.D, of_known, controller.known)
+
+
+def closed_matrices(beds: BedSet, controller: SampledController) -> np.ndarray:
+    """State matrices (b, x + c, x + c) of the closed loops."""
+    space = controller.feedback
+    By, Dy = space.B, space.D
+    count, x, c = len(beds.A), beds.A.shape[1], len(space.A)
+    closed = np.empty((count, x + c, x + c))
+    closed[:, :x, :x] = beds.A + beds.B @ Dy @ beds.C
+    closed[:, :x, x:] = beds.B @ space.C
+    closed[:, x:, :x] = By @ beds.C
+    closed[:, x:, x:] = space.A
+    return closed
+
+
+def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Largest magnitude (b,) of poles (b, x), and smallest damping ratio (b,) of what swings."""
+    size = np.abs(z)
+    s = np.log(np.where(size > FORGOTTEN, z, 0.5).astype(complex)) / step
+    swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
+    ratio = np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
+    return size.max(axis=1), ratio.min(axis=1)
+
+
+def return_difference(beds: BedSet, acting: Action) -> np.ndarray:
+    """I + L at the commands (b, f, k, k)."""
+    return np.eye(beds.B.shape[2]) - acting.of_readings @ beds.held
+
+
+def responses(beds: BedSet, acting: Action, told: Sequence[str]) -> np.ndarray:
+    """Compared functions (b, f, h) of the beds under control for continuous torques, of which ``told`` are known.
+
+    What acts inside the residual vehicle is always known.
+    """
+    case, pairs = beds.case, beds.case.compared
+    rig_inputs, sensors = disturbing(case), compared_sensors(case)
+    inputs = list(dict.fromkeys(pair.input for pair in pairs))
+    drive = np.zeros((*beds.read.shape[:2], beds.B.shape[2], len(inputs)), complex)
+    for i, name in enumerate(inputs):
+        if name in rig_inputs:
+            drive[..., [i]] += acting.of_readings @ beds.read[..., [rig_inputs.index(name)]]
+        if name in told or name not in rig_inputs:
+            drive[..., [i]] += acting.of_known[:, :, [acting.known.index(name)]]
+    answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), drive)
+    for i, name in enumerate(inputs):
+        if name in rig_inputs:
+            answer[..., i] += beds.answered[..., rig_inputs.index(name)]
+    return answer[:, :, [sensors.index(pair.sensor) for pair in pairs], [inputs.index(pair.input) for pair in pairs]]
+
+
+def errors(beds: BedSet, acting: Action, told: Sequence[str]) -> np.ndarray:
+    """Mean squares (b, h) over the frequencies of |log(H_rig/H_vehicle)|, complex logarithm."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.abs(np.log(responses(beds, acting, told) / beds.vehicle)) ** 2
+    return np.nan_to_num(squares, nan=1e6, posinf=1e6).mean(axis=1)

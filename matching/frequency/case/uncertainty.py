@@ -1,0 +1,110 @@
+"""What is not known exactly of a bed: the box that beds are drawn from."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from modelling.bed.loop import Loop
+from modelling.common.errors import InputError, unknown
+from modelling.model.system import System
+from modelling.units import to_si
+
+# Relative half-widths unless a case says otherwise; of the dead time in s.
+DEFAULT = {
+    "rig.inertias.*.J": 0.05,
+    "rig.shafts.*.stiffness": 0.05,
+    "rig.shafts.*.damping": 0.3,
+    "loop.dead_time": 5e-4,
+    "loop.inverter_lag": 0.2,
+    "loop.torque_sensor_lag": 0.2,
+    "loop.torque_gain": 0.03,
+}
+TORQUE_SENSOR_GAIN = 0.005  # relative half-width, of the dynamometers' torque sensors
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """One quantity: its value, and how far it may be off either way, both SI.
+
+    Names are ``rig.…``, ``loop.dead_time``, ``loop.inverter_lag``, ``loop.torque_sensor_lag``,
+    ``torque_gain.DYNAMOMETER`` and ``sensor_gain.SENSOR``.
+    """
+
+    name: str
+    value: float
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """Everything uncertain; p quantities."""
+
+    uncertain: tuple[Uncertain, ...] = ()
+
+    def at(self, position: np.ndarray) -> dict[str, float]:
+        """Values by name at a position (p,) in the box, each coordinate from −1 to 1."""
+        return {
+            one.name: max(one.value + one.half_width * float(x), 0.0)
+            for one, x in zip(self.uncertain, position, strict=True)
+        }
+
+    def draw(self, count: int, seed: int) -> np.ndarray:
+        """Positions (count, p), each coordinate even over −1 … 1."""
+        return np.random.default_rng(seed).uniform(-1, 1, (count, len(self.uncertain)))
+
+    def without(self, *kinds: str) -> Box:
+        """The same box with what begins with one of ``kinds`` known exactly."""
+        return Box(tuple(one for one in self.uncertain if not one.name.startswith(kinds)))
+
+
+def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: str) -> Box:
+    """The box of a case: the defaults, and over them what ``[uncertainty]`` says.
+
+    Raises
+    ------
+    InputError
+        Naming file and key.
+    """
+    table = data.get("uncertainty", {})
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: uncertainty", "is no table", 'write "rig.inertias.*.J" = 0.05 under [uncertainty]')
+    known = _known(rig, loop)
+    found: dict[str, Uncertain] = {}
+    for key, value in {**DEFAULT, **table}.items():
+        names = _fitting(key, known)
+        if not names:
+            if key in DEFAULT and key not in table:
+                continue
+            raise unknown(key, [*known, *DEFAULT, "sensors.*.gain"], f"{where}: uncertainty")
+        share = to_si(value, "s" if key == "loop.dead_time" else "1", f"{where}: uncertainty.{key!r}")
+        if not 0 <= share < 1:
+            raise InputError(f"{where}: uncertainty.{key!r}", f"{share:g} is not possible", "0 ≤ value < 1 is needed")
+        for name in names:
+            half_width = share if name == "loop.dead_time" else share * abs(known[name])
+            found[name] = Uncertain(name, known[name], half_width)
+    for dynamometer in loop.dynamometers:
+        name = f"sensor_gain.{dynamometer.torque_sensor}"
+        found.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
+    return Box(tuple(one for one in found.values() if one.half_width > 0))
+
+
+def _known(rig: System, loop: Loop) -> dict[str, float]:
+    known = {f"rig.{name}": quantity.value for name, quantity in rig.parameters.items()}
+    known |= {f"loop.{name}": loop[name] for name in ("dead_time", "inverter_lag", "torque_sensor_lag")}
+    known |= {f"torque_gain.{dynamometer.name}": 1.0 for dynamometer in loop.dynamometers}
+    return known | {f"sensor_gain.{name}": 1.0 for name in loop.controller_sensors}
+
+
+def _fitting(key: str, known: Mapping[str, float]) -> list[str]:
+    """Names that a key of the case file stands for."""
+    if key == "loop.torque_gain":
+        return [name for name in known if name.startswith("torque_gain.")]
+    if key.startswith("sensors.") and key.endswith(".gain"):
+        pattern = "sensor_gain." + key.removeprefix("sensors.").removesuffix(".gain")
+        return fnmatch.filter(known, pattern)
+    return fnmatch.filter([name for name in known if name.startswith(("rig.", "loop."))], key)

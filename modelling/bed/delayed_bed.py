@@ -1,0 +1,54 @@
+"""The bed's model from sample to sample, with a dead time that need not be a multiple of the sample time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from modelling.bed.bed_model import BedModel
+
+WHOLE_SAMPLE = 1e-9  # of a sample: dead times this little short of a whole number of samples count as whole
+
+
+@dataclass(frozen=True)
+class DelayedBed:
+    """x(j + 1) = whole·x(j) + new·u(j − delay) + old·u(j − delay − 1) + torques·w(j), all held over a sample.
+
+    Attributes
+    ----------
+    whole, new, old, torques : ndarray (x, x), (x, k), (x, k), (x, w)
+    delay : int
+        Whole samples of dead time; the rest of it is shared between ``new`` and ``old``.
+    """
+
+    whole: np.ndarray
+    new: np.ndarray
+    old: np.ndarray
+    torques: np.ndarray
+    delay: int
+
+
+def delayed_bed(A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_time: float, step: float) -> DelayedBed:
+    """Exact discretisation of ẋ = A·x + commands·u(t − dead_time) + torques·w over a step, s."""
+    delay = int(np.floor(dead_time / step + WHOLE_SAMPLE))
+    late = max(dead_time - delay * step, 0.0)  # of a sample: for so long the command before still acts
+    k = commands.shape[1]
+    before, early = held(A, np.hstack([commands, torques]), late)
+    after, new = held(A, np.hstack([commands, torques]), step - late)
+    return DelayedBed(after @ before, new[:, :k], after @ early[:, :k], after @ early[:, k:] + new[:, k:], delay)
+
+
+def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Exact discretisation (x, x), (x, u) over a step (s) with inputs held."""
+    n, m = len(A), B.shape[1]
+    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
+    return block[:n, :n], block[:n, n:]
+
+
+def of_model(model: BedModel, dead_time: float, step: float) -> DelayedBed:
+    """The model of rig, lags and residual vehicle; its inputs are the commands, then the measured torques."""
+    k = len(model.speed_error)
+    plant = model.space
+    return delayed_bed(plant.A, plant.B[:, :k], plant.B[:, k:], dead_time, step)

@@ -1,0 +1,228 @@
+"""Design of the observer-based controller: Kalman filter, prediction across the dead time, optimal state feedback.
+
+The model is that of :mod:`modelling.bed.bed_model`, with a torque that wanders (a random walk) at every input of the
+rig and at every dynamometer's rotor: what nobody measures is estimated from what it does. The filter corrects rig,
+lags and these torques; the residual vehicle, whose rigid motion is not observable from the rig, is corrected by its
+covariance with their errors. Commands on their way are known, so the prediction across the dead time is exact
+(Kwakernaak and Sivan, Linear Optimal Control Systems, 1972). Such a loop has no margin of its own accord (Doyle, IEEE
+Trans. Autom. Control 23 (1978) 756): its weights are what a search over drawn beds has to set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, solve_discrete_are
+
+from modelling.bed.feed_forward import FeedForward
+from modelling.bed.observer_model import ObserverModel
+from modelling.bed.sampled_controller import SampledController
+from modelling.common.errors import InputError
+
+FREE_COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)², of commands that known torques ask for: practically free
+# A known torque is a sample of a continuous one. Over the sample that begins it counts with its value half a sample on,
+# by the line through it and the last one, 1.5·w − 0.5·w(last): held as it is, it would come half a sample late.
+NOW = 1.5
+FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
+STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
+STATE_NOISE = 1e-12  # variance on every state of the rig, so that none counts as known exactly
+DOUBLINGS = 40  # of the time over which a covariance is summed: 2⁴⁰ samples are for ever
+
+
+def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> SampledController:
+    """The controller for a model and weights, see :data:`modelling.bed.structures.observer.QUANTITIES`.
+
+    A model runs ahead on the known torques alone, with commands that are nearly free; the observer estimates what bed
+    and vehicle really do, and its feedback, whose commands have the weights given, acts on the difference. So known
+    torques do not depend on how hard the feedback may work. States [observer; model that runs ahead].
+
+    Parameters
+    ----------
+    ahead : Ahead, optional
+        The model that runs ahead, if it is there already: it does not depend on the weights.
+
+    Raises
+    ------
+    InputError
+        If a Riccati equation has no stabilising solution.
+    """
+    ahead = runs_ahead(model) if ahead is None else ahead
+    F = state_feedback(model, weights["command_weight"], weights["command_change_weight"])
+    return assembled(model, ahead, F, correction(model, weights))
+
+
+def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> SampledController:
+    """The controller of a model that runs ahead, a state feedback and a correction."""
+    bed, n = model.bed, model.states
+    x, e, fifo = len(bed.whole), model.estimated, len(model.dynamometers) * (bed.delay + 1)
+    A, B, W = _shifting(model)
+    size, y, m, more = len(A), len(model.readings.rows), x + fifo, len(ahead.A)
+    L, C = np.zeros((size + more, y)), np.zeros((y, size + more))
+    L[:n], L[n:x], L[m:size] = corrected[:n], corrected[n + e :], corrected[n : n + e]
+    C[:, :n] = model.readings.rows
+    whole = block_diag(A, ahead.A)
+    whole[:size, size + m :] = (1 - NOW) * W
+    difference = ahead.F.copy()
+    difference[:, :m] -= F[:, :m]
+    return SampledController(
+        whole, np.vstack([B, np.zeros((more, B.shape[1]))]), np.vstack([NOW * W, ahead.W]), C, L,
+        np.hstack([F[:, :size], difference]), ahead.G,
+        model.readings.sensors, model.known, model.dynamometers, model.sample_time, size,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """The model that runs ahead on known torques: ξ⁺ = A·ξ + W·w, u = −F·ξ − G·w.
+
+    Attributes
+    ----------
+    A, W, F, G : ndarray (m, m), (m, w), (k, m), (k, w)
+        States [x; commands on their way, newest first; known torques of the last sample].
+    """
+
+    A: np.ndarray
+    W: np.ndarray
+    F: np.ndarray
+    G: np.ndarray
+
+
+def runs_ahead(model: ObserverModel) -> Ahead:
+    """The model that runs ahead."""
+    m, w = len(model.bed.whole) + len(model.dynamometers) * (model.bed.delay + 1), len(model.known)
+    gains = state_feedback(model, FREE_COMMAND_WEIGHT, 0.0)
+    A, B, W = (part[:m] for part in _shifting(model))
+    F, G = gains[:, :m], gains[:, m + model.estimated :]
+    W = W - B @ G
+    return Ahead(
+        np.block([[A[:, :m] - B @ F, (1 - NOW) * W], [np.zeros((w, m + w))]]),
+        np.vstack([NOW * W, np.eye(w)]),
+        np.hstack([F, (1 - NOW) * G]),
+        NOW * G,
+    )
+
+
+def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT) -> FeedForward:
+    """What the controller makes of bed and residual vehicle when it knows all: state [x; commands of the last step]."""
+    feedback, _ = _feedback(model, command_weight, 0.0)
+    A, B = _arriving(model)
+    bed, k, w = model.bed, len(model.dynamometers), len(model.known)
+    W = np.vstack([bed.torques[:, model.estimated :], np.zeros((k, w))])
+    C = np.zeros((len(model.readings.rows), len(A)))
+    C[:, : model.states] = model.readings.rows
+    D = np.zeros((len(C), w))
+    return FeedForward(
+        A, B, W, C, D, feedback, bed.delay, model.sample_time, model.known, model.readings.sensors
+    )  # fmt: skip
+
+
+def _arriving(model: ObserverModel) -> tuple[np.ndarray, np.ndarray]:
+    """A, B of [x; commands of the last step] for commands as they arrive."""
+    bed, k = model.bed, len(model.dynamometers)
+    A = np.vstack([np.hstack([bed.whole, bed.old]), np.zeros((k, len(bed.whole) + k))])
+    return A, np.vstack([bed.new, np.eye(k)])
+
+
+def _shifting(model: ObserverModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, W of [x; commands on their way, newest first; estimated torques] for commands as they are issued."""
+    bed, k, e = model.bed, len(model.dynamometers), model.estimated
+    x, fifo = len(bed.whole), k * (bed.delay + 1)
+    A, B = np.zeros((x + fifo + e,) * 2), np.zeros((x + fifo + e, k))
+    A[:x, :x] = bed.whole
+    if bed.delay:
+        A[:x, x + fifo - 2 * k : x + fifo - k] = bed.new
+    else:
+        B[:x] = bed.new
+    A[:x, x + fifo - k : x + fifo] = bed.old
+    A[:x, x + fifo :] = bed.torques[:, :e]
+    A[x + k : x + fifo, x : x + fifo - k] = np.eye(fifo - k)
+    B[x : x + k] = np.eye(k)
+    A[x + fifo :, x + fifo :] = (1 - FORGETTING_PER_SAMPLE) * np.eye(e)
+    W = np.vstack([bed.torques[:, e:], np.zeros((fifo + e, len(model.known)))])
+    return A, B, W
+
+
+def _feedback(model: ObserverModel, command_weight: float, change: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (k, x + k) on [x; commands of the last step] and (k, e + w) on torques held from there on.
+
+    Minimises the squared speed errors at the cuts, the squared commands and their squared changes. Torques stay out
+    of the Riccati equation: what they add to the cost's gradient solves a linear equation.
+    """
+    A, B = _arriving(model)
+    k, x = len(model.dynamometers), len(model.bed.whole)
+    E = np.hstack([model.speed_error, np.zeros((k, k))])
+    last = np.hstack([np.zeros((k, x)), np.eye(k)])
+    Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ last
+    R, S = (command_weight + change) * np.eye(k), -change * last.T
+    X = _riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
+    weight = B.T @ X @ B + R
+    F = np.linalg.solve(weight, B.T @ X @ A + S.T)
+    stay, closed = 1 - FORGETTING_PER_SAMPLE, A - B @ F
+    push = np.vstack([model.bed.torques, np.zeros((k, model.bed.torques.shape[1]))])
+    gradient = np.linalg.solve(np.eye(x + k) - stay * closed.T, closed.T @ X @ push)
+    return F, np.linalg.solve(weight, B.T @ (X @ push + stay * gradient))
+
+
+def state_feedback(model: ObserverModel, command_weight: float, change: float) -> np.ndarray:
+    """Gains (k, x + fifo + e + w) on what is known now, the state predicted across the dead time; weights as squares."""
+    feedback, of_torques = _feedback(model, command_weight, change)
+    bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
+    fifo, stay = k * (bed.delay + 1), 1 - FORGETTING_PER_SAMPLE
+    now = np.zeros((x, x + fifo + bed.torques.shape[1]))
+    now[:, :x] = np.eye(x)
+    for j in range(bed.delay):  # commands of delay − j and delay − j + 1 samples ago arrive
+        ahead = bed.whole @ now
+        newest = x + k * (bed.delay - j - 1)
+        ahead[:, newest : newest + k] += bed.new
+        ahead[:, newest + k : newest + 2 * k] += bed.old
+        ahead[:, x + fifo :] += stay**j * bed.torques
+        now = ahead
+    last = np.zeros((k, now.shape[1]))
+    last[:, x : x + k] = np.eye(k)
+    gains = feedback @ np.vstack([now, last])
+    gains[:, x + fifo :] += stay**bed.delay * of_torques
+    return gains
+
+
+def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray:
+    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one."""
+    bed, n, e, k = model.bed, model.states, model.estimated, len(model.dynamometers)
+    root = np.sqrt(model.sample_time)
+    push = bed.torques[:n, :e]
+    A = np.block([[bed.whole[:n, :n], push], [np.zeros((e, n)), (1 - FORGETTING_PER_SAMPLE) * np.eye(e)]])
+    C = np.hstack([model.readings.rows, np.zeros((len(model.readings.rows), e))])
+    drift = np.r_[[weights["torque_drift"]] * model.inputs, [weights["dynamometer_drift"]] * k] * root
+    white = bed.torques[:, model.inputs : e] * (weights["dynamometer_noise"] / root)
+    Q = np.zeros((n + e, n + e))
+    Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
+    Q[n:, n:] = np.diag(drift**2)
+    trust = {"torque": "torque_sensor_noise", "speed": "rotor_speed_noise", "further": "further_sensor_noise"}
+    R = np.diag((model.readings.noise * [weights[trust[kind]] for kind in model.readings.kinds]) ** 2)
+    P = _riccati(A.T, C.T, Q, R, None, "estimate of the rig's state")
+    innovation = C @ P @ C.T + R
+    L = np.linalg.solve(innovation, C @ P).T
+    left = np.eye(n + e) - L @ C
+    # covariance of the residual vehicle with rig and torques: M = V·M·(A·left)ᵀ + drive, summed by doubling
+    V = bed.whole[n:, n:]
+    from_rig = np.hstack([bed.whole[n:, :n], bed.torques[n:, :e]])
+    M = from_rig @ left @ P @ A.T
+    M[:, :n] += white[n:] @ white[:n].T
+    G = (A @ left).T
+    for _ in range(DOUBLINGS):
+        M, V, G = M + V @ M @ G, V @ V, G @ G
+        if np.abs(G).max() < 1e-20:
+            break
+    return np.vstack([L, np.linalg.solve(innovation, C @ M.T).T])
+
+
+def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, S: np.ndarray | None, what: str) -> np.ndarray:
+    try:
+        return solve_discrete_are(A, B, Q, R, s=S)
+    except (np.linalg.LinAlgError, ValueError) as fault:
+        raise InputError(
+            "loop",
+            f"there is no stable {what} ({fault})",
+            "check that each dynamometer reaches its cut and what the sensors see",
+        ) from None

@@ -1,0 +1,58 @@
+"""Observer, prediction across the dead time and state feedback in one controller, for measured and unmeasured torques.
+
+What it measures: the dynamometers' torques and speeds, further sensors (``loop.measures``) and torques that are
+measured or demanded (``loop.knows``). What nobody measures it estimates. Its weights, :data:`QUANTITIES`, are no
+physical values: a search over drawn beds sets them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from modelling.bed.loop import ControlStructure, Loop, LoopQuantity
+from modelling.bed.observer_design import design
+from modelling.bed.observer_model import observer_model
+from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.bed.sampled_controller import SampledController
+from modelling.model.system import System
+
+# Starts: tuned over drawn beds for the reference drive at 3 ms of dead time.
+QUANTITIES = {
+    "torque_drift": LoopQuantity("N*m/s^0.5", 19.0, 1e-4, 1e6, "how fast an unmeasured torque at an input may wander"),
+    "dynamometer_drift": LoopQuantity("N*m/s^0.5", 11.0, 1e-4, 1e6, "how fast a torque at a rotor may wander"),
+    "dynamometer_noise": LoopQuantity("N*m*s^0.5", 0.096, 1e-6, 1e4, "noise of the torque at a rotor"),
+    "command_weight": LoopQuantity("(rad/s/(N*m))^2", 3.6e-12, 1e-18, 1.0, "weight on a squared command"),
+    "command_change_weight": LoopQuantity(
+        "(rad/s/(N*m))^2", 1.2e-7, 1e-14, 1.0, "weight on the squared change of a command from sample to sample"
+    ),
+    "torque_sensor_noise": LoopQuantity("1", 1.6, 1e-3, 1e3, "noise of a flange torque over the sensor's uncertainty"),
+    "rotor_speed_noise": LoopQuantity("1", 0.24, 1e-3, 1e3, "noise of a rotor speed over the sensor's uncertainty"),
+    "further_sensor_noise": LoopQuantity("1", 0.072, 1e-3, 1e3, "noise of any other sensor over its uncertainty"),
+}
+
+
+@dataclass(frozen=True)
+class Observer(ControlStructure):
+    """Kalman filter, prediction and state feedback."""
+
+    name = "observer"
+    summary = "feed-forward of measured torques, disturbance observer for all others, prediction across the dead time"
+    quantities = QUANTITIES
+    is_observer = True
+
+    def gives_torque(self, values: Mapping[str, float]) -> bool:
+        """Always."""
+        return True
+
+    def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
+        """All that are measured, and what acts inside the residual vehicle."""
+        return (*measured, *simulated)
+
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledController | None:
+        """See :meth:`ControlStructure.observer`."""
+        return design(observer_model(rig, residual, loop), loop.values)
+
+    def cure(self, modulus_margin: float) -> str:
+        """More sensors are what an observer lives on."""
+        return 'a further sensor, e.g. measures = ["motor_speed"], tells the observer more'
