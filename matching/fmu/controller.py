@@ -8,7 +8,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import Parts, parts_of
 from modelling.bed.residual_vehicle import cut
 from modelling.controller.exported import ExportedController
-from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback
+from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback, law_of_observer
 from modelling.controller.settings import NO_LIMIT, Settings
 from modelling.controller.speed_hold import hold_gains
 from modelling.linear.state_space import StateSpace
@@ -47,6 +47,9 @@ def _law(parts: Parts) -> ControlLaw:
     k = len(loop.dynamometers)
     sensors = (*(own.torque_sensor for own in loop.dynamometers), *(own.speed_sensor for own in loop.dynamometers))
     signs = np.concatenate([parts.toward, np.ones(k)])
+    observer = loop.structure.observer(case.rig, reference, loop)
+    if observer is not None:
+        return law_of_observer(observer)
     feed_forward = loop.structure.feed_forward(case.rig, reference, loop)
     if feed_forward is not None:
         return law_of_feed_forward(feed_forward, parts.sampled_controller, signs, sensors)

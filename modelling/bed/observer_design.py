@@ -166,7 +166,7 @@ def _feedback(model: ObserverModel, command_weight: float, change: float) -> tup
 
 
 def state_feedback(model: ObserverModel, command_weight: float, change: float) -> np.ndarray:
-    """Gains (k, x + fifo + e + w) on what is known now, the state predicted across the dead time; weights as squares."""
+    """Gains (k, x + fifo + e + w) on what is known now, the state predicted across the dead time."""
     feedback, of_torques = _feedback(model, command_weight, change)
     bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
     fifo, stay = k * (bed.delay + 1), 1 - FORGETTING_PER_SAMPLE

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from modelling.bed.feed_forward import FeedForward
+from modelling.bed.sampled_controller import SampledController
 from modelling.linear.state_space import StateSpace
 
 
@@ -140,6 +141,16 @@ def law_of_feed_forward(
     return ControlLaw(
         A, By, Bw, Bs, K, D, Kw, np.zeros((size, y)), E, sensors, feed_forward.measured, names,
         feed_forward.sample_time,
+    )  # fmt: skip
+
+
+def law_of_observer(controller: SampledController) -> ControlLaw:
+    """The law of an observer with state feedback, which predicts with what was sent as it is."""
+    k, y, x = len(controller.dynamometers), len(controller.sensors), len(controller.A)
+    return ControlLaw(
+        controller.A, np.zeros((x, y)), controller.W, controller.B, -controller.F, np.zeros((k, y)), -controller.G,
+        controller.L, controller.C, controller.sensors, controller.known, controller.dynamometers,
+        controller.sample_time,
     )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ FLOORS = [
     ["matching.validity"],
     ["matching.frequency.case"],
     ["matching.frequency.independent"],
+    ["matching.frequency.beds"],
     ["matching.frequency.loop"],
     ["matching.frequency.response"],
     ["matching.frequency.programme"],

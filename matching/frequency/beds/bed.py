@@ -69,13 +69,15 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     A = block_diag(rig.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
     commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
     for j, dynamometer in enumerate(loop.dynamometers):
-        A[:n, n + j] = values.get(f"torque_gain.{dynamometer.name}", 1.0) * rig.input(dynamometer.torque_input)
+        A[:n, n + j] = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) * rig.input(
+            dynamometer.torque_input
+        )
         A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag
         commands[n + j, j] = 1 / lag
     for i, name in enumerate(loop.controller_sensors):
         readings[i, :n] = rig.output(name)
     readings[:k] = np.eye(k, n + 2 * k, n + k)
-    readings *= np.array([[values.get(f"sensor_gain.{name}", 1.0)] for name in loop.controller_sensors])
+    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
     torques = np.zeros((n + 2 * k, len(disturbing(case))))
     rows = [rig.outputs.index(name) for name in compared_sensors(case)]
     columns = [rig.inputs.index(name) for name in disturbing(case)]

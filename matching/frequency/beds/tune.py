@@ -25,6 +25,7 @@ STIFF = 30.0  # how much a relative excess of a requirement weighs against a rel
 STEP = 0.02  # decades, of finite differences
 FURTHEST = 2.0  # decades from the start
 EVALUATIONS = 14  # gradients at most
+SETTLED = 1e-3  # relative change of cost or weights at which the search ends
 REGULATOR = ("command_weight", "command_change_weight")
 
 
@@ -113,9 +114,10 @@ def tuned_weights(search: Tuner, start: Mapping[str, float] | None = None) -> di
     begin = search.case.loop.values if start is None else start
     x = np.log10([begin[name] for name in search.names])
     bounds = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]
+    within = np.maximum(bounds[0], x - FURTHEST), np.minimum(bounds[1], x + FURTHEST)
     found = least_squares(
-        search.residuals, x, method="trf", bounds=(np.maximum(bounds[0], x - FURTHEST), np.minimum(bounds[1], x + FURTHEST)),
-        diff_step=None, x_scale=1.0, max_nfev=EVALUATIONS, jac=lambda at: _slopes(search.residuals, at), ftol=1e-3, xtol=1e-3,
+        search.residuals, x, jac=lambda at: _slopes(search.residuals, at), bounds=within,
+        max_nfev=EVALUATIONS, ftol=SETTLED, xtol=SETTLED,
     )  # fmt: skip
     return dict(zip(search.names, (10.0**found.x).tolist(), strict=True))
 

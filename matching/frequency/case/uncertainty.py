@@ -32,7 +32,7 @@ class Uncertain:
     """One quantity: its value, and how far it may be off either way, both SI.
 
     Names are ``rig.…``, ``loop.dead_time``, ``loop.inverter_lag``, ``loop.torque_sensor_lag``,
-    ``torque_gain.DYNAMOMETER`` and ``sensor_gain.SENSOR``.
+    ``dynamometers.NAME.torque_gain`` and ``sensors.NAME.gain``.
     """
 
     name: str
@@ -88,7 +88,7 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
             half_width = share if name == "loop.dead_time" else share * abs(known[name])
             found[name] = Uncertain(name, known[name], half_width)
     for dynamometer in loop.dynamometers:
-        name = f"sensor_gain.{dynamometer.torque_sensor}"
+        name = f"sensors.{dynamometer.torque_sensor}.gain"
         found.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
     return Box(tuple(one for one in found.values() if one.half_width > 0))
 
@@ -96,15 +96,10 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
 def _known(rig: System, loop: Loop) -> dict[str, float]:
     known = {f"rig.{name}": quantity.value for name, quantity in rig.parameters.items()}
     known |= {f"loop.{name}": loop[name] for name in ("dead_time", "inverter_lag", "torque_sensor_lag")}
-    known |= {f"torque_gain.{dynamometer.name}": 1.0 for dynamometer in loop.dynamometers}
-    return known | {f"sensor_gain.{name}": 1.0 for name in loop.controller_sensors}
+    known |= {f"dynamometers.{dynamometer.name}.torque_gain": 1.0 for dynamometer in loop.dynamometers}
+    return known | {f"sensors.{name}.gain": 1.0 for name in loop.controller_sensors}
 
 
 def _fitting(key: str, known: Mapping[str, float]) -> list[str]:
     """Names that a key of the case file stands for."""
-    if key == "loop.torque_gain":
-        return [name for name in known if name.startswith("torque_gain.")]
-    if key.startswith("sensors.") and key.endswith(".gain"):
-        pattern = "sensor_gain." + key.removeprefix("sensors.").removesuffix(".gain")
-        return fnmatch.filter(known, pattern)
-    return fnmatch.filter([name for name in known if name.startswith(("rig.", "loop."))], key)
+    return fnmatch.filter(known, "dynamometers.*.torque_gain" if key == "loop.torque_gain" else key)

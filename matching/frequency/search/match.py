@@ -21,6 +21,7 @@ from matching.frequency.search.shared_components import differing_components
 from matching.frequency.search.solve_and_verify import solve_and_verify
 from matching.frequency.solver.task import Near, Solution, Task
 from matching.frequency.verification.verify import Verification
+from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import Mode, modes
 
@@ -66,6 +67,8 @@ def match(
     NoBetter
         If ``near`` leads to nothing better than it has to.
     """
+    if case.loop.structure.is_observer:
+        raise InputError(f"{case.path}: loop.structure", "'observer' cannot be tuned yet", "take 'model_based' or 'pi'")
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
     targets = target_modes(case)
