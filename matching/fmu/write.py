@@ -94,4 +94,4 @@ def _target(path: str, option: str) -> Path:
 def _lacking(made: Fmu) -> list[str]:
     if made.platform is not None:
         return []
-    return [f"{made.lacking}: the FMU holds C sources only, to be compiled where it is used"]
+    return ["no C compiler was found: the FMU holds C sources only, to be compiled where it is used"]

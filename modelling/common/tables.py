@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from modelling.common.errors import InputError, unknown
+from modelling.common.escape import is_control
 
+LONGEST_TITLE = 300  # characters
 LARGEST_FILE = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
 
 
@@ -127,6 +129,24 @@ def text(table: Mapping[str, Any], key: str, where: str, default: str | None = N
     if not isinstance(value, str):
         raise InputError(key_place(where, key), f"{value!r} is no text", "put it in quotes")
     return value
+
+
+def title(table: Mapping[str, Any], where: str, default: str = "") -> str:
+    """The title of a file, one line of text.
+
+    Raises
+    ------
+    InputError
+        If it is no text, too long, or holds control characters or line ends.
+    """
+    line = text(table, "title", where, default)
+    if len(line) > LONGEST_TITLE:
+        raise InputError(f"{where}: title", f"has {len(line)} characters", f"at most {LONGEST_TITLE} are read")
+    for place, letter in enumerate(line, 1):
+        if is_control(letter):
+            wrong = f"character {place} (U+{ord(letter):04X}) is a control character or a line end"
+            raise InputError(f"{where}: title", wrong, "write one line of text")
+    return line
 
 
 def one_of(value: str, choices: Iterable[str], where: str) -> str:

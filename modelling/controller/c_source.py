@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from modelling.common.escape import c_comment
 from modelling.controller import settings as fixed
 from modelling.controller.exported import ExportedController
 
@@ -35,20 +35,20 @@ def memory_bytes(controller: ExportedController) -> int:
 def _header(controller: ExportedController) -> str:
     law = controller.law
     readings = [f"{name}, {unit}" for name, unit in zip(law.sensors, controller.units, strict=True)]
-    # loads from the folder itself: the text is C, not HTML, so names go through _comment and nothing else
+    # loads from the folder itself: the text is C, not HTML, so names go through c_comment and nothing else
     made = Environment(
         loader=FileSystemLoader(HERE), autoescape=False, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     return (
         made.get_template("controller.h.in").render(
-            title=_comment(controller.title) or "Controller",
+            title=c_comment(controller.title) or "Controller",
             sample_time=_real(law.sample_time),
             seconds=law.sample_time,
             bytes=memory_bytes(controller),
             states=len(law.A),
-            readings=[_comment(reading) for reading in readings],
-            known=[_comment(name) for name in law.known],
-            dynamometers=[_comment(name) for name in law.dynamometers],
+            readings=[c_comment(reading) for reading in readings],
+            known=[c_comment(name) for name in law.known],
+            dynamometers=[c_comment(name) for name in law.dynamometers],
             remembered=fixed.REMEMBERED_SAMPLES,
         )
         + "\n"
@@ -103,11 +103,6 @@ def _rows(name: str, matrix: np.ndarray) -> list[str]:
 
 def _wrapped(entries: list[str], a_line: int = 6) -> list[str]:
     return [f"    {', '.join(entries[i : i + a_line])}," for i in range(0, len(entries), a_line)]
-
-
-def _comment(text: str) -> str:
-    """Text of a file as it may stand in a C comment: ASCII letters, digits and what cannot end or continue one."""
-    return re.sub(r"[^A-Za-z0-9 .,:;()_+=/-]", "_", text[:200].replace("*", " "))
 
 
 def _real(value: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sm
 
+from modelling.common import escape
 from modelling.equations.lagrange import Equations
 from modelling.equations.symbols import ANGLE, Sign, known_zeros, signs
 from modelling.model.system import System
@@ -39,7 +40,7 @@ def html(equations: Equations, system: System | None = None) -> str:
     rows += [line.replace(" = ", " &= ", 1) for line in parts["motion"]]
     title = system.title if system else ""
     body = r" \\ ".join(rows)
-    return (f"<h4>{title}</h4>" if title else "") + rf"$$\begin{{aligned}}{body}\end{{aligned}}$$"
+    return (f"<h4>{escape.html(title)}</h4>" if title else "") + rf"$$\begin{{aligned}}{body}\end{{aligned}}$$"
 
 
 def _written(sign: Sign) -> str:
@@ -51,4 +52,4 @@ def _written(sign: Sign) -> str:
 
 
 def _upright(name: str) -> str:
-    return rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
+    return rf"\mathrm{{{escape.latex(name)}}}"

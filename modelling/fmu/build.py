@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import platform
-import subprocess
-import tempfile
 from collections.abc import Mapping
-from pathlib import Path
 
-from modelling.simulation.integrator.c_library import SECONDS, compiler
+from modelling.simulation.integrator.c_compiler import CompilerFault, check, compile_library, compiler
 
 # no -march: a binary runs on every machine of the platform; no contraction: the same figures everywhere
 FLAGS = (
@@ -26,20 +23,21 @@ def folder(fmi: str) -> str:
     return f"{machine}-{system}"
 
 
-def binary(files: Mapping[str, str], source: str) -> tuple[bytes | None, str]:
-    """The shared library of C files by name, of which ``source`` includes the others; or why there is none."""
+def binary(files: Mapping[str, str], source: str) -> bytes | None:
+    """The shared library of C files by name, of which ``source`` includes the others; None without a compiler.
+
+    Raises
+    ------
+    InputError
+        If there is a compiler that does not work.
+    RuntimeError
+        If a compiler that works does not compile the sources.
+    """
     cc = compiler()
     if cc is None:
-        return None, "no C compiler was found"
-    with tempfile.TemporaryDirectory() as work:
-        for name, text in files.items():
-            (Path(work) / name).write_text(text, encoding="utf-8")
-        command = [cc, *FLAGS, "-o", "fmu.so", source, "-lm"]  # names without a folder: the binary tells of none
-        try:
-            done = subprocess.run(command, cwd=work, capture_output=True, text=True, timeout=SECONDS)
-        except (OSError, subprocess.SubprocessError) as fault:
-            return None, f"the C compiler {cc} failed: {fault}"
-        if done.returncode:
-            lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines() or [""]
-            return None, f"the C compiler {cc} failed: {lines[0]}"
-        return (Path(work) / "fmu.so").read_bytes(), ""
+        return None
+    check(cc)
+    try:
+        return compile_library(cc, FLAGS, files, source)
+    except CompilerFault as fault:
+        raise RuntimeError(f"the sources of the FMU do not compile: {fault}") from None

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from modelling.common.escape import c_string, xml
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.exported import ExportedController
-from modelling.fmu.description import xml_text
 from modelling.fmu.export import Fmu, package, page_of
 from modelling.fmu.source import FILES, variable_table
 from modelling.fmu.variables import Variable
@@ -85,7 +85,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     ):
         parameters.append(Variable(key, "parameter", "1", float(getattr(own, key)), meaning, 0.0, MOST_SAMPLES))
     return ControllerContents(
-        xml_text(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
+        xml(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
         tuple(parameters),
     )  # fmt: skip
 
@@ -118,8 +118,8 @@ def _code(
 ) -> dict[str, str]:
     here = Path(__file__).with_name("sources")
     defines = {
-        "IDENTIFIER": f'"{identifier}"',
-        "TOKEN": f'"{token}"',
+        "IDENTIFIER": c_string(identifier),
+        "TOKEN": c_string(token),
         "N_INPUTS": str(len(own.inputs)),
         "N_OUTPUTS": str(len(own.outputs)),
         "N_PARAMETERS": str(len(own.parameters)),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 from xml.etree import ElementTree as ET
 
+from modelling.common.escape import xml
 from modelling.fmu.block import Contents
 from modelling.fmu.units import exponents
 from modelling.fmu.variables import Variable
@@ -23,7 +23,7 @@ def description(block: Contents, identifier: str, fmi: str, token: str, step: fl
         "fmiModelDescription",
         {
             "fmiVersion": fmi,
-            "modelName": xml_text(block.title),
+            "modelName": xml(block.title),
             "guid" if two else "instantiationToken": token,
             "description": block.about,
             "generationTool": "rigmatch",
@@ -55,11 +55,6 @@ def description(block: Contents, identifier: str, fmi: str, token: str, step: fl
     _structure(structure, range(first, first + len(block.outputs)), two)
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-
-
-def xml_text(text: str) -> str:
-    """Text of a file without what XML 1.0 cannot hold: control characters, surrogates and non-characters."""
-    return re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
 
 
 def _units(root: ET.Element, block: Contents) -> None:

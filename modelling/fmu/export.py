@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import io
 import platform
-import re
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from modelling.common.escape import c_identifier, xml
 from modelling.fmu.block import Block, Contents
 from modelling.fmu.build import SUFFIX, binary, folder
-from modelling.fmu.description import description, xml_text
+from modelling.fmu.description import description
 from modelling.fmu.source import FILES, sources
 
 LICENCE = """The files motion.c and fmi2.c or fmi3.c are part of rigmatch, MIT licence. model.c was written by CasADi's
@@ -24,13 +24,12 @@ code generator from the model whose values model.h holds.
 
 @dataclass(frozen=True)
 class Fmu:
-    """An FMU: its bytes, GUID, identifier, the platform its binary is for (None without one) and why it has none."""
+    """An FMU: its bytes, GUID, identifier, and the platform its binary is for: None where there is no C compiler."""
 
     content: bytes
     token: str
     identifier: str
     platform: str | None
-    lacking: str
 
 
 def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
@@ -43,8 +42,15 @@ def fmu(block: Block, fmi: str = "2.0", step: float = 1e-3) -> Fmu:
         ``"2.0"`` or ``"3.0"``.
     step : float
         s, communication step to suggest.
+
+    Raises
+    ------
+    InputError
+        If there is a C compiler that does not work.
+    RuntimeError
+        If a compiler that works does not compile the sources.
     """
-    clean = replace(block, title=xml_text(block.title))
+    clean = replace(block, title=xml(block.title))
     page = page_of("index.html", block=clean, fmi=fmi)
     return package(clean, fmi, step, page, lambda identifier, token: sources(clean, identifier, fmi, token))
 
@@ -63,8 +69,7 @@ def package(contents: Contents, fmi: str, step: float, page: str, code_of: Calla
     code_of : callable
         (identifier, token) → C files by name.
     """
-    identifier = re.sub(r"[^A-Za-z0-9_]+", "_", contents.name).strip("_") or "model"
-    identifier = identifier if identifier[0].isalpha() else f"model_{identifier}"
+    identifier = c_identifier(contents.name)
     token = _token(description(contents, identifier, fmi, "", step, ""), code_of(identifier, ""))
     code = code_of(identifier, token)
     files: dict[str, bytes] = {
@@ -72,13 +77,13 @@ def package(contents: Contents, fmi: str, step: float, page: str, code_of: Calla
         "documentation/index.html": page.encode(),
         "documentation/licenses/license.txt": LICENCE.encode(),
     }
-    made, lacking = binary(code, FILES[fmi])
+    made = binary(code, FILES[fmi])
     if made is not None:
         files[f"binaries/{folder(fmi)}/{identifier}.{SUFFIX.get(platform.system().lower(), 'so')}"] = made
     files |= {f"sources/{name}": text.encode() for name, text in code.items()}
     if fmi == "3.0":
         files["sources/buildDescription.xml"] = _build_description(identifier).encode()
-    return Fmu(_archive(files), token, identifier, folder(fmi) if made is not None else None, lacking)
+    return Fmu(_archive(files), token, identifier, folder(fmi) if made is not None else None)
 
 
 def _token(described: str, code: dict[str, str]) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import casadi as ca
 
+from modelling.common.escape import c_comment, c_string
 from modelling.fmu.block import Block
 from modelling.fmu.variables import Variable
 
@@ -37,9 +37,9 @@ def variable_table(
 ) -> list[str]:
     """Lines of ``model.h``: definitions, then names and start values in the order of the value references."""
     time = Variable("time", "independent", "s")
-    lines = [f"/* {_comment(title)}: sizes, names and start values, in the order of the value references */"]
+    lines = [f"/* {c_comment(title)}: sizes, names and start values, in the order of the value references */"]
     lines += [f"#define {name} {value}" for name, value in defines.items()]
-    lines += _array("char *const NAME", (_text(variable.name) for variable in (time, *variables)))
+    lines += _array("char *const NAME", (c_string(variable.name) for variable in (time, *variables)))
     lines += _array("double START", (_real(variable.start) for variable in (time, *variables)))
     lines += _array("double LOWER", (_real(parameter.lower) for parameter in parameters))
     return lines + _array("double UPPER", (_real(parameter.upper) for parameter in parameters))
@@ -60,7 +60,7 @@ def _header(block: Block, identifier: str, token: str) -> str:
         "N_TAKEN": math.ceil(LOOK_BACK * block.delay * block.steps_per_second) + 8 if block.delay else 0,
         "HAS_CONTACT": int(not math.isnan(block.contact)),
     }
-    defines = {"IDENTIFIER": f'"{identifier}"', "TOKEN": f'"{token}"'}
+    defines = {"IDENTIFIER": c_string(identifier), "TOKEN": c_string(token)}
     defines |= {name: str(value) for name, value in sizes.items()}
     defines["CONTACT"] = repr(0.0 if math.isnan(block.contact) else block.contact)
     lines = variable_table(block.title, defines, block.variables, block.parameters)
@@ -71,16 +71,6 @@ def _header(block: Block, identifier: str, token: str) -> str:
 
 def _array(what: str, entries: Iterable[str]) -> list[str]:
     return [f"static const {what}[] = {{", *(f"    {entry}," for entry in entries), "};"]
-
-
-def _comment(text: str) -> str:
-    """Text of a file as it may stand in a C comment: ASCII letters, digits and what cannot end or continue one."""
-    return re.sub(r"[^A-Za-z0-9 .,:;()_+=-]", "_", text[:200])
-
-
-def _text(name: str) -> str:
-    """A C string; names hold letters, digits, _, -, . and () only, letters of any alphabet as UTF-8."""
-    return f'"{name}"'
 
 
 def _real(value: float) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from modelling.common.errors import InputError, unknown
-from modelling.common.tables import check_keys, read_toml, text
+from modelling.common.tables import check_keys, read_toml, text, title
 from modelling.effects import EFFECTS
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
@@ -65,7 +65,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
             sensors=tuple(_parts(data, "sensors", where, _sensor)),
             mirror=_mirror(data.get("mirror", {}), f"{where}: mirror"),
             effects=_effects(data, where),
-            title=text(data, "title", where, ""),
+            title=title(data, where),
             reference=text(data, "reference", where, ""),
         )
     except InputError as fault:

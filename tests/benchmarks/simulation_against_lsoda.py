@@ -23,7 +23,7 @@ import numpy as np
 from modelling.equations.compiled import Model, compiled
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.files import from_dict
-from modelling.simulation.integrator.c_library import compiler
+from modelling.simulation.integrator.c_compiler import compiler
 from modelling.simulation.simulate import sensitivities, simulate_batch
 from tests.benchmarks.row import peer_runs
 

@@ -11,8 +11,9 @@ from needs import compiles
 from matching.cli import main
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
+from modelling.fmu.build import binary
 from modelling.fmu.units import exponents
-from modelling.simulation.integrator import c_library as build
+from modelling.simulation.integrator import c_compiler as build
 
 
 @pytest.fixture(params=["reference_case", "lashed_model"])
@@ -87,11 +88,19 @@ def test_a_compiler_that_fails_is_named(monkeypatch, reference_case, tmp_path, c
     monkeypatch.setenv("CC", "false")
     build.compiler.cache_clear()
     try:
-        assert main(["export", str(reference_case), "--fmu", str(tmp_path / "rvm.fmu")]) == 0
+        assert main(["export", str(reference_case), "--fmu", str(tmp_path / "rvm.fmu")]) == 2
     finally:
         build.compiler.cache_clear()
-    assert "false failed" in capsys.readouterr().out
-    assert fmpy.supported_platforms(str(tmp_path / "rvm.fmu")) == ["c-code"]
+    line = capsys.readouterr().err
+    assert "false: the C compiler does not work" in line
+    assert line.count("\n") == 1
+    assert not (tmp_path / "rvm.fmu").exists()
+
+
+@compiles
+def test_sources_that_do_not_compile_are_an_error():
+    with pytest.raises(RuntimeError, match=r"do not compile: .*error"):
+        binary({"fmu.c": "int main( {"}, "fmu.c")
 
 
 def result_folder(reference_case, folder, status, **tuned):

@@ -3,11 +3,15 @@
 from xml.etree import ElementTree as ET
 
 import pytest
+from needs import compiles
 
 from modelling.fmu.block import block
+from modelling.fmu.build import FLAGS
 from modelling.fmu.description import description
-from modelling.fmu.source import sources
+from modelling.fmu.source import FILES, sources
 from modelling.model.files import from_dict
+from modelling.simulation.integrator import c_compiler, c_library
+from modelling.simulation.integrator.c_compiler import compile_library, compiler
 
 DISC = {"inertias": {"a": {"J": 1.0}}, "inputs": {"torque": {"on": "a"}}}
 TITLES = [
@@ -27,5 +31,25 @@ def test_any_title_is_only_text(title):
     assert first.startswith("/* ")
     assert first.endswith(" in the order of the value references */")
     assert "*/" not in first[:-2]
-    assert not set(first[3:-3]) & set("*/\\?")
+    assert not set(first[3:-3]) & set("*\\?")
     assert ET.fromstring(description(made, "disc", "2.0", "{0}", 1e-3, "fmi2.c").encode()).get("modelName")
+
+
+@compiles
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_sources_compile_without_a_warning_whatever_the_title(fmi):
+    made = block([from_dict(DISC, "test")], "a ??/\n*/ int run(void) {\\", "disc")
+    flags = ("-Wall", "-Werror", "-Wno-unused-function", "-shared", "-fPIC", "-std=c11")
+    assert compile_library(compiler(), flags, sources(made, "disc", fmi, "{0}"), FILES[fmi])
+
+
+def test_the_command_line_of_the_compiler_holds_nothing_of_the_model(monkeypatch):
+    calls = []
+    monkeypatch.setattr(c_compiler, "_run", lambda command, *_: calls.append(command) or "")
+    hostile = "evil -fplugin=x; $(touch evil)"
+    made = block([from_dict(DISC | {"title": hostile}, "test")], hostile, hostile)
+    for flags in (FLAGS, c_library.FLAGS):
+        with pytest.raises(c_compiler.CompilerFault):
+            compile_library("cc", flags, sources(made, "disc", "2.0", "{0}"), FILES["2.0"])
+    assert len(calls) == 2
+    assert not [word for call in calls for word in call if "evil" in word or "touch" in word]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fmpy
 
-from modelling.simulation.integrator.c_library import compiler
+from modelling.simulation.integrator.c_compiler import compiler
 
 
 @dataclass(frozen=True)

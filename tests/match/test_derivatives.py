@@ -15,7 +15,8 @@ from matching.frequency.programme.build import _functions, build
 from matching.frequency.programme.evaluators import _REMEMBERED
 from matching.frequency.programme.objectives.response_error import ResponseErrorObjective
 from matching.frequency.solver.starts import start
-from modelling.simulation.integrator.c_library import compiler, folder
+from modelling.simulation.integrator.c_compiler import compiler
+from modelling.simulation.integrator.library_cache import folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"

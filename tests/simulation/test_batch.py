@@ -1,6 +1,7 @@
 """Batches, uneven time, caching."""
 
 import numpy as np
+import pytest
 from needs import compiles
 
 from modelling.equations.compiled import compiled
@@ -53,14 +54,17 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
+    from modelling.simulation.integrator import c_compiler, library_cache
     from modelling.simulation.integrator import c_library as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
     monkeypatch.setattr(build, "compiler", lambda: "/bin/false")
-    monkeypatch.setattr(build, "folder", lambda: tmp_path)
+    monkeypatch.setattr(library_cache, "folder", lambda: tmp_path)
     monkeypatch.setattr(build, "_LIBRARIES", {})
-    np.testing.assert_allclose(simulate(system_with(), time, inputs).states, expected.states, atol=1e-10)
+    c_compiler._warn.cache_clear()
+    with pytest.warns(c_compiler.CompilerWarning, match="/bin/false does not work"):
+        np.testing.assert_allclose(simulate(system_with(), time, inputs).states, expected.states, atol=1e-10)
     assert not list(tmp_path.iterdir())
 
 

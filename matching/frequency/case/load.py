@@ -15,7 +15,7 @@ from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre, from_table
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.common.errors import InputError, unknown
-from modelling.common.tables import read_toml
+from modelling.common.tables import read_toml, title
 from modelling.model.files import load
 from modelling.model.system import System
 from modelling.units import to_si
@@ -68,7 +68,7 @@ def load_case(path: str | Path) -> Case:
         _manoeuvre(data, rig, residual, loop, where),
         _limits(data, rig, where),
         read_moves(data, rig, residual, loop, where),
-        text_of(data, "title", where) if "title" in data else "",
+        title(data, where),
         where,
         _objective(data, where),
         read_uncertainty(data, rig, loop, where),

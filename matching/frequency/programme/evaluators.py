@@ -20,7 +20,8 @@ from typing import Any
 import casadi as ca
 
 from matching.frequency.programme.terms import Term
-from modelling.simulation.integrator.c_library import compiler, generated, loaded, shared
+from modelling.simulation.integrator.c_compiler import compiler
+from modelling.simulation.integrator.c_library import generated, loaded, shared
 
 OPTIMISATION = "-O1"  # beyond it the compiler takes longer than it saves
 MOST_OPERATIONS = 10_000  # operations of a term beyond which the compiler would take minutes over its derivatives

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,7 +79,8 @@ def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = N
         Entries by Matplotlib's names for the kind of file (``Title``, ``Source``, … for SVG; any for PNG).
     """
     buffer = io.BytesIO()
-    with styled():
+    with styled(), catch_warnings():
+        simplefilter("ignore", UserWarning)  # a letter that the font lacks, a title longer than the figure
         if kind == "svg":
             _write_svg(fig, buffer, {"Date": None, **(metadata or {})})
         else:

@@ -15,6 +15,7 @@ from matching.frequency.studies.map_axis import Axis
 from matching.report.common.style import INK, RIG, figure, styled
 from matching.report.common.wording import number, unit
 from matching.report.map import marks as map_marks
+from modelling.common import escape
 
 MOST_FIELDS = 6  # values per axis up to which coloured fields with their errors are clearer than contours
 LEAST_VALUES = 4  # per axis that contours need
@@ -48,7 +49,7 @@ def map_figure(result: Map) -> Figure:
         if entries:
             fig.legend(handles=entries, loc="outside lower center", ncols=4, handleheight=1.6, handlelength=2.6)
         if result.title:
-            fig.suptitle(result.title, fontsize=11)
+            fig.suptitle(escape.figure(result.title), fontsize=11)
     return fig
 
 

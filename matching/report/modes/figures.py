@@ -13,6 +13,7 @@ from matplotlib.ticker import NullLocator
 
 from matching.report.common.style import figure, styled
 from matching.report.common.wording import ABSENT, spaced
+from modelling.common import escape
 from modelling.modal.modes import Mode, Modes
 
 _TINTS = (1.0, 0.45, 0.2)  # strength of the colour of the first, second and third mode in the figure
@@ -79,7 +80,7 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
     axes.set_xticks([mode.number for mode in column.modes])
     axes.grid(False, axis="x")
     axes.set_xlabel("Mode number (s symmetric, a antisymmetric left to right)" if _labelled(column) else "Mode number")
-    axes.set_title(column.title)
+    axes.set_title(escape.figure(column.title))
 
 
 def _labelled(column: Column) -> bool:
@@ -127,7 +128,7 @@ def shares_figure(modes: Modes, title: str = "") -> Figure:
         left.set_yticks(range(rows), [f"{number + 1}:  {modes.frequencies[number]:.4g} Hz" for number in range(rows)])
         left.set_ylabel("Mode")
         if title:
-            fig.suptitle(title, fontsize=10)
+            fig.suptitle(escape.figure(title), fontsize=10)
     return fig
 
 

@@ -13,7 +13,8 @@ from matching.validity.budget.dimensions import check_turns, dimension_of, resul
 from matching.validity.budget.formula import functions, parse_formula
 from matching.validity.budget.inputs import read_input, read_line
 from modelling.common.errors import InputError
-from modelling.common.tables import check_keys, number, read_toml, text
+from modelling.common.escape import single_line
+from modelling.common.tables import check_keys, number, read_toml, text, title
 from modelling.units import unit_of
 
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
@@ -34,7 +35,7 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     inputs, correlated = _inputs(tables, where)
     names = [one.name for one in inputs]
     return Budget(
-        text(tables, "title", where, Path(where).stem),
+        title(tables, where, single_line(Path(where).stem)),
         _measurands(tables, inputs, where),
         tuple(inputs),
         _correlation(tables.get("correlations", []), correlated, names, where),

@@ -12,7 +12,8 @@ from matching.validity.budget.budget_file import read_budget
 from matching.validity.fidelity.recordings import RecordingPair, read_recordings
 from matching.validity.uncertainty.evaluate import evaluate
 from modelling.common.errors import InputError
-from modelling.common.tables import check_keys, number, one_of, read_toml, text
+from modelling.common.escape import single_line
+from modelling.common.tables import check_keys, number, one_of, read_toml, text, title
 from modelling.fidelity.assess import assemble, assess_signal
 from modelling.fidelity.delay import Delay
 from modelling.fidelity.fidelity import (
@@ -126,7 +127,7 @@ def fidelity_from_tables(
     fidelity = assemble(signals, sensors, weights, method, recordings.step if recordings else None, where)
     if recordings:
         fidelity = replace(fidelity, notes=recordings.notes)
-    return text(tables, "title", where, path.stem), fidelity
+    return title(tables, where, single_line(path.stem)), fidelity
 
 
 def _method(tables: dict[str, Any], where: str, arithmetic: str | None, nrmse: str | None) -> FidelityMethod:

@@ -1,0 +1,117 @@
+"""Where compiled libraries are kept: only what was written here, whole, is loaded again.
+
+An entry ``KEY-DIGEST.so`` carries two checksums: of all that it was made from, and of its content. It is written beside
+its place, forced to the disk and moved there in one step; before it is loaded its content is compared with its name,
+and what is wrong is removed, to be made anew. Folder and entries belong to this user and nobody else may write to them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import stat
+import tempfile
+import time
+from pathlib import Path
+
+SUFFIX, UNFINISHED = ".so", ".new-"
+DIGITS = 32  # of a checksum, hexadecimal
+STALE_SECONDS = 3600.0  # after which an unfinished entry is nobody's any more
+OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+@functools.cache
+def folder() -> Path:
+    """``RIGMATCH_CACHE`` or the user's cache; one of this process alone where that is missing or open to others."""
+    for path in _candidates():
+        with contextlib.suppress(OSError):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(path, os.W_OK | os.X_OK) and only_mine(path):
+                return path
+    return _folder_of_this_process()
+
+
+def _candidates() -> list[Path]:
+    if wanted := os.environ.get("RIGMATCH_CACHE"):
+        return [Path(wanted).absolute()]
+    caches = os.environ.get("XDG_CACHE_HOME", "")
+    with contextlib.suppress(RuntimeError):  # nobody knows where home is
+        home = Path(caches) if os.path.isabs(caches) else Path.home() / ".cache"
+        return [home / "rigmatch"]
+    return []
+
+
+@functools.cache
+def _folder_of_this_process() -> Path:
+    _KEPT_UNTIL_THE_END.append(tempfile.TemporaryDirectory(prefix="rigmatch-"))
+    return Path(_KEPT_UNTIL_THE_END[-1].name)
+
+
+_KEPT_UNTIL_THE_END: list[tempfile.TemporaryDirectory] = []
+
+
+def only_mine(path: Path) -> bool:
+    """Whether a folder or file is this user's, nobody else may write to it, and nobody may put another in its place."""
+    own = path.lstat()
+    if own.st_uid != os.getuid() or own.st_mode & OTHERS_MAY_WRITE:
+        return False
+    above = (folder.stat().st_mode for folder in path.resolve().parents)
+    return all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in above)
+
+
+def kept(key: str) -> Path | None:
+    """The entry of a key if there is one that is whole; others are removed."""
+    found = None
+    for place in dict.fromkeys((folder(), _folder_of_this_process())) if _KEPT_UNTIL_THE_END else (folder(),):
+        for path in sorted(place.glob(f"{key}-*{SUFFIX}")):
+            if found is None and _is_whole(path):
+                found = path
+            elif found is None:
+                with contextlib.suppress(OSError):
+                    path.unlink()
+    return found
+
+
+def keep(key: str, content: bytes) -> Path | None:
+    """Keep a library under a key; None where neither the cache nor the temporary folder has room for it."""
+    name = f"{key}-{_digest(content)}{SUFFIX}"
+    with contextlib.suppress(OSError):
+        return _written(folder() / name, content)
+    with contextlib.suppress(OSError):
+        return _written(_folder_of_this_process() / name, content)
+    return None
+
+
+def _written(target: Path, content: bytes) -> Path:
+    _remove_stale(target.parent)
+    handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=target.parent)  # nobody else may read or write it
+    try:
+        with open(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, target)
+    except BaseException:
+        os.unlink(name)
+        raise
+    return target
+
+
+def _remove_stale(place: Path) -> None:
+    for path in place.glob(f"{UNFINISHED}*"):
+        with contextlib.suppress(OSError):  # another process has finished or removed it
+            if time.time() - path.stat().st_mtime > STALE_SECONDS:
+                path.unlink()
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        return only_mine(path) and path.is_file() and path.stem.partition("-")[2] == _digest(path.read_bytes())
+    except OSError:
+        return False
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:DIGITS]
