@@ -11,7 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from modelling.common.errors import InputError, listed
-from modelling.model.components import Effect, Input, Sensor
+from modelling.linear.reference_motion import speeds_of, torques_of
+from modelling.model.components import Effect, Input, OperatingPoint, Sensor
 from modelling.model.system import System
 
 
@@ -185,6 +186,18 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         effects=tuple(effect for effect in vehicle.effects if _place(effect) in kept),
         title=f"Residual vehicle of {vehicle.title or 'the vehicle'}",
         reference="",
+        operating_point=_operating_point(vehicle, group, interfaces),
+    )
+
+
+def _operating_point(vehicle: System, group: set[str], interfaces: list[Interface]) -> OperatingPoint | None:
+    """Where the cuts turn as in the vehicle under the part's torques there; the interfaces' torques follow."""
+    if vehicle.operating_point is None:
+        return None
+    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+    return OperatingPoint(
+        tuple((interface.vehicle_end, speeds[interface.vehicle_end]) for interface in interfaces),
+        tuple((part.name, torques[part.name]) for part in vehicle.inputs if part.on in group),
     )
 
 

@@ -18,6 +18,7 @@ class ConstantTorque(Kind):
     words = "bears a resisting torque of {torque} that does not depend on motion"
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m")}
+    speed_exponent = 0
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.add_torque(name, -p["torque"], motion)

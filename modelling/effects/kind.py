@@ -71,6 +71,8 @@ class Kind:
         Its parameter ``value`` replaces the quantity at its place; it adds nothing else to the equations.
     free_play : str
         The parameter that is the total free play of a shaft in rad, if it has one.
+    speed_exponent : int or None
+        Its only parameter times speed to this power is the torque that resists; None where it is another law.
     zero_mean : tuple of str
         Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
     """
@@ -86,6 +88,7 @@ class Kind:
     sticks: ClassVar[bool] = False
     replaces_quantity: ClassVar[bool] = False
     free_play: ClassVar[str] = ""
+    speed_exponent: ClassVar[int | None] = None
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:

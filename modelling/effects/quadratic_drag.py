@@ -19,6 +19,7 @@ class QuadraticDrag(Kind):
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
     state_dependent = True
+    speed_exponent = 2
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.add_torque(name, -p["coefficient"] * motion.speed * Abs(motion.speed), motion)

@@ -9,7 +9,9 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import Elements, null_space, rest_state, unit_rows
+from modelling.linear.elements import Elements, null_space, unit_rows
+from modelling.linear.reference_motion import reference_motion
+from modelling.linear.steady_motion import without_ripple
 from modelling.model.system import System
 
 
@@ -46,7 +48,7 @@ def linearise(
     state: np.ndarray | None = None,
     inputs: np.ndarray | None = None,
 ) -> Linear:
-    """Linearise a system about a state; by default at rest with every lash just closed.
+    """Linearise a system about a state; by default its operating point, or at rest with every lash just closed.
 
     Parameters
     ----------
@@ -57,14 +59,17 @@ def linearise(
     Raises
     ------
     InputError
-        If a name is unknown or a vector has the wrong length.
+        If a name is unknown, a vector has the wrong length, or the operating point is no steady motion.
     FloatingPointError
         If a derivative is not finite there.
     """
     model = system if isinstance(system, Model) else compiled(system)
     p = model.vector(values)
-    x = np.atleast_2d(rest_state(model, p))[0] if state is None else np.asarray(state, float)
-    u = np.zeros(len(model.inputs)) if inputs is None else np.asarray(inputs, float)
+    if model.system.operating_point is not None:
+        p = without_ripple(model, p)
+    about = reference_motion(model, p) if state is None else None
+    x = about.state if about is not None else np.asarray(state, float)
+    u = (about.inputs if about is not None else np.zeros(len(model.inputs))) if inputs is None else np.asarray(inputs)
     for what, vector, names in (("state", x, model.states), ("inputs", u, model.inputs)):
         if vector.shape != (len(names),):
             raise InputError(what, f"shape {vector.shape} does not fit {len(names)} names", f"give ({len(names)},)")

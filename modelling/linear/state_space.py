@@ -35,7 +35,7 @@ class StateSpace:
 
 
 def state_space(system: System) -> StateSpace:
-    """Linearise a system at rest and leave out the rigid-body angles.
+    """Linearise a system about its operating point, or at rest, and leave out the rigid-body angles.
 
     Raises
     ------

@@ -21,7 +21,7 @@ def damped_modes(
     state: np.ndarray | None = None,
     inputs: np.ndarray | None = None,
 ) -> Modes:
-    """Damped modes about a state (default at rest, lash just closed), delays left out.
+    """Damped modes about a state (default the operating point, or rest with lash just closed), delays left out.
 
     A pair of complex eigenvalues λ is one mode of frequency |λ|/2π and damping ratio −Re λ/|λ|. A real eigenvalue
     other than a rigid one is a mode of its own, with damping ratio 1 (−1 if it grows) and the corner frequency |λ|/2π.

@@ -13,6 +13,7 @@ from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
 from modelling.linear.elements import Elements, elements
+from modelling.linear.reference_motion import reference_states
 from modelling.modal.symmetry import images, labels, split
 from modelling.model.system import System
 
@@ -155,7 +156,7 @@ def modes(system: System, values: Mapping[str, float] | None = None, state: np.n
     values : mapping, optional
         Parameters that differ from the system's, by name, SI.
     state : ndarray (x,), optional
-        About which nonlinear springs are tangent; default at rest, lash just closed.
+        About which nonlinear springs are tangent; default the operating point, or at rest with lash just closed.
 
     Raises
     ------
@@ -198,7 +199,7 @@ def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Mo
     """Undamped modes of a compiled model at parameter sets (b, p); see :func:`modes_batch`."""
     if not np.isfinite(p).all():
         raise InputError("values", "a parameter is not finite", "give finite numbers")
-    parts = elements(model, p, state)
+    parts = elements(model, p, reference_states(model, p) if state is None else state)
     squares, shapes = _eigen(parts)
     rigid = np.arange(squares.shape[1]) < parts.rigid()[:, None]
     if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import rest_state
+from modelling.linear.reference_motion import reference_motion
 from modelling.modal.modes import Modes, modes_of
 from modelling.modal.tracking import track_vectors
 from modelling.model.system import System
@@ -52,7 +52,7 @@ def sensitivities(system: System, values: Mapping[str, float] | None = None) -> 
     p = model.vector(values)
     found = modes_of(model, p[None]).case(0)
     squares = (2 * np.pi * found.frequencies) ** 2
-    x = np.atleast_2d(rest_state(model, p))[0]
+    x = reference_motion(model, p).state
     energy = _gradient(model).map(len(found))
     columns = np.tile(np.concatenate([x, p])[:, None], len(found))
     gradient = energy(columns[: len(x)], columns[len(x) :], found.shapes, squares[None]).full().T

@@ -54,6 +54,7 @@ def check(system: Components) -> None:
         raise unknown(system.reference, list(inertias), "reference")
     _effects(system)
     _connected(system, inertias)
+    _operating_point(system, inertias)
 
 
 def _names(system: Components) -> None:
@@ -171,3 +172,13 @@ def _connected(system: Components, inertias: Collection[str]) -> None:
             f"{listed(apart)} are not connected to {start!r}",
             "add the missing shaft or gear",
         )
+
+
+def _operating_point(system: Components, inertias: Collection[str]) -> None:
+    point, inputs = system.operating_point, [source.name for source in system.inputs]
+    for name, _ in point.speeds if point else ():
+        if name not in inertias:
+            raise unknown(name, list(inertias), "operating_point.speed")
+    for name, _ in point.torques if point else ():
+        if name not in inputs:
+            raise unknown(name, inputs, "operating_point.torque")

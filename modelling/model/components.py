@@ -108,6 +108,22 @@ class Effect:
 
 
 @dataclass(frozen=True)
+class OperatingPoint:
+    """The steady motion that a system is linearised about: what of it is stated; the rest follows from the equations.
+
+    Attributes
+    ----------
+    speeds : tuple of (str, float)
+        Speeds of inertias, rad/s; without any, the speed follows from the balance of torques.
+    torques : tuple of (str, float)
+        Torques of inputs, N·m. Inputs that are not named are solved for.
+    """
+
+    speeds: tuple[tuple[str, float], ...] = ()
+    torques: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
 class Components:
     """All parts of one drivetrain, in the order of the file; not checked, see :class:`modelling.model.system.System`.
 
@@ -119,6 +135,8 @@ class Components:
         Names of inertias that left/right symmetry swaps.
     title, reference : str
         A title, and the inertia to whose shaft reduced values are reported.
+    operating_point : OperatingPoint or None
+        Linear models are taken about this motion, at rest without one. No part of a model file: a case states it.
     """
 
     inertias: tuple[Inertia, ...]
@@ -131,6 +149,7 @@ class Components:
     effects: tuple[Effect, ...] = ()
     title: str = ""
     reference: str = ""
+    operating_point: OperatingPoint | None = None
 
     def places(self) -> Iterator[str]:
         """Every ``table.name``."""
@@ -152,3 +171,9 @@ class Components:
             for key, quantity in effect.parameters:
                 quantities[f"{effect.name}.{key}"] = quantity
         return quantities
+
+
+def resistance(at: str, exponent: int, coefficient: float) -> Effect:
+    """The effect on an inertia whose torque coefficient·speed^exponent resists, SI."""
+    law = next(law for law in EFFECTS.values() if law.speed_exponent == exponent)
+    return Effect(law.kind, at, tuple((key, Quantity(coefficient)) for key in law.parameters))

@@ -266,7 +266,7 @@ class Plain(Reduced):
         rows = []
         for chain in self.task.demands.chains:
             for shaft, before in chain.shafts:
-                torque = chain.peak(sum(values[f"rig.inertias.{name}.J"] for name in before))
+                torque = chain.peak(before, sum(values[f"rig.inertias.{name}.J"] for name in before))
                 twist = torque / values[f"rig.shafts.{shaft}.stiffness"]
                 rows += [
                     peak / limits[f"shafts.{shaft}.{what}"]
@@ -275,7 +275,9 @@ class Plain(Reduced):
                 ]
             total = sum(values[f"rig.inertias.{name}.J"] for name in chain.inertias)
             peaks = ("dynamometer_torque", 1.0), ("dynamometer_power", chain.speed)
-            rows += [chain.peak(total, factor) / limits[name] for name, factor in peaks if name in limits]
+            rows += [
+                chain.peak(chain.inertias, total, factor) / limits[name] for name, factor in peaks if name in limits
+            ]
         return np.array(rows)
 
 

@@ -28,7 +28,7 @@ def stiff(tmp_path):
     own = load_case(case)
     (chain,) = demands(own).chains
     before = sum(own.rig.parameters[f"inertias.{name}.J"].value for name in chain.shafts[0][1])
-    return own, chain.peak(before) / STIFF
+    return own, chain.peak(chain.shafts[0][1], before) / STIFF
 
 
 def limited_to(case, twist):

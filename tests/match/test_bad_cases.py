@@ -91,6 +91,14 @@ BAD = {
     "bound negative": (FLANGE, {"lower": -1, "upper": 4e5}, "a physical bound is needed"),
     "bound NaN": (FLANGE, {"lower": 1e5, "upper": float("nan")}, "upper"),
     "mirror image too": (("move", "rig.shafts.flange_right.stiffness"), {"lower": 1e5, "upper": 4e5}, "mirror image"),
+    "operating point empty": (("operating_point",), {}, "states no speed and no torque"),
+    "operating point unknown": (("operating_point",), {"vehicle_spee": 3}, "vehicle_speed"),
+    "operating point without radius": (("operating_point",), {"vehicle_speed": 9}, "rolling_radius: is missing"),
+    "operating point in 1/s": (("operating_point",), {"motor": "30 1/s"}, "operating_point.motor"),
+    "operating point that cannot be": (("operating_point",), {"motor": 10, "gearbox": 9}, "no steady motion"),
+    "torque over speed falls back": (("limits", "dynamometer_torque_over_speed"), [[9, 1], [3, 1]], "do not rise"),
+    "torque over speed of 0": (("limits", "dynamometer_torque_over_speed"), [[0, 1], [3, 0]], "greater than 0"),
+    "torque over speed no table": (("limits", "dynamometer_torque_over_speed"), 300, "is no list of pairs"),
     "title a number": (("title",), 3, "title"),
 }  # fmt: skip
 

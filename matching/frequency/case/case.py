@@ -9,6 +9,7 @@ from matching.frequency.case.uncertainty import Box
 from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle
+from modelling.bed.torque_curve import TorqueCurve
 from modelling.model.system import System
 
 OBJECTIVES = ("response_error", "fidelity")  # what the feedback may be tuned by; each is a file of programme/objectives
@@ -56,7 +57,10 @@ class Move:
 
 @dataclass(frozen=True)
 class Case:
-    """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment."""
+    """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
+
+    Vehicle, rig and the parts of the residual vehicle carry the operating point, if the case states one.
+    """
 
     vehicle: System
     rig: System
@@ -74,3 +78,4 @@ class Case:
     uncertainty: Box = field(default_factory=Box)
     tolerance: float = 0.1  # largest response error to measured torques that is still called matched
     unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
+    torque_curve: TorqueCurve | None = None

@@ -8,6 +8,7 @@ from typing import Any
 import tomli_w
 
 from matching.frequency.case.case import Case, Move
+from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from modelling.model.files import dumps
 
 _HEAD = """\
@@ -44,7 +45,12 @@ def case_text(case: Case) -> str:
         name: {"kind": own.kind} | {one.name: getattr(own, one.name) for one in dataclasses.fields(own)}
         for name, own in case.manoeuvre.items()
     }
+    if (point := case.vehicle.operating_point) is not None:
+        data["operating_point"] = dict((*point.speeds, *point.torques))
     data["limits"] = dict(case.limits)
+    if case.torque_curve is not None:
+        curve = zip(case.torque_curve.speeds, case.torque_curve.torques, strict=True)
+        data["limits"][TORQUE_OVER_SPEED] = [list(pair) for pair in curve]
     data["move"] = {move.name: _bounds(case, move) for move in case.moves}
     return _HEAD + tomli_w.dumps(data)
 

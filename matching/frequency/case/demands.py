@@ -2,18 +2,22 @@
 
 If the rig answers like the vehicle, the cut shafts carry the vehicle's torques and their ends turn as the vehicle's
 do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque less what
-the inertias before it take, the dynamometer what is left.
+the inertias before it and their drag take, the dynamometer what is left. Torques and speeds are absolute: the vehicle
+begins at its operating point, at standstill without one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
+from modelling.bed.torque_curve import TorqueCurve
+from modelling.linear.reference_motion import operating_motion, torques_of
 from modelling.model.components import Sensor, Shaft
 from modelling.simulation.simulate import simulate
 
@@ -23,7 +27,8 @@ class Chain:
     """What stands behind one cut, from there to the rotor, and the manoeuvre there.
 
     ``shafts`` holds each shaft with the inertias before it, ``inertias`` all of them;
-    ``torque`` (t,) N·m, ``acceleration`` (t,) rad/s² and ``speed`` (t,) rad/s of the vehicle's interface.
+    ``torque`` (t,) N·m, ``acceleration`` (t,) rad/s² and ``speed`` (t,) rad/s of the vehicle's interface; ``drag`` of
+    each inertia, N·m·s/rad.
     """
 
     dynamometer: str
@@ -32,38 +37,43 @@ class Chain:
     torque: np.ndarray
     acceleration: np.ndarray
     speed: np.ndarray
+    drag: Mapping[str, float] = field(default_factory=dict)
 
-    def peak(self, inertia: float, factor: np.ndarray | float = 1.0) -> float:
-        """Largest |(torque − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
-        return float(np.abs((self.torque - inertia * self.acceleration) * factor).max())
+    def left(self, passed: tuple[str, ...]) -> np.ndarray:
+        """Interface torque (t,) less the drag of the inertias that it has passed, N·m."""
+        return self.torque - sum(self.drag.get(name, 0.0) for name in passed) * self.speed
 
-    def peak_expression(self, inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
+    def peak(self, passed: tuple[str, ...], inertia: float, factor: np.ndarray | float = 1.0) -> float:
+        """Largest |(torque left − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
+        return float(np.abs((self.left(passed) - inertia * self.acceleration) * factor).max())
+
+    def peak_expression(self, passed: tuple[str, ...], inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
         """The same as an expression of the inertia."""
-        return ca.mmax(ca.fabs(ca.DM(self.torque * factor) - inertia * ca.DM(self.acceleration * factor)))
+        return ca.mmax(ca.fabs(ca.DM(self.left(passed) * factor) - inertia * ca.DM(self.acceleration * factor)))
 
 
 @dataclass(frozen=True)
 class Demands:
-    """Chains of a case and the limits they have to keep."""
+    """Chains of a case, the limits they have to keep, and the dynamometers' torque over speed if it is stated."""
 
     chains: tuple[Chain, ...]
     limits: Mapping[str, float]
+    torque_curve: TorqueCurve | None = None
 
     def constraints(self, p: Mapping[str, ca.MX | float]) -> list[tuple[ca.MX, float]]:
         """(rows, upper bound) pairs, each row a demand over its limit, to stay below 1."""
         rows: list[ca.MX] = []
         for chain in self.chains:
             for shaft, before in chain.shafts:
-                torque = chain.peak_expression(_inertia(p, before))
+                torque = chain.peak_expression(before, _inertia(p, before))
                 if (limit := self.limits.get(f"shafts.{shaft}.torque")) is not None:
                     rows.append(torque / limit)
                 if (limit := self.limits.get(f"shafts.{shaft}.twist")) is not None:
                     rows.append(torque / p[f"rig.shafts.{shaft}.stiffness"] / limit)
             total = _inertia(p, chain.inertias)
-            if (limit := self.limits.get("dynamometer_torque")) is not None:
-                rows.append(chain.peak_expression(total) / limit)
-            if (limit := self.limits.get("dynamometer_power")) is not None:
-                rows.append(chain.peak_expression(total, chain.speed) / limit)
+            for name, factor in self._at_the_rotor(chain).items():
+                if (limit := self.limits.get(name)) is not None:
+                    rows.append(chain.peak_expression(chain.inertias, total, factor) / limit)
         kept = [row for row in rows if not row.is_constant()]
         return [(ca.vertcat(*kept), 1.0)] if kept else []
 
@@ -73,12 +83,12 @@ class Demands:
         for chain in self.chains:
             demands = {}
             for shaft, before in chain.shafts:
-                torque = chain.peak(sum(values[f"rig.inertias.{name}.J"] for name in before))
+                torque = chain.peak(before, sum(values[f"rig.inertias.{name}.J"] for name in before))
                 demands[f"shafts.{shaft}.torque"] = torque
                 demands[f"shafts.{shaft}.twist"] = torque / max(values[f"rig.shafts.{shaft}.stiffness"], 1e-9)
             total = sum(values[f"rig.inertias.{name}.J"] for name in chain.inertias)
-            demands["dynamometer_torque"] = chain.peak(total)
-            demands["dynamometer_power"] = chain.peak(total, chain.speed)
+            for name, factor in self._at_the_rotor(chain).items():
+                demands[name] = chain.peak(chain.inertias, total, factor)
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
             for name, demand in demands.items():
                 if name in self.limits and demand > self.limits[name] * part:
@@ -89,12 +99,19 @@ class Demands:
         """Names of the quantities of the rig that decide what the manoeuvre takes of a limit."""
         found: set[str] = set()
         for chain in self.chains:
-            behind = {"dynamometer_torque": chain.inertias, "dynamometer_power": chain.inertias}
+            behind: dict[str, tuple[str, ...]] = dict.fromkeys(self._at_the_rotor(chain), chain.inertias)
             behind |= {f"shafts.{shaft}.{what}": own for shaft, own in chain.shafts for what in ("torque", "twist")}
             found |= {f"rig.inertias.{name}.J" for name in behind.get(limit, ())}
             if limit in behind and limit.endswith(".twist"):
                 found.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
         return found
+
+    def _at_the_rotor(self, chain: Chain) -> dict[str, np.ndarray | float]:
+        """What the dynamometer's torque (t,) is multiplied by for each limit on it."""
+        factors: dict[str, np.ndarray | float] = {"dynamometer_torque": 1.0, "dynamometer_power": chain.speed}
+        if self.torque_curve is not None:
+            factors[TORQUE_OVER_SPEED] = 1 / self.torque_curve.at(chain.speed)
+        return factors
 
 
 def _inertia(p: Mapping[str, ca.MX | float], names: tuple[str, ...]) -> ca.MX:
@@ -120,13 +137,16 @@ def demands(case: Case, points: int = 400) -> Demands:
     time = next(iter(case.manoeuvre.values())).time(1000.0)
     inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
     inputs |= {name: driven.torque(time) for name, driven in case.manoeuvre.items() if name in inputs}
+    inputs = {name: torque + inputs[name] for name, torque in torques_of(case.vehicle).items()}
     cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
     watched: list[Sensor] = []
     for name, own in cuts.items():
         watched.append(Sensor(f"cut_{name}_torque", "torque", name))
         watched += [Sensor(f"cut_{name}_{what}", what, own.vehicle_end) for what in ("speed", "acceleration")]
     vehicle = replace(case.vehicle, sensors=(*case.vehicle.sensors, *watched))
-    readings = simulate(vehicle, time, inputs).readings
+    start = None if vehicle.operating_point is None else operating_motion(vehicle).state
+    readings = simulate(vehicle, time, inputs, start=start).readings
+    drag = {part.name: part.drag.value for part in case.rig.inertias}
     chains = []
     for dyno in case.loop.dynamometers:
         cut = cuts[dyno.follows]
@@ -136,8 +156,8 @@ def demands(case: Case, points: int = 400) -> Demands:
         acceleration, speed = (readings[f"cut_{cut.shaft}_{what}"] for what in ("acceleration", "speed"))
         extremes = [place(of) for of in (torque, acceleration) for place in (np.argmax, np.argmin)]
         keep = np.union1d(np.linspace(0, len(time) - 1, points).astype(int), extremes)
-        chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep]))
-    return Demands(tuple(chains), case.limits)
+        chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep], drag))
+    return Demands(tuple(chains), case.limits, case.torque_curve)
 
 
 def _path(

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from matching.frequency.case.case import OBJECTIVES, Case, Compared, Target
+from matching.frequency.case.load_limits import read_limits
 from matching.frequency.case.load_loop import read_loop
 from matching.frequency.case.load_moves import read_moves
+from matching.frequency.case.load_operating_point import at_operating_point, rig_at_operating_point
 from matching.frequency.case.tables import table_of, text_of
 from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
@@ -21,20 +23,10 @@ from modelling.model.system import System
 from modelling.units import to_si
 
 TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
-DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
 _TOP = {
-    "title",
-    "vehicle",
-    "rig",
-    "dynamometers",
-    "loop",
-    "targets",
-    "response",
-    "manoeuvre",
-    "limits",
-    "move",
-    "uncertainty",
-}
+    "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
+    "operating_point", "uncertainty",
+}  # fmt: skip
 
 
 def load_case(path: str | Path) -> Case:
@@ -51,12 +43,15 @@ def load_case(path: str | Path) -> Case:
         if key not in _TOP:
             raise unknown(key, sorted(_TOP), where)
     vehicle, rig = (load(Path(path).parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
+    vehicle = at_operating_point(data, vehicle, rig, where)
     try:
         residual = cut(vehicle, rig)
     except InputError as fault:
         raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
     loop = read_loop(data, rig, residual, where)
+    rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
     band = _band(data, where)
+    limits, curve = read_limits(data, rig, where)
     return Case(
         vehicle,
         rig,
@@ -66,13 +61,14 @@ def load_case(path: str | Path) -> Case:
         band,
         _compared(data, vehicle, rig, residual, where),
         _manoeuvre(data, rig, residual, loop, where),
-        _limits(data, rig, where),
+        limits,
         read_moves(data, rig, residual, loop, where),
         title(data, where),
         where,
         _objective(data, where),
         read_uncertainty(data, rig, loop, where),
-        *(_tolerance(data, key, start, where) for key, start in TOLERANCES.items()),
+        torque_curve=curve,
+        **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
 
 
@@ -172,34 +168,3 @@ def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
                 raise InputError(f"{place}.{key}", f"{value:g} is not possible", "greater than 0 is needed")
         made.append(Target(mode, **tolerances))
     return tuple(made)
-
-
-def _limits(data: Mapping[str, Any], rig: System, where: str) -> dict[str, float]:
-    table = table_of(data, "limits", where)
-    units = {
-        "modulus_margin": "1",
-        "margin_from": "Hz",
-        "rolled_off_from": "Hz",
-        "command_noise": "N*m",
-        "damping_ratio": "1",
-        "dynamometer_torque": "N*m",
-        "dynamometer_speed": "rad/s",
-        "dynamometer_power": "W",
-    }
-    units |= {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts} | {
-        f"shafts.{part.name}.twist": "rad" for part in rig.shafts
-    }
-    limits = dict(DEFAULT_LIMITS)
-    for key, value in table.items():
-        if key not in units:
-            raise unknown(key, list(units), f"{where}: limits")
-        limits[key] = to_si(value, units[key], f"{where}: limits.{key}")
-        if not limits[key] > 0:
-            raise InputError(f"{where}: limits.{key}", f"{limits[key]:g} is not possible", "greater than 0 is needed")
-    if limits["modulus_margin"] >= 1:
-        raise InputError(
-            f"{where}: limits.modulus_margin",
-            f"{limits['modulus_margin']:g} cannot be reached",
-            "less than 1 is needed; 0.5 is usual",
-        )
-    return limits

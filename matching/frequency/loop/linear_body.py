@@ -17,7 +17,7 @@ from modelling.model.system import System
 
 @dataclass(frozen=True)
 class Body:
-    """A system made linear at rest, rigid-body angles left out.
+    """A system made linear about its operating point, or at rest; rigid-body angles left out.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Body:
 
 
 def body(system: System) -> Body:
-    """Linearise a system at rest, lash just closed.
+    """Linearise a system about its operating point, without one at rest with lash just closed.
 
     Raises
     ------

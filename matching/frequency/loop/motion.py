@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,15 +15,11 @@ from matching.frequency.loop.parts import Parts
 from modelling.equations.compiled import compiled
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.linear.elements import elements
+from modelling.linear.reference_motion import operating_motion
 from modelling.model.system import System
 from modelling.simulation.plan import steps_per_second
 
 FINEST = 50e-6  # s: longest fine step
-
-
-def is_linear(system: System) -> bool:
-    """Whether the linear model says everything about a system."""
-    return all(effect.law.linear for effect in system.effects)
 
 
 class LinearMotion:
@@ -40,6 +37,8 @@ class LinearMotion:
 
     Attributes
     ----------
+    start, drift : ndarray (x,)
+        State at time 0, and its rate where nothing acts: zero.
     whole, drives : ndarray (x, x), (x, d)
         What a sample makes of state and drives.
     lines : list of list of (int, ndarray (x, k))
@@ -49,7 +48,7 @@ class LinearMotion:
     def __init__(self, A: np.ndarray, B: np.ndarray, commands: int, step: float, delays: Sequence[float] = ()):
         pieces = int(np.ceil(step / FINEST - 1e-9))
         fine, push = cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
-        self.start = np.zeros(len(A))
+        self.start = self.drift = np.zeros(len(A))
         self.whole, total = np.eye(len(A)), np.zeros(B.shape)
         pushes = []
         for _ in range(pieces):
@@ -78,7 +77,17 @@ class LinearMotion:
 class NonlinearMotion:
     """Runge-Kutta of order four over fine steps, inverter and torque-sensor lags included.
 
-    States [x of the model, air-gap torques (k), lagged flange torques (k)]; arguments as :class:`LinearMotion`.
+    States [x of the model, air-gap torques (k), lagged flange torques (k)], absolute: they begin at the operating
+    point. Commands and drives are what is added to its torques. Arguments as :class:`LinearMotion`.
+
+    Attributes
+    ----------
+    start, drift : ndarray (x,)
+        States at the operating point at time 0, and their rates: angles turn on.
+    seen : ca.Function
+        x → signed lagged flange torques and rotor speeds (2·k,), less those at the operating point.
+    readings : ca.Function
+        (x of the model, added inputs (u,)) → y, absolute.
     """
 
     def __init__(self, parts: Parts | None, system: System, step: float, delays: Sequence[float] = ()):
@@ -95,22 +104,33 @@ class NonlinearMotion:
         dynos = () if parts is None else parts.dynamometers
         k, n = len(dynos), len(model.states)
         x, v, w = ca.SX.sym("x", n + 2 * k), ca.SX.sym("v", k), ca.SX.sym("w", len(model.inputs) - k)
-        u = ca.SX(len(model.inputs), 1)
+        about = operating_motion(system)
+        u = ca.SX(ca.DM(about.inputs))
         driven = [dyno.torque_input for dyno in dynos]
         for i, name in enumerate(name for name in model.inputs if name not in driven):
-            u[model.inputs.index(name)] = w[i]
+            u[model.inputs.index(name)] += w[i]
         for j, name in enumerate(driven):
             u[model.inputs.index(name)] = x[n + j]
-        rates = [model.rates(x[:n], u, p)]
+        held = np.array([about.inputs[model.inputs.index(name)] for name in driven])  # by the dynamometers
+        rates: list[Any] = [model.rates(x[:n], u, p)]
+        self.start = np.concatenate([about.state, held, np.zeros(k)])
         if parts is not None:
             loop = parts.case.loop
             readings = model.readings(x[:n], u, p, 0)
             flange = ca.vertcat(
                 *(parts.toward[j] * readings[model.sensors.index(d.torque_sensor)] for j, d in enumerate(dynos))
             )
-            rates += [(v - x[n : n + k]) / loop["inverter_lag"], (flange - x[n + k :]) / loop["torque_sensor_lag"]]
+            commands = held + v
+            rates += [
+                (commands - x[n : n + k]) / loop["inverter_lag"],
+                (flange - x[n + k :]) / loop["torque_sensor_lag"],
+            ]
+            still = ca.Function("flange", [x, w], [flange])
+            self.start[n + k :] = still(self.start, np.zeros(w.shape[0])).full().ravel()
             seen = ca.vertcat(x[n + k :], *(readings[model.sensors.index(d.speed_sensor)] for d in dynos))
-            self.seen = ca.Function("seen", [x], [ca.substitute(seen, w, ca.DM.zeros(w.shape))])
+            seen = ca.substitute(seen, w, ca.DM.zeros(w.shape))
+            seen = seen - ca.Function("seen", [x], [seen])(self.start)
+            self.seen = ca.Function("seen", [x], [seen])
         slope = ca.Function("slope", [x, v, w], [ca.vertcat(*rates)])
         h = step / self._pieces
         k1 = slope(x, v, w)
@@ -119,7 +139,7 @@ class NonlinearMotion:
         k4 = slope(x + h * k3, v, w)
         one = ca.Function("one", [x, v, w], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
         self._run = one.mapaccum("sample", self._pieces)
-        self.start = np.zeros(n + 2 * k)
+        self.drift = np.concatenate([about.state[model.n : 2 * model.n], np.zeros(n + 2 * k - model.n)])
         self._count = k
         self.twists = elements(model, p[None]).deflection_jacobian
         self.readings = ca.Function("readings", [x, w], [model.readings(x[:n], u, p, 0)])

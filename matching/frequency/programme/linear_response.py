@@ -8,23 +8,27 @@ import casadi as ca
 
 from modelling.equations.compiled import Model
 from modelling.equations.complex_sx import Complex, Row, solve
+from modelling.linear.reference_motion import reference_motion
 
 
 class LinearResponse:
-    """A linear system at a complex frequency: responses of its sensors to unit inputs."""
+    """A linear system at a complex frequency: responses of its sensors to unit inputs.
+
+    It is linear about the reference motion at the model's own values, which stays where ``p`` moves.
+    """
 
     def __init__(self, model: Model, p: ca.SX, s: Complex):
         self.inputs, self.sensors = model.inputs, model.sensors
         n, extra = model.n, len(model.states) - 2 * model.n
         x, u = ca.SX.sym("x", 2 * n + extra), ca.SX.sym("u", len(model.inputs))
-        rest = [ca.DM.zeros(2 * n + extra), ca.DM.zeros(len(model.inputs))]
+        about = reference_motion(model, model.p0)
 
-        def at_rest(expressions: list[ca.SX]) -> list[ca.SX]:
-            return ca.substitute(expressions, [x, u], rest)
+        def at_reference(expressions: list[ca.SX]) -> list[ca.SX]:
+            return ca.substitute(expressions, [x, u], [ca.DM(about.state), ca.DM(about.inputs)])
 
         force, mass = model.force(x, u, p), model.mass(p)
         rates, readings = model.rates(x, u, p), model.readings(x, u, p, 0)
-        fx, fu, zx, zu, yx, yu = at_rest(
+        fx, fu, zx, zu, yx, yu = at_reference(
             [
                 ca.jacobian(force, x), ca.jacobian(force, u),
                 ca.jacobian(rates[2 * n :], x), ca.jacobian(rates[2 * n :], u),

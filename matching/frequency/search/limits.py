@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.demands import Demands
+from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.search.infeasible_limits import DeadTimeTrial, Unkept
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.shared_components import differing_components
@@ -21,6 +22,7 @@ _WORDS = {
     "dynamometer_torque": ("torque", "N·m"),
     "dynamometer_speed": ("speed", "rad/s"),
     "dynamometer_power": ("power", "W"),
+    TORQUE_OVER_SPEED: ("share of the torque at its speed", ""),
 }
 
 
@@ -88,7 +90,7 @@ def _named(limit: str, dyno: str) -> str:
 
 def _with_unit(limit: str, value: float) -> str:
     if limit in _WORDS:
-        return f"{value:.4g} {_WORDS[limit][1]}"
+        return f"{value:.4g} {_WORDS[limit][1]}".rstrip()
     return f"{value:.4g} N·m" if limit.endswith("torque") else f"{np.degrees(value):.3g}°"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.demands import demands
+from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.case.targets import target_modes
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight, counterparts, shares_of
 from matching.frequency.loop.parts import parts_of
@@ -27,6 +28,7 @@ from modelling.modal.modes import Mode, modes
 
 SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
 CURVE_POINTS = 400
+COUNTED_FROM_STANDSTILL = ("dynamometer_speed", "dynamometer_power", TORQUE_OVER_SPEED)  # without an operating point
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
@@ -91,7 +93,12 @@ def match(
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
-        notes=(*differing_components(case), *_notes(task, solution, found.released, bool(stands)), *checked.notes),
+        notes=(
+            *_standstill(case),
+            *differing_components(case),
+            *_notes(task, solution, found.released, bool(stands)),
+            *checked.notes,
+        ),
         case=case,
         tuned=tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
@@ -115,6 +122,17 @@ def match(
 def _feedback_alone(case: Case, solution: Solution) -> bool:
     """Whether a shorter dead time is worth a try: feedback has to show the targets, and there is a loop that works."""
     return not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.feasible
+
+
+def _standstill(case: Case) -> list[str]:
+    """That limits count from standstill, where the case has such limits and no operating point."""
+    counted = [name for name in COUNTED_FROM_STANDSTILL if name in case.limits]
+    if case.vehicle.operating_point is not None or not counted:
+        return []
+    return [
+        "the case states no [operating_point], so standstill is assumed: the manoeuvre is held against "
+        f"{', '.join(counted)} from there; at speed the dynamometers need more"
+    ]
 
 
 def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:

@@ -13,6 +13,7 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
 from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
 from modelling.common.display import Displayed
+from modelling.linear.reference_motion import speeds_of, torques_of
 from modelling.modal.modes import Mode
 
 
@@ -186,6 +187,8 @@ class MatchResult(Displayed):
             "modulus_margin": checks.modulus_margin,
             "spectral_abscissa": checks.spectral_abscissa,
             "response_error": self.response_error.to_dict(),
+            "operating_point": speeds_of(self.tuned.rig),
+            "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
             "verification": checks.to_dict(),
             "objective": self.objective,

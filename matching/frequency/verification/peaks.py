@@ -28,10 +28,19 @@ class Violation:
 
 
 def peaks_of(parts: Parts, traces: Traces) -> dict[str, float]:
-    """Largest magnitudes of the matched rig's dynamometer and shaft traces, by name."""
+    """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
+
+    ``dynamometers.NAME.torque_over_speed`` is the largest share of the torque that the dynamometer has at its speed.
+    """
     names = [f"dynamometers.{dyno.name}.{what}" for dyno in parts.dynamometers for what in ("torque", "speed", "power")]
     names += [f"shafts.{shaft.name}.{what}" for shaft in parts.case.rig.shafts for what in ("torque", "twist")]
-    return {name: float(np.abs(traces.matched[name]).max()) for name in names if name in traces.matched}
+    peaks = {name: float(np.abs(traces.absolute(name)).max()) for name in names if name in traces.matched}
+    curve = parts.case.torque_curve
+    if curve is not None:
+        for place in (f"dynamometers.{dyno.name}" for dyno in parts.dynamometers):
+            used = curve.used(traces.matched[f"{place}.torque"], traces.matched[f"{place}.speed"])
+            peaks[f"{place}.torque_over_speed"] = used
+    return peaks
 
 
 def violations_of(

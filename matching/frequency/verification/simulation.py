@@ -16,11 +16,12 @@ import numpy as np
 
 from matching.frequency.loop.emulated import emulated
 from matching.frequency.loop.linear_body import Body, body
-from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion, is_linear
+from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion
 from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
 from modelling.bed.feed_forward import FeedForward
 from modelling.equations.compiled import compiled
 from modelling.linear.elements import elements
+from modelling.linear.reference_motion import is_linear, operating_motion, torques_of
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 
@@ -31,9 +32,11 @@ TOO_LARGE = 1e9  # a state beyond this has left every bed
 class Traces:
     """Vehicle, free rig and matched rig over one manoeuvre, SI.
 
-    Each of the three maps names to traces (t,): sensors by name, ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and
-    ``.twist``; of the matched rig also ``dynamometers.NAME.torque`` (air gap), ``.speed``, ``.power`` and ``.command``;
-    of both rigs ``residual_vehicle.SENSOR``, what the residual vehicle reads (:mod:`.emulated`).
+    Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
+    ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
+    the residual vehicle reads (:mod:`.emulated`). Of the matched rig also ``dynamometers.NAME.torque`` (air gap),
+    ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched rig's
+    shafts at the operating point.
     """
 
     time: np.ndarray
@@ -41,6 +44,11 @@ class Traces:
     vehicle: dict[str, np.ndarray] = field(repr=False)
     rig: dict[str, np.ndarray] = field(repr=False)
     matched: dict[str, np.ndarray] = field(repr=False)
+    operating: dict[str, float] = field(repr=False, default_factory=dict)
+
+    def absolute(self, name: str) -> np.ndarray:
+        """A trace (t,) of the matched rig with its value at the operating point."""
+        return self.matched[name] + self.operating.get(name, 0.0)
 
 
 def simulate_case(
@@ -71,8 +79,10 @@ def simulate_case(
     )
     found[1].update(emulated(parts, found[1], torques, tuned=False))
     found[2].update(emulated(parts, found[2], torques, tuned=feed_forward is None))
-    cut_off = [{name: trace[settle:] for name, trace in one.items()} for one in found]
-    return Traces(time[settle:], {name: np.asarray(own)[settle:] for name, own in torques.items()}, *cut_off)
+    vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in one.items()} for one in found)
+    applied = {name: np.asarray(own)[settle:] for name, own in torques.items()}
+    operating = operating_readings(parts.rig.system)
+    return Traces(time[settle:], applied, vehicle_traces, free, matched, operating)
 
 
 def free_motion(
@@ -135,17 +145,21 @@ def matched_motion(
             _check(x[None], k * step)
     _check(states, count * step)
     n = len(motion.start) - 2 * k_dynos
+    added = states[:, n : n + k_dynos] - motion.start[n : n + k_dynos]  # to the torques of the operating point
     every = np.zeros((count, len(parts.rig.space.inputs)))
     for i, name in enumerate(parts.rig.space.inputs):
         every[:, i] = drives[:, parts.drives.index(name)] if name in parts.drives else 0.0
     for j, dyno in enumerate(parts.dynamometers):
-        every[:, parts.rig.space.inputs.index(dyno.torque_input)] = states[:, n + j]
+        every[:, parts.rig.space.inputs.index(dyno.torque_input)] = added[:, j]
     free: LinearMotion | NonlinearMotion | None = None if linear else NonlinearMotion(None, parts.rig.system, step)
     traces = _readings(parts.rig.system, parts, parts.rig, free, states[:, :n], every)
+    held = torques_of(parts.rig.system)
+    turning = operating_readings(parts.rig.system)
     for j, dyno in enumerate(parts.dynamometers):
-        place, torque, speed = f"dynamometers.{dyno.name}", states[:, n + j], traces[dyno.speed_sensor]
+        place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
+        speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
-        traces[f"{place}.command"] = issued[:, :, j].sum(axis=0)
+        traces[f"{place}.command"] = issued[:, :, j].sum(axis=0) + held[dyno.torque_input]
     return traces
 
 
@@ -206,8 +220,12 @@ def _readings(
     """Traces by name from states (t, x) and inputs (t, u) of a system."""
     names = [sensor.name for sensor in system.sensors]
     if isinstance(motion, NonlinearMotion):
-        values = np.array(motion.readings.map(len(states))(states.T, inputs.T)).T
-        twists, springs = states @ motion.twists.T, elements(compiled(system), compiled(system).p0[None]).springs
+        time = parts.case.loop["sample_time"] * np.arange(len(states))
+        steady = motion.start + np.outer(time, motion.drift)
+        read = motion.readings.map(len(states))
+        values = np.array(read(states.T, inputs.T)).T - np.array(read(steady.T, 0 * inputs.T)).T
+        twists = (states - steady) @ motion.twists.T
+        springs = elements(compiled(system), compiled(system).p0[None]).springs
     else:
         assert own is not None
         values = states @ own.space.C.T + inputs @ own.space.D.T
@@ -221,6 +239,19 @@ def _readings(
     for cut in parts.cuts:
         traces[f"interfaces.{cut.shaft}.speed"] = found[interface_speed(cut.shaft)]
     return traces
+
+
+def operating_readings(system: System) -> dict[str, float]:
+    """Sensors of a watched system at its operating point by trace name, twists of its shafts too; 0 without one."""
+    model, about = compiled(system), operating_motion(system)
+    values = model.readings(about.state, about.inputs, model.p0, 0.0).full().ravel()
+    found = dict(zip(model.sensors, values.tolist(), strict=True))
+    parts = elements(model, model.p0[None])
+    twists = dict(zip(parts.springs, (parts.deflection_jacobian @ about.state).tolist(), strict=True))
+    for shaft in system.shafts:
+        found[f"shafts.{shaft.name}.torque"] = found[shaft_torque(shaft.name)]
+        found[f"shafts.{shaft.name}.twist"] = twists.get(f"shafts.{shaft.name}", 0.0)
+    return found
 
 
 def _check(states: np.ndarray, at: float) -> None:

@@ -12,7 +12,6 @@ from matching.frequency.independent.check import IndependentCheck, check
 from matching.frequency.loop.encirclements import Encirclements, encirclements
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.loop_modes import LoopMode, feed_forward_modes, feedback_modes, match_mode
-from matching.frequency.loop.motion import is_linear
 from matching.frequency.loop.pade import phase_error
 from matching.frequency.loop.parts import Parts, parts_of
 from matching.frequency.loop.poles import (
@@ -31,6 +30,7 @@ from matching.frequency.verification.reading import Seen, manoeuvre_torques, see
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.residual_vehicle import cut
+from modelling.linear.reference_motion import is_linear
 from modelling.modal.modes import modes
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError

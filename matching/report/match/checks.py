@@ -14,7 +14,7 @@ from matching.report.match.trace_figure import Signal
 
 IDENTIFIED_WITHIN_PERCENT = 2  # of the vehicle's frequency; the identification itself is good to about 0.1 %
 ROUNDING = 1e-6  # relative, by which a solution at a limit may miss it
-PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad"}
+PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad", "torque_over_speed": "1"}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from matching.report.match.checks import checks, needs, wrong_values
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
-from matching.report.match.text import answer, content
+from matching.report.match.text import answer, content, operating_point
 from matching.report.modes.animation import ModeAnimation
 from modelling.bed.loop import HARDWARE
 from modelling.model.system import System
@@ -72,6 +72,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "to_order": _to_order(result),
         "to_watch": _to_watch(result),
         "needs": needs(result),
+        "operating_point": operating_point(content(result)),
         "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in tuned.manoeuvre.items()]),
         "structure": tuned.loop.structure.name,
         "has_feed_forward": tuned.loop.structure.has_feed_forward,

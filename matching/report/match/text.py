@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from matching.frequency.search.result import MatchResult
-from matching.report.common.wording import change, component, hertz, number, practical, sentence, unit
+from matching.report.common.wording import change, component, hertz, number, percent, practical, sentence, spaced, unit
 from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
 from modelling.bed.structures import STRUCTURES
@@ -45,7 +45,8 @@ def summary(result: Mapping[str, Any]) -> str:
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     head += [f"also: {limit}" for limit in result["limits"][1:3]]
     body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
-    body += [_errors(result), *_fidelity(result), _loop(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
+    body += [_errors(result), *_fidelity(result), _loop(result)]
+    body += [operating_point(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
     tail = _not_moved(result["parameters"])
     moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]
     moved.sort(key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
@@ -86,13 +87,32 @@ def _loop(result: Mapping[str, Any]) -> str:
     )
 
 
+def operating_point(result: Mapping[str, Any]) -> str:
+    """The steady motion from which the manoeuvre begins, in one line."""
+    speeds, torques = result.get("operating_point", {}), result.get("operating_torques", {})
+    if not any(speeds.values()):
+        return "operating point: none stated, standstill assumed; torques, speeds and powers count from there"
+    turning = [f"{spaced(name)} {practical(speed, 'rad/s', 4)}" for name, speed in speeds.items()]
+    driven = [f"{spaced(name)} {practical(torque, 'N*m')}" for name, torque in torques.items()]
+    return f"operating point: {sentence(_ends(turning))}; {sentence(_ends(driven))}"
+
+
+def _ends(parts: list[str]) -> list[str]:
+    """The first, and as many of the last as the rest of a line takes: drive first, dynamometers last."""
+    return parts if len(parts) <= MOST_NAMES else [parts[0], *parts[1 - MOST_NAMES :]]
+
+
 def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
     """One line for each dynamometer and shaft."""
     by_component: dict[str, list[str]] = {}
     for need in rows:
         limit = f" of {practical(need['limit'], need['unit'])}" if need["limit"] else ""
         name = component(need["what"].rsplit(".", 1)[0])
-        by_component.setdefault(name, []).append(f"{practical(need['peak'], need['unit'])}{limit}")
+        share = need["what"].endswith(".torque_over_speed")
+        peak = (
+            f"{percent(need['peak'], 0)} of its torque at its speed" if share else practical(need["peak"], need["unit"])
+        )
+        by_component.setdefault(name, []).append(peak if share else peak + limit)
     return [f"{name} needs {sentence(parts)}" for name, parts in by_component.items()]
 
 
