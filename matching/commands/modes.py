@@ -7,8 +7,8 @@ if TYPE_CHECKING:
     from modelling.model.system import System
 
 HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
-Undamped unless --damped. Writes modes.json, modes.svg (frequencies and shares of the first modes) and
-energy_shares.svg (all shares)."""
+Undamped unless --damped; of more than 300 degrees of freedom the lowest 100. Writes modes.json, modes.svg (frequencies
+and shares of the first modes) and energy_shares.svg (all shares)."""
 EXAMPLES = (
     "rigmatch modes examples/road_to_rig/vehicle.toml --out out/modes",
     'rigmatch modes rig.toml --damped --change "inertias.rotor_left.J=1.8 kg*m^2" --out out/modes',
@@ -59,6 +59,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         changes = _changes(arguments.change, system)
         found = damped_modes(system) if arguments.damped else modes(system)
         result = found.to_dict()
+        if len(found) < len(found.coordinates) and not arguments.damped:
+            result["degrees_of_freedom"] = len(found.coordinates)
         if arguments.reduced:
             result["reference"] = system.reference
             result["reduced"] = reduced_values(system)
@@ -103,6 +105,8 @@ def summary(result: dict[str, Any]) -> str:
     from matching.report.modes.figures import mode_table
 
     lines = [aligned(mode_table(result["modes"]))]
+    if "degrees_of_freedom" in result:
+        lines += ["", f"the lowest {len(result['modes'])} of {result['degrees_of_freedom']} modes"]
     if "what_if" in result:
         rows = [
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,6 +14,11 @@ from modelling.common.escape import is_control
 
 LONGEST_TITLE = 300  # characters
 LARGEST_FILE = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
+
+
+LONGEST_TEXT = 10_000  # characters of a title, name or formula
+# A key of 50 parts; tomllib takes time with the square of their number. Possessive, so that the search is linear.
+_DEEP_KEY = re.compile(r"""(?<![\w-])(?:(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+\.[ \t]*+){50}""")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -28,7 +34,11 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
-        return tomllib.loads(content.decode().replace("\r\n", "\n"))
+        if deep := _DEEP_KEY.search(written := content.decode().replace("\r\n", "\n")):
+            raise InputError(
+                f"{path}, line {written.count(chr(10), 0, deep.start()) + 1}", "has a key of too many parts"
+            )
+        return tomllib.loads(written)
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:
@@ -128,6 +138,8 @@ def text(table: Mapping[str, Any], key: str, where: str, default: str | None = N
         raise InputError(where, f"'{key}' is missing", f'give {key} = "…"')
     if not isinstance(value, str):
         raise InputError(key_place(where, key), f"{value!r} is no text", "put it in quotes")
+    if len(value) > LONGEST_TEXT:
+        raise InputError(key_place(where, key), f"has {len(value)} characters", f"at most {LONGEST_TEXT} are read")
     return value
 
 

@@ -57,6 +57,9 @@ class EquationBuilder(Protocol):
     def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
         """Let a torque (N·m) act on a motion: it does virtual work on it, named after a component."""
 
+    def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
+        """A symbol for a constant expression of parameters and earlier abbreviations."""
+
     def symbol(self, name: str) -> sm.Symbol:
         """The symbol of a parameter of the model; that of the effect that replaces it, where there is one."""
 

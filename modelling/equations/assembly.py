@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import sympy as sm
 
@@ -21,7 +21,8 @@ class Assembly:
     """Energies, virtual work, states, input and sensor paths of a system; effects write into it.
 
     ``kinetic``, ``potential`` and ``dissipation`` (Rayleigh) are expressions by component; ``work`` lists
-    (component, torque, motion): the torque does work on the motion. ``masses`` (inertia, motion) and ``springs``
+    (component, torque, motion): the torque does work on the motion. ``abbreviations`` are symbols of long products of
+    ratios, in terms of parameters and earlier ones. ``masses`` (inertia, motion) and ``springs``
     are the elements of modal analysis, by component.
     """
 
@@ -45,6 +46,8 @@ class Assembly:
         self.springs: dict[str, Spring] = {}
         self.work: list[tuple[str, sm.Expr, Motion]] = []
         self.states: dict[str, tuple[sm.Symbol, sm.Expr]] = {}
+        self._states_by_symbol: dict[sm.Symbol, list[str]] = {}
+        self.abbreviations: dict[sm.Symbol, sm.Expr] = {}
         self.motions: dict[str, Motion] = {}
         self.shafts: dict[str, ShaftLaw] = {}
         self.inputs: dict[str, InputPath] = {}
@@ -54,6 +57,19 @@ class Assembly:
     def symbol(self, name: str) -> sm.Symbol:
         """The symbol of a parameter; that of the effect that replaces it, where there is one."""
         return self._override.get(name, self.parameters[name])
+
+    def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
+        """A symbol for a constant expression of parameters and earlier abbreviations."""
+        symbol = sm.Symbol(f"k({len(self.abbreviations) + 1})", real=True)
+        self.abbreviations[symbol] = expression
+        return symbol
+
+    def with_abbreviations(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters by name, and of the abbreviations made of them."""
+        known = dict(values)
+        for symbol, expression in self.abbreviations.items():
+            known[str(symbol)] = float(expression.subs({part: known[str(part)] for part in expression.free_symbols}))
+        return known
 
     def add_coordinate(self, name: str) -> Motion:
         """A new degree of freedom."""
@@ -71,7 +87,10 @@ class Assembly:
     def add_state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
         """A new first-order state with its time derivative."""
         symbol = sm.Symbol(f"z({name})", real=True)
-        self.states[name] = (symbol, derivative(symbol))
+        rate = derivative(symbol)
+        self.states[name] = (symbol, rate)
+        for contained in rate.free_symbols:
+            self._states_by_symbol.setdefault(contained, []).append(name)
         return symbol
 
     def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
@@ -89,10 +108,9 @@ class Assembly:
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
         """Replace a stand-in in the states' derivatives; as it stands, for SymPy takes seconds over |max(…)|."""
         with sm.evaluate(not new.has(sm.Max)):
-            self.states = {
-                name: (z, rate.xreplace({old: new}) if rate.has(old) else rate)
-                for name, (z, rate) in self.states.items()
-            }
+            for name in self._states_by_symbol.get(old, ()):
+                z, rate = self.states[name]
+                self.states[name] = (z, rate.xreplace({old: new}))
 
     def _assemble(self) -> None:
         system = self.system

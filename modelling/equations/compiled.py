@@ -13,6 +13,7 @@ from modelling.common.errors import unknown
 from modelling.equations.assembly import SIMULATION_DEFAULTS
 from modelling.equations.lagrange import Equations, derive
 from modelling.equations.modal_elements import modal_elements
+from modelling.equations.sparse import abbreviations, sparse
 from modelling.equations.sympy_to_casadi import to_casadi
 from modelling.model.system import System
 
@@ -84,8 +85,6 @@ class Model:
     @property
     def elements(self) -> ca.Function:
         """(x, p) → elements of modal analysis, see :func:`modelling.equations.modal_elements.modal_elements`."""
-        if "elements" not in self._functions:
-            self._functions["elements"] = modal_elements(self.equations)
         return self._functions["elements"]
 
     @property
@@ -131,14 +130,29 @@ def compiled(system: System) -> Model:
     return Model(system)
 
 
-_BY_EQUATIONS: dict[int, tuple[Equations, dict[str, ca.Function]]] = {}
+class _Functions(dict[str, ca.Function]):
+    """Functions of one structure by name, built when they are first asked for: modes need no rates."""
+
+    def __init__(self, equations: Equations):
+        super().__init__()
+        self.equations = equations
+
+    def __missing__(self, name: str) -> ca.Function:
+        if name == "elements":
+            self[name] = modal_elements(self.equations)
+        else:
+            self.update(_functions(self.equations))
+        return self[name]
 
 
-def _compile(equations: Equations) -> dict[str, ca.Function]:
+_BY_EQUATIONS: dict[int, _Functions] = {}  # their equations are kept with them, so that an id is not used again
+
+
+def _compile(equations: Equations) -> _Functions:
     kept = _BY_EQUATIONS.get(id(equations))
     if kept is None:
-        kept = _BY_EQUATIONS[id(equations)] = (equations, _functions(equations))
-    return kept[1]
+        kept = _BY_EQUATIONS[id(equations)] = _Functions(equations)
+    return kept
 
 
 def _functions(equations: Equations) -> dict[str, ca.Function]:
@@ -151,11 +165,9 @@ def _functions(equations: Equations) -> dict[str, ca.Function]:
     known |= {sm.Symbol(f"u({name})", real=True): u[i] for i, name in enumerate(a.inputs)}
     known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
     known[a.time] = t
+    known |= abbreviations(equations, known)
 
-    entries = to_casadi(list(equations.mass.values()), known)
-    mass = ca.SX(n, n)
-    for (i, j), entry in zip(equations.mass, entries, strict=True):
-        mass[i, j] = entry
+    mass = sparse(list(equations.mass), to_casadi(list(equations.mass.values()), known), n, n)
     force = _column(to_casadi(equations.force, known))
     acceleration = _solve(mass, force)
     torques = _column(to_casadi([law.torque for law in a.shafts.values()], known))

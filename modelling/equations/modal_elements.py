@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 
 from modelling.equations.lagrange import Equations
+from modelling.equations.sparse import abbreviations, sparse
 from modelling.equations.sympy_to_casadi import to_casadi
 
 
@@ -17,22 +18,22 @@ def modal_elements(equations: Equations) -> ca.Function:
     x, p = ca.SX.sym("x", 2 * n + len(a.states)), ca.SX.sym("p", len(a.parameters))
     known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
     known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
+    known |= abbreviations(equations, known)
     turns = _rows([motion.coefficients for _, motion in a.masses.values()], n, known)
     twists = _rows([spring.twist.coefficients for spring in a.springs.values()], n, known)
     masses = ca.vertcat(*to_casadi([J for J, _ in a.masses.values()], known))
     springs = list(a.springs.values())
     stiffness = ca.vertcat(*to_casadi([spring.stiffness for spring in springs], known)) if springs else ca.SX(0, 1)
     deflection = ca.vertcat(*to_casadi([spring.deflection for spring in springs], known)) if springs else ca.SX(0, 1)
-    in_rows = ca.DM(ca.which_depends(ca.vertcat(ca.vec(turns), ca.vec(twists)), p, 1, False)) if p.numel() else ca.DM()
+    nonzeros: list[Any] = [*turns.nonzeros(), *twists.nonzeros()]
+    coefficients = ca.vertcat(*nonzeros)
+    in_rows = ca.DM(ca.which_depends(coefficients, p, 1, False)) if p.numel() else ca.DM()
     outputs: list[Any] = [masses, turns, stiffness, twists, ca.jacobian(deflection, x), in_rows]
     return ca.Function("elements", [x, p], outputs)
 
 
 def _rows(motions: list[dict[int, Any]], n: int, known: dict) -> ca.SX:
     """Coefficients of motions as a sparse matrix (r, n)."""
-    rows = ca.SX(len(motions), n)
     places = [(i, j) for i, motion in enumerate(motions) for j in motion]
     entries = to_casadi([entry for motion in motions for entry in motion.values()], known)
-    for (i, j), entry in zip(places, entries, strict=True):
-        rows[i, j] = entry
-    return rows
+    return sparse(places, entries, len(motions), n)

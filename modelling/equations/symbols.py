@@ -43,6 +43,7 @@ def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
         parts = name.split(".")
         quantity, component = parts[-1], parts[1] if len(parts) > 2 else ""
         found[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
+    found |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
     found |= {symbol: Sign(STATE, name) for name, (symbol, _) in assembly.states.items()}
     found |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
     return found

@@ -9,7 +9,8 @@ import sympy as sm
 
 _UNARY = {
     sm.sin: ca.sin, sm.cos: ca.cos, sm.tan: ca.tan, sm.asin: ca.asin, sm.acos: ca.acos, sm.atan: ca.atan,
-    sm.sinh: ca.sinh, sm.cosh: ca.cosh, sm.tanh: ca.tanh, sm.exp: ca.exp, sm.log: ca.log, sm.Abs: ca.fabs,
+    sm.sinh: ca.sinh, sm.cosh: ca.cosh, sm.tanh: ca.tanh, sm.asinh: ca.asinh, sm.acosh: ca.acosh, sm.atanh: ca.atanh,
+    sm.exp: ca.exp, sm.log: ca.log, sm.Abs: ca.fabs,
     sm.sign: ca.sign, sm.floor: ca.floor, sm.ceiling: ca.ceil,
 }  # fmt: skip
 _PAIRWISE = {sm.Max: ca.fmax, sm.Min: ca.fmin, sm.And: ca.logic_and, sm.Or: ca.logic_or}

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
+from modelling.common.errors import InputError
 from modelling.equations.compiled import Model
 
 CLOSED_BY_RAD = 1e-9  # rad past the edge of a lash, so that it is closed
+LARGEST_DENSE = 600  # degrees of freedom; dense matrices of more take minutes and gigabytes
 
 
 @dataclass(frozen=True)
@@ -61,16 +64,17 @@ class Elements:
         return self.spring_transformation if self.spring_transformation.ndim == 2 else self.spring_transformation[0]
 
 
-def rank(rows: np.ndarray) -> int:
-    """Rank of rows (r, n), each taken to length one, by elimination that keeps to what is not zero.
+def rank(rows: np.ndarray | sparse.sparray) -> int:
+    """Rank of rows (r, n), dense or sparse, each taken to length one, by elimination that keeps to what is not zero.
 
     Rows of a drivetrain have a few entries each, so the work grows with their number, where an SVD takes its cube.
     """
+    scaled = sparse.csr_array(rows)
+    lengths = np.sqrt(scaled.power(2).sum(axis=1))
     pivots: dict[int, dict[int, float]] = {}  # column → the other entries of its row, where its own is 1
-    scaled = unit_rows(rows) if rows.size else rows
-    for row in scaled:
-        columns = np.flatnonzero(row)
-        entries = dict(zip(columns.tolist(), row[columns].tolist(), strict=True))
+    for i, length in enumerate(lengths):
+        part = slice(scaled.indptr[i], scaled.indptr[i + 1])
+        entries = dict(zip(scaled.indices[part].tolist(), (scaled.data[part] / length).tolist(), strict=True))
         while (column := next((j for j in entries if j in pivots), None)) is not None:
             value = entries.pop(column)
             for j, other in pivots[column].items():
@@ -93,6 +97,22 @@ def null_space(rows: np.ndarray) -> np.ndarray:
     return across[int(np.sum(sizes > 1e-9)) :].T
 
 
+def check_size(model: Model) -> None:
+    """Check that dense matrices of a model are affordable.
+
+    Raises
+    ------
+    InputError
+        If it has more than :data:`LARGEST_DENSE` degrees of freedom.
+    """
+    if model.n > LARGEST_DENSE:
+        raise InputError(
+            "inertias",
+            f"the model has {model.n} degrees of freedom, too many for this calculation",
+            f"at most {LARGEST_DENSE}; undamped modes are found of more",
+        )
+
+
 def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elements:
     """Elements at parameter sets.
 
@@ -102,6 +122,7 @@ def elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) -> Elemen
     x : ndarray (x,) or (b, x), optional
         State about which springs are tangent; at rest with lash just closed (:func:`rest_state`) if not given.
     """
+    check_size(model)
     x = rest_state(model, p) if x is None else np.asarray(x, float)
     function, a = model.elements, model.equations.assembly
     first = [out.full() for out in function(x if x.ndim == 1 else x[0], p[0])]
@@ -124,6 +145,7 @@ def rest_state(model: Model, p: np.ndarray) -> np.ndarray:
     gaps, size = model.system.free_plays, len(model.states)
     if not gaps:
         return np.zeros(size)
+    check_size(model)
     p = np.atleast_2d(p)
     function, springs = model.elements, list(model.equations.assembly.springs)
     twists, deflections = (out.full() for out in (function(np.zeros(size), p[0])[i] for i in (3, 4)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import Elements, null_space, unit_rows
+from modelling.linear.elements import Elements, check_size, null_space, unit_rows
 from modelling.linear.reference_motion import reference_motion
 from modelling.linear.steady_motion import without_ripple
 from modelling.model.system import System
@@ -78,6 +78,7 @@ def linearise(
 
 def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Linear:
     """:func:`linearise` for vectors of a compiled model."""
+    check_size(model)
     A, B, C, D = (part.full() for part in model.jacobians(x, u, p, 0.0))
     for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):
         if not np.isfinite(part).all():

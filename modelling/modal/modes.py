@@ -7,16 +7,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from modelling.common import display
 from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import Elements, elements
-from modelling.linear.reference_motion import reference_states
+from modelling.linear.elements import Elements, check_size, elements
+from modelling.linear.reference_motion import is_linear, reference_motion, reference_states
+from modelling.linear.sparse_elements import SparseElements, sparse_elements
+from modelling.modal.large import lowest
 from modelling.modal.symmetry import images, labels, split
 from modelling.model.system import System
 
+LARGEST_WITH_ALL_MODES = 300  # degrees of freedom; the work for all modes grows with their cube
+LOWEST_MODES = 100  # found of larger models
 REPEATED_MODE_TOLERANCE = 1e-9  # relative distance of ω² of modes that count as repeated: above rounding (1e-13·n)
 
 
@@ -146,7 +151,7 @@ class Modes(Displayed):
 
 
 def modes(system: System, values: Mapping[str, float] | None = None, state: np.ndarray | None = None) -> Modes:
-    """Undamped modes of a system.
+    """Undamped modes of a system: all of them, or the lowest 100 where it has more than 300 degrees of freedom.
 
     Dampers in parallel are left out, a damper in series (tyre slip) is rigid, lash is closed, and dry friction and
     torque ripple do not hold the shaft, as in a drive that turns under load.
@@ -165,7 +170,16 @@ def modes(system: System, values: Mapping[str, float] | None = None, state: np.n
         negative (a softening shaft past its peak): there is nothing to oscillate about.
     """
     model = compiled(system)
-    return modes_of(model, model.vector(values)[None], state).case(0)
+    p = model.vector(values)
+    if model.n <= LARGEST_WITH_ALL_MODES:
+        return modes_of(model, p[None], state).case(0)
+    if not np.isfinite(p).all():
+        raise InputError("values", "a parameter is not finite", "give finite numbers")
+    if state is None and system.operating_point is not None and not is_linear(system):
+        check_size(model)
+        state = reference_motion(model, p).state
+    parts = sparse_elements(model, p, state)
+    return _completed(model, parts, *lowest(parts, LOWEST_MODES)).case(0)
 
 
 def modes_batch(
@@ -201,9 +215,14 @@ def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Mo
         raise InputError("values", "a parameter is not finite", "give finite numbers")
     parts = elements(model, p, reference_states(model, p) if state is None else state)
     squares, shapes = _eigen(parts)
-    rigid = np.arange(squares.shape[1]) < parts.rigid()[:, None]
     if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):
         raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
+    return _completed(model, parts, squares, shapes)
+
+
+def _completed(model: Model, parts: Elements | SparseElements, squares: np.ndarray, shapes: np.ndarray) -> Modes:
+    """Modes from ω² (b, m) and mass-normalised shapes (b, n, m)."""
+    rigid = np.arange(squares.shape[1]) < parts.rigid()[:, None]
     squares = np.where(rigid, 0.0, np.maximum(squares, 0.0))
     image = images(model.system, parts.masses)
     if image is not None:
@@ -231,7 +250,9 @@ def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:
     return squares, across @ shapes
 
 
-def _split_repeated(squares: np.ndarray, shapes: np.ndarray, parts: Elements, image: np.ndarray) -> None:
+def _split_repeated(
+    squares: np.ndarray, shapes: np.ndarray, parts: Elements | SparseElements, image: np.ndarray
+) -> None:
     """Rotate the shapes of repeated modes into symmetric and antisymmetric ones, in place."""
     near = np.diff(squares, axis=1) <= REPEATED_MODE_TOLERANCE * squares[:, 1:] + 1e-13 * squares[:, -1:]
     for case in np.flatnonzero(near.any(axis=1)):
@@ -245,13 +266,22 @@ def _split_repeated(squares: np.ndarray, shapes: np.ndarray, parts: Elements, im
                 first = last
 
 
+def _moved(rows: np.ndarray | sparse.csr_array, shapes: np.ndarray) -> np.ndarray:
+    """Amplitudes (b, r, m) of masses or springs; sparse rows (r, n) go with one case only."""
+    return rows @ shapes if isinstance(rows, np.ndarray) else (rows @ shapes[0])[None]
+
+
 def _shares(
-    squares: np.ndarray, shapes: np.ndarray, parts: Elements, image: np.ndarray | None, coordinates: tuple[str, ...]
+    squares: np.ndarray,
+    shapes: np.ndarray,
+    parts: Elements | SparseElements,
+    image: np.ndarray | None,
+    coordinates: tuple[str, ...],
 ) -> Modes:
     largest = np.take_along_axis(shapes, np.argmax(np.abs(shapes), axis=1)[:, None], axis=1)
     shapes = shapes / largest
     modal_mass = 1 / largest[:, 0] ** 2
-    turns, twists = parts.mass_transformation @ shapes, parts.spring_transformation @ shapes
+    turns, twists = _moved(parts.mass_transformation, shapes), _moved(parts.spring_transformation, shapes)
     kinetic = parts.J[:, :, None] * turns**2
     potential = parts.stiffness[:, :, None] * twists**2 * (squares > 0)[:, None]
     kinetic = kinetic / kinetic.sum(axis=1, keepdims=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modelling.model.mirror import mirror_image
+from modelling.model.mirror import mirror_images
 from modelling.model.system import System
 
 SYMMETRY_THRESHOLD = 0.9  # correlation of a shape with its mirror image from which it is called (anti)symmetric
@@ -17,7 +17,8 @@ def images(system: System, components: Sequence[str]) -> np.ndarray | None:
     if not system.mirror:
         return None
     index = {name: i for i, name in enumerate(components)}
-    return np.array([index.get(mirror_image(name, system), i) for name, i in index.items()])
+    images = mirror_images(components, system)
+    return np.array([index.get(image, i) for i, image in enumerate(images)])
 
 
 def correlation(turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:

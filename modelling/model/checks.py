@@ -11,7 +11,8 @@ from modelling.model.components import TABLES, Components, Effect, Sensor
 from modelling.model.quantity import Quantity
 from modelling.units import SENSOR_UNITS
 
-_NAME = re.compile(r"\w[\w-]*")
+MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
+_NAME = re.compile(r"\w[\w-]{0,199}")
 
 
 def check(system: Components) -> None:
@@ -24,6 +25,9 @@ def check(system: Components) -> None:
     """
     if not system.inertias:
         raise InputError("inertias", "the model has none", "at least one [inertias.NAME] with J is needed")
+    size = sum(len(getattr(system, table)) for table in (*TABLES, "effects"))
+    if size > MOST_COMPONENTS:
+        raise InputError("model", f"has {size} components and effects", f"at most {MOST_COMPONENTS} are handled")
     _names(system)
     inertias = dict.fromkeys(part.name for part in system.inertias)
     for part in system.inertias:
@@ -43,8 +47,9 @@ def check(system: Components) -> None:
     for source in system.inputs:
         if source.on not in inertias:
             raise unknown(source.on, list(inertias), f"inputs.{source.name}.on")
+    shafts = dict.fromkeys(part.name for part in system.shafts)
     for sensor in system.sensors:
-        _sensor(sensor, system, inertias)
+        _sensor(sensor, shafts if sensor.measures == "torque" else inertias)
     for pair in system.mirror:
         _ends("mirror.pairs", pair, inertias)
     mirrored = [name for pair in system.mirror for name in pair]
@@ -62,7 +67,9 @@ def _names(system: Components) -> None:
         names = set()
         for part in getattr(system, table):
             if not _NAME.fullmatch(part.name):
-                raise InputError(f"{table}.{part.name[:40]!r}", "is no usable name", "use letters, digits, _ and -")
+                raise InputError(
+                    f"{table}.{part.name[:40]!r}", "is no usable name", "use up to 200 letters, digits, _ and -"
+                )
             if part.name in names:
                 raise InputError(f"{table}.{part.name}", "the name is taken twice", "names must differ within a table")
             names.add(part.name)
@@ -96,11 +103,10 @@ def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
 
 
-def _sensor(part: Sensor, system: Components, inertias: Collection[str]) -> None:
+def _sensor(part: Sensor, known: Collection[str]) -> None:
     where = f"sensors.{part.name}"
     if part.measures not in SENSOR_UNITS:
         raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
-    known = [shaft.name for shaft in system.shafts] if part.measures == "torque" else inertias
     if part.of not in known:
         raise unknown(part.of, list(known), f"{where}.of")
     if part.uncertainty is not None and not part.uncertainty > 0:
@@ -109,27 +115,30 @@ def _sensor(part: Sensor, system: Components, inertias: Collection[str]) -> None
 
 def _effects(system: Components) -> None:
     names = set()
+    places: dict[str, dict[str, None]] = {}
     for number, effect in enumerate(system.effects, 1):
         where = f"effects[{number}]"
         if effect.kind not in EFFECTS:
             raise unknown(effect.kind, sorted(EFFECTS), f"{where}.kind")
-        _effect(EFFECTS[effect.kind], effect, system, where)
+        kind = EFFECTS[effect.kind]
+        if effect.kind not in places:
+            places[effect.kind] = dict.fromkeys(kind.places(system))
+        if effect.at not in places[effect.kind]:
+            raise unknown(effect.at, list(places[effect.kind]), f"{where}.at")
+        _effect(kind, effect, system, where)
         if effect.name in names:
             raise InputError(where, f"{effect.kind} stands twice at {effect.at}", "one of a kind at a place")
         names.add(effect.name)
 
 
 def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
-    """Check place, keys and bounds of one effect.
+    """Check keys and bounds of one effect.
 
     Raises
     ------
     InputError
         Naming the key that is wrong.
     """
-    places = kind.places(system)
-    if effect.at not in places:
-        raise unknown(effect.at, places, f"{where}.at")
     quantities = dict(effect.parameters)
     for key in quantities:
         if key not in kind.parameters:

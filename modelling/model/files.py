@@ -133,17 +133,19 @@ def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
         return ()
     # units and places are those of the system without effects
     base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
-    return tuple(_effect(table, base, f"{where}: effects[{number}]") for number, table in enumerate(tables, 1))
+    places: dict[str, dict[str, None]] = {}
+    return tuple(_effect(table, base, places, f"{where}: effects[{number}]") for number, table in enumerate(tables, 1))
 
 
-def _effect(table: dict, base: System, place: str) -> Effect:
+def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]], place: str) -> Effect:
     kind, at = (text(table, key, place) for key in ("kind", "at"))
     if kind not in EFFECTS:
         raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
     law = EFFECTS[kind]
-    places = law.places(base)
-    if at not in places:
-        raise unknown(at, places, f"{place}.at")
+    if kind not in places_by_kind:
+        places_by_kind[kind] = dict.fromkeys(law.places(base))
+    if at not in places_by_kind[kind]:
+        raise unknown(at, list(places_by_kind[kind]), f"{place}.at")
     parameters = {key: value for key, value in table.items() if key not in ("kind", "at")}
     for key in parameters:
         if key not in law.parameters:

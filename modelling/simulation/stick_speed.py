@@ -42,10 +42,15 @@ def stick_speed(model: Model, p: np.ndarray, states: np.ndarray, rate: float) ->
 def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Speeds (t, k) of the inertias that carry dry friction."""
     a = model.equations.assembly
-    values = dict(zip(a.parameters.values(), p, strict=True))
+    values = a.with_abbreviations(dict(zip(a.parameters, p, strict=True)))
     speeds = []
     for effect in model.system.effects:
         if effect.law.sticks:
             share = a.motions[effect.at.removeprefix("inertias.")].coefficients
-            speeds.append(sum(float(c.xreplace(values)) * states[:, model.n + i] for i, c in share.items()))
+            speeds.append(
+                sum(
+                    float(c.subs({s: values[str(s)] for s in c.free_symbols})) * states[:, model.n + i]
+                    for i, c in share.items()
+                )
+            )
     return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))

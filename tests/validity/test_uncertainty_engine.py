@@ -276,3 +276,43 @@ def test_inverse_use_works_on_the_monte_carlo_where_first_order_fails():
     assert found.alone[0].needed["x"] == pytest.approx(needed, rel=1e-3)
     assert found.together.needed["x"] == pytest.approx(needed, rel=1e-3)
     assert found.together.reached == pytest.approx(0.12, rel=1e-3)
+
+
+def test_a_formula_nested_twenty_deep_costs_its_length():
+    """Counted, not timed: operations of value and derivatives grow with the depth, and dimensions are found once."""
+    from matching.validity.uncertainty.propagate import _derivatives
+
+    def operations(depth):
+        formula = "atan2(" * depth + "x" + ", a)" * depth
+        budget = budget_from_tables(
+            {
+                "inputs": {name: {"value": value, "uncertainty": 0.1} for name, value in (("x", 1.5), ("a", 2.0))},
+                "measurand": {"formula": formula},
+            }
+        )
+        return _derivatives(budget.measurands[0].expression, ("x", "a"), ((0, 0), (1, 1))).n_instructions()
+
+    assert operations(20) < 2.6 * operations(10)
+
+
+def test_derivatives_against_differences_of_the_formula():
+    """Second order of a formula with every function, from Hessian and third derivatives by complex steps of mpmath."""
+    import mpmath
+
+    text = "atan2(x, a) + asinh(x*a) + atanh(x/9) + acosh(a + 1) + abs(x)*log10(a)"
+    inputs = {name: {"value": value, "uncertainty": 0.05} for name, value in (("x", 1.5), ("a", 2.0))}
+    found = propagate((b := budget_from_tables({"inputs": inputs, "measurand": {"formula": text}})), b.measurands[0])
+
+    def f(x, a):
+        angle, rest = mpmath.atan2(x, a), mpmath.asinh(x * a) + mpmath.atanh(x / 9) + mpmath.acosh(a + 1)
+        return angle + rest + abs(x) * mpmath.log10(a)
+
+    def slope(*orders):
+        return float(mpmath.diff(f, (1.5, 2.0), orders))
+
+    u = 0.05**2
+    H = np.array([[slope(2, 0), slope(1, 1)], [slope(1, 1), slope(0, 2)]])
+    first = u * (slope(1, 0) ** 2 + slope(0, 1) ** 2)
+    third = slope(1, 0) * (slope(3, 0) + slope(1, 2)) + slope(0, 1) * (slope(2, 1) + slope(0, 3))
+    assert found.sensitivities == pytest.approx([slope(1, 0), slope(0, 1)], rel=1e-9)
+    assert found.second_order**2 == pytest.approx(first + 0.5 * u**2 * np.trace(H @ H) + u**2 * third, rel=1e-8)

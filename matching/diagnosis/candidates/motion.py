@@ -48,7 +48,8 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
 
 def inertia_shares(system: System, coordinates: list[str], value: dict[str, float]) -> np.ndarray:
     """(i, n) motion of every inertia per motion of each coordinate: ratios of gears, shares of differentials."""
-    motions = derive(system).assembly.motions
+    assembly = derive(system).assembly
+    motions, value = assembly.motions, assembly.with_abbreviations(value)
     out = np.zeros((len(system.inertias), len(coordinates)))
     for i, part in enumerate(system.inertias):
         for j, share in motions[part.name].coefficients.items():

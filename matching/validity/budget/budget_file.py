@@ -17,6 +17,7 @@ from modelling.common.escape import single_line
 from modelling.common.tables import check_keys, number, read_toml, text, title
 from modelling.units import unit_of
 
+MOST_INPUTS = 500  # matrices of second derivatives and correlations are full
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
 
 
@@ -53,6 +54,8 @@ def _inputs(tables: dict[str, Any], where: str) -> tuple[list[Input], dict[tuple
             raise InputError(f"{where}: {key}", "is no table", f"write [{key}.name]")
     if not given and not lines:
         raise InputError(where, "there are no inputs", "write at least one [inputs.name]")
+    if len(given) + 2 * len(lines) > MOST_INPUTS:
+        raise InputError(f"{where}: inputs", f"there are more than {MOST_INPUTS}", "join those that hardly contribute")
     inputs: list[Input] = []
     readings: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name, table in given.items():

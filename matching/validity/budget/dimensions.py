@@ -43,7 +43,14 @@ def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any
                 )
         return walk(first)
 
+    known: dict[Any, Any] = {}  # each part once, or nested sums would be worked out again at every level
+
     def walk(node: Any) -> Any:
+        if node not in known:
+            known[node] = worked_out(node)
+        return known[node]
+
+    def worked_out(node: Any) -> Any:
         if node.is_Symbol:
             return dimensions[node.name]
         if node.is_number:

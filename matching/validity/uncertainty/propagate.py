@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import sympy
 from scipy import stats
 
 from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
+from modelling.equations.sympy_to_casadi import to_casadi
 
 CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
 
@@ -36,36 +37,45 @@ class Propagation:
 
 
 @lru_cache(maxsize=256)
-def _derivatives(expression: Any, names: tuple[str, ...], pairs: tuple[tuple[int, int], ...]) -> Callable:
-    """Value, gradient ``(p,)``, Hessian ``(p, p)`` and, for each pair (k, l), the third derivatives f_jkl ``(p,)``."""
+def _derivatives(expression: Any, names: tuple[str, ...], pairs: tuple[tuple[int, int], ...]) -> ca.Function:
+    """(x, Σ) → value, gradient ``(p,)``, Hessian ``(p, p)``, t_j = Σ f_jkl Σ_kl ``(p,)`` and f_jjj ``(p,)``.
 
-    def slope(
-        entry: Any, symbol: Any
-    ) -> Any:  # beside the kink of an abs(); at it, propagate() says that there is no second order
-        return sympy.diff(entry, symbol).replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+    The covariance Σ (p, p) has entries at ``pairs`` only. By algorithmic differentiation: the work grows with the
+    length of the formula, however deep it is nested. Beside the kink of an abs(); at it, propagate() says that there is
+    no second order.
+    """
+    x = ca.SX.sym("x", len(names))
+    known = {sympy.Symbol(name, real=True): x[i] for i, name in enumerate(names)}
+    (value,) = to_casadi([expression], known)
+    gradient = ca.gradient(value, x)
+    hessian = ca.jacobian(gradient, x)
+    rows, columns = zip(*pairs, strict=True)
+    covariance = ca.SX.sym("covariance", ca.Sparsity.triplet(len(names), len(names), rows, columns))
+    weighted = ca.gradient(ca.dot(hessian, covariance), x)
+    third = ca.vertcat(*(ca.gradient(hessian[i, i], x)[i] for i in range(len(names))))
+    return ca.Function("derivatives", [x, covariance], [value, gradient, hessian, weighted, third])
 
-    symbols = [sympy.Symbol(name, real=True) for name in names]
-    gradient = [slope(expression, symbol) for symbol in symbols]
-    hessian = [[slope(entry, symbol) for symbol in symbols] for entry in gradient]
-    third = [[slope(hessian[k][other], symbol) for symbol in symbols] for k, other in pairs]
-    return sympy.lambdify(symbols, [expression, gradient, hessian, third], "numpy", cse=True)
+
+@dataclass(frozen=True)
+class _Derivatives:
+    """Value and derivatives at the values of the inputs, see :func:`_derivatives`."""
+
+    value: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+    weighted_third: np.ndarray
+    third: np.ndarray
 
 
-def _evaluate(budget: Budget, measurand: Measurand) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+def _evaluate(budget: Budget, measurand: Measurand) -> _Derivatives:
     names = tuple(one.name for one in budget.inputs)
     pairs = tuple((int(k), int(other)) for k, other in zip(*np.nonzero(budget.correlation), strict=True))
-    with np.errstate(all="ignore"):
-        try:
-            value, *parts = _derivatives(measurand.expression, names, pairs)(*budget.values)
-            value, (gradient, hessian, third) = float(value), (np.array(part, dtype=float) for part in parts)
-        except (TypeError, ZeroDivisionError, OverflowError) as error:
-            raise _not_finite(budget, measurand) from error
-    if not (math.isfinite(value) and np.all(np.isfinite(gradient))):
+    parts = _derivatives(measurand.expression, names, pairs)(budget.values, budget.covariance)
+    value, gradient, hessian, weighted, third = (part.full() for part in parts)
+    found = _Derivatives(float(value[0, 0]), gradient.ravel(), hessian, weighted.ravel(), third.ravel())
+    if not (math.isfinite(found.value) and np.all(np.isfinite(found.gradient))):
         raise _not_finite(budget, measurand)
-    cube = np.zeros((len(names),) * 3)  # (j, k, l)
-    for (k, other), entries in zip(pairs, third, strict=True):
-        cube[:, k, other] = entries
-    return value, gradient, hessian, cube
+    return found
 
 
 def _not_finite(budget: Budget, measurand: Measurand) -> InputError:
@@ -83,22 +93,23 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
     """
-    value, c, hessian, third = _evaluate(budget, measurand)
-    covariance = budget.covariance
+    derivatives = _evaluate(budget, measurand)
+    c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
     first = float(c @ covariance @ c)
     if first < CANCELLED * float(np.sum(np.abs(c) * budget.standard_uncertainties)) ** 2:
         first = 0.0
     product = hessian @ covariance
-    extra = 0.5 * np.trace(product @ product) + c @ covariance @ np.tensordot(third, covariance, axes=2)
+    extra = 0.5 * np.trace(product @ product) + c @ covariance @ derivatives.weighted_third
     for i, one in enumerate(budget.inputs):
         if np.count_nonzero(budget.correlation[i]) == 1 and one.standard_uncertainty > 0:
             excess = one.distribution.kurtosis() - 3
             u4 = one.standard_uncertainty**4
-            extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * third[i, i, i] / 3)
+            extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * derivatives.third[i] / 3)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
     smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)
     second = math.sqrt(max(first + extra, 0.0)) if smooth else math.nan
-    return Propagation(value, c, math.sqrt(max(first, 0.0)), second, 0.5 * float(np.trace(product)), freedom, refusal)
+    bias = 0.5 * float(np.trace(product))
+    return Propagation(derivatives.value, c, math.sqrt(max(first, 0.0)), second, bias, freedom, refusal)
 
 
 def _on_a_kink(budget: Budget, measurand: Measurand) -> bool:

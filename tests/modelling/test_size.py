@@ -1,0 +1,167 @@
+"""Models of many inertias: what is stored grows with the model, not its square, and the sparse way gives the same."""
+
+import numpy as np
+import pytest
+
+from modelling.common.errors import InputError
+from modelling.equations.compiled import compiled
+from modelling.equations.constraints import LONGEST_COEFFICIENT
+from modelling.equations.lagrange import derive
+from modelling.linear.elements import LARGEST_DENSE
+from modelling.linear.linearise import linearise
+from modelling.linear.sparse_elements import sparse_elements
+from modelling.modal.large import lowest
+from modelling.modal.modes import LARGEST_WITH_ALL_MODES, modes
+from modelling.model.checks import MOST_COMPONENTS
+from modelling.model.files import from_dict, load
+from modelling.model.mirror import mirror_image, mirror_images
+
+
+def chain(count, **more):
+    parts = {f"i{i}": {"J": 1.0} for i in range(count)}
+    shafts = {f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": 1.0} for i in range(count - 1)}
+    return from_dict({"inertias": parts, "shafts": shafts, **more})
+
+
+def gear_train(count):
+    """Gears of ratio 2 and 1/2 in turn, the last wheel on a shaft to a disc."""
+    parts = {f"i{i}": {"J": 1.0} for i in range(count + 1)} | {"disc": {"J": 1.0}}
+    gears = {f"g{i}": {"between": [f"i{i}", f"i{i + 1}"], "ratio": 2.0 if i % 2 else 0.5} for i in range(count)}
+    shafts = {"s": {"between": [f"i{count}", "disc"], "stiffness": 100.0}}
+    return from_dict({"inertias": parts, "gears": gears, "shafts": shafts})
+
+
+def test_a_long_chain_against_the_closed_form():
+    """n equal discs and springs, both ends free: ω = 2·sin(kπ/2n), k = 0 … (Dresig and Holzweissig)."""
+    n = LARGEST_WITH_ALL_MODES + 20
+    found = modes(chain(n))
+    assert len(found) == 100
+    exact = 2 * np.sin(np.arange(100) * np.pi / (2 * n)) / (2 * np.pi)
+    np.testing.assert_allclose(found.frequencies, exact, rtol=1e-9, atol=0)
+    assert found.frequencies[0] == 0.0
+    shape = np.cos(np.pi * 7 * (np.arange(n) + 0.5) / n)
+    np.testing.assert_allclose(np.abs(found.mass_amplitudes[:, 7]), np.abs(shape / np.abs(shape).max()), atol=1e-7)
+    np.testing.assert_allclose(found.kinetic.sum(axis=1), 1.0)
+
+
+def test_the_sparse_way_gives_the_modes_of_the_dense_way():
+    """A train with gears, a differential and a torsionally stiff branch."""
+    data = {
+        "inertias": {name: {"J": J} for name, J in zip("abcdefgh", (1, 2, 0.3, 0.7, 0.7, 4, 4, 0.01), strict=True)},
+        "gears": {"g": {"between": ["a", "b"], "ratio": 3.0}},
+        "differentials": {"d": {"cage": "c", "left": "d", "right": "e"}},
+        "shafts": {
+            "bc": {"between": ["b", "c"], "stiffness": 1e4},
+            "df": {"between": ["d", "f"], "stiffness": 2e3},
+            "eg": {"between": ["e", "g"], "stiffness": 2e3},
+            "ah": {"between": ["a", "h"], "stiffness": 1e6},
+        },
+        "effects": [{"kind": "backlash", "at": "shafts.bc", "gap": 0.02}],
+    }  # fmt: skip
+    system = from_dict(data)
+    dense = modes(system)
+    model = compiled(system)
+    squares, shapes = lowest(sparse_elements(model, model.vector()), 4)
+    np.testing.assert_allclose(np.sqrt(np.abs(squares[0])) / (2 * np.pi), dense.frequencies[:4], rtol=1e-9, atol=1e-4)
+    scaled = shapes[0, :, 2:] / shapes[0, np.abs(shapes[0, :, 2:]).argmax(axis=0), range(2, 4)]
+    np.testing.assert_allclose(scaled, dense.shapes[:, 2:4], atol=1e-6)
+
+
+def test_modes_repeated_more_often_than_iterations_can_tell_are_all_found():
+    """A hub with n equal branches: n − 1 of its modes are equal, and two others are those of a chain of two."""
+    n = LARGEST_WITH_ALL_MODES + 5
+    parts = {"hub": {"J": 1.0}} | {f"b{i}": {"J": 1.0} for i in range(n)}
+    shafts = {f"s{i}": {"between": ["hub", f"b{i}"], "stiffness": 1.0} for i in range(n)}
+    found = modes(from_dict({"inertias": parts, "shafts": shafts}))
+    np.testing.assert_allclose(found.frequencies[1:], 1 / (2 * np.pi), rtol=1e-9)
+
+
+def test_symbols_grow_with_a_gear_train_not_its_square():
+    def symbols(count):
+        motions = derive(gear_train(count)).assembly.motions.values()
+        return sum(len(c.free_symbols) for motion in motions for c in motion.coefficients.values())
+
+    assert symbols(160) <= 160 * (LONGEST_COEFFICIENT + 1)  # written out they are 160²/2
+
+
+def test_a_long_gear_train_moves_as_its_ratios_say():
+    """All wheels move as one: J = Σ J·i², alternately 1 and 1/4 of the last wheel's inertia."""
+    count = 60
+    found = modes(gear_train(count))
+    reduced = 31 * 1.0 + 30 * 4.0  # wheels 0, 2, … turn as fast as the last one, 60; those between twice as fast
+    expected = np.sqrt(100.0 * (1 / reduced + 1.0)) / (2 * np.pi)
+    assert found.frequencies[1] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("closing", [1.0, 3.0])
+def test_a_long_loop_of_gears_that_closes_is_said_to_repeat_and_another_to_lock(closing):
+    count = 60
+    data = {
+        "inertias": {f"i{i}": {"J": 1.0} for i in range(count + 1)},
+        "gears": {f"g{i}": {"between": [f"i{i}", f"i{i + 1}"], "ratio": 2.0 if i % 2 else 0.5} for i in range(count)}
+        | {"closing": {"between": ["i0", f"i{count}"], "ratio": closing}},
+    }
+    with pytest.raises(InputError, match="says again" if closing == 1.0 else "locks the drivetrain"):
+        derive(from_dict(data))
+
+
+def test_matrices_hold_only_what_is_not_zero():
+    model = compiled(chain(200))
+    assert model.elements.nnz_out(1) == 200
+    assert model.elements.nnz_out(3) == 2 * 199
+    assert model.mass.nnz_out(0) == 200
+    parts = sparse_elements(model, model.vector())
+    assert parts.stiffness_matrix().nnz == 200 + 2 * 199
+
+
+def test_modes_need_no_equations_of_motion_compiled():
+    system = chain(3, title="compiled for modes only")
+    data = compiled(from_dict({"inertias": {f"only{i}": {"J": 1.0} for i in range(2)},
+                               "shafts": {"s": {"between": ["only0", "only1"], "stiffness": 1.0}}}))  # fmt: skip
+    modes(data.system)
+    assert "rates" not in data._functions
+    assert len(modes(system)) == 3
+
+
+def test_dense_calculations_state_their_limit():
+    with pytest.raises(InputError, match=f"at most {LARGEST_DENSE}"):
+        linearise(chain(LARGEST_DENSE + 1))
+
+
+def test_a_model_of_too_many_components_is_one_line():
+    with pytest.raises(InputError, match=f"at most {MOST_COMPONENTS}"):
+        chain(MOST_COMPONENTS // 2 + 2)
+
+
+def test_mirror_images_of_all_names_are_those_of_each():
+    sides = {"inertias": {name: {"J": 1.0} for name in ("hub", "l", "r")}, "mirror": {"pairs": [["l", "r"]]}}
+    sides["shafts"] = {f"to_{s}": {"between": ["hub", s], "stiffness": 1.0} for s in "lr"}
+    system = from_dict(sides)
+    names = ["inertias.hub", "inertias.l", "shafts.to_r", "shafts.to_l.stiffness"]
+    assert mirror_images(names, system) == ["inertias.hub", "inertias.r", "shafts.to_l", "shafts.to_r.stiffness"]
+    assert [mirror_image(name, system) for name in names] == mirror_images(names, system)
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("[inertias.a]\nJ = 1\n" + "a." * 200_000 + "a = 1\n", "line 3: has a key of too many parts"),
+        ("x = {" + '"a b" . ' * 50_000 + "a = 1}\n", "line 1: has a key of too many parts"),
+        ('title = "' + "x" * 1_000_000 + '"\n[inertias.a]\nJ = 1\n', "title: has 1000000 characters; at most 10000"),
+        ("[inertias." + "x" * 1_000_000 + "]\nJ = 1\n", "is no usable name"),
+        ("x" * 5_000_001, "is too large"),
+    ],
+    ids=("dotted", "quoted", "title", "name", "file"),
+)
+def test_what_is_too_long_is_one_line(tmp_path, content, line):
+    path = tmp_path / "long.toml"
+    path.write_text(content)
+    with pytest.raises(InputError) as error:
+        load(path)
+    assert line in str(error.value)
+    assert len(str(error.value)) < 1500
+
+
+def test_an_endless_file_is_one_line():
+    with pytest.raises(InputError, match="is too large"):
+        load("/dev/zero")
