@@ -42,8 +42,7 @@ def lowest(parts: SparseElements, count: int) -> tuple[np.ndarray, np.ndarray]:
         squares, shapes = linalg.eigsh(stiffness, size, mass, sigma=-shift, OPinv=solve, v0=start, ncv=min(n, 3 * size))
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
-        between = (squares[count - 1] + squares[min(count, size - 1)]) / 2
-        if _below(stiffness, mass, between) == int(np.sum(squares < between)):
+        if _complete(stiffness, mass, squares, count):
             return squares[None, :count], shapes[None, :, :count]
     return _dense(stiffness, mass, count)
 
@@ -54,6 +53,15 @@ def _dense(stiffness: sparse.csc_array, mass: sparse.csc_array, count: int) -> t
         raise InputError("inertias", "many equal branches give the same mode too often", "join equal branches to one")
     squares, shapes = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1))
     return squares[None], shapes[None]
+
+
+def _complete(stiffness: sparse.csc_array, mass: sparse.csc_array, squares: np.ndarray, count: int) -> bool:
+    """Whether all modes up to the widest gap after the ones asked for are among ω² (m,), in order."""
+    gaps = np.diff(squares[count - 1 :])
+    if not gaps.max(initial=0.0) > 1e-8 * squares[-1]:
+        return False  # the last of them is repeated, or none is left to compare with
+    last = count - 1 + int(np.argmax(gaps))
+    return _below(stiffness, mass, (squares[last] + squares[last + 1]) / 2) == last + 1
 
 
 def _below(stiffness: sparse.csc_array, mass: sparse.csc_array, square: float) -> int:
