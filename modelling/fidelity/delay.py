@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PPoly, make_interp_spline
 from scipy.signal import butter, correlate, find_peaks, sosfiltfilt
 
 SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
@@ -164,28 +164,35 @@ def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: fl
         return None
     sections = butter(4, cutoff, output="sos")
     smooth, response = (sosfiltfilt(sections, signal, padlen=settle) for signal in (reference, test))
-    spline = make_interp_spline(np.arange(len(smooth)), smooth, k=5)
-    slope = spline.derivative()
-    shift, a = start, 1.0
+    curve = PPoly.from_spline(make_interp_spline(np.arange(len(smooth)), smooth, k=5))
+    slope = curve.derivative()
+    shift = start
     ends = (math.ceil(max(0.0, start)) + settle + 2, len(test) - math.ceil(max(0.0, -start)) - settle - 2)
     places = np.arange(*ends)
     if len(places) < 12:
         return None
     target = response[ends[0] : ends[1]]
     for _ in range(25):
-        shifted, change = spline(places - shift), slope(places - shift)
-        design = np.column_stack([shifted, np.ones(len(places))])
-        (a, b), *_ = np.linalg.lstsq(design, target, rcond=None)
-        residual = target - design @ (a, b)
-        jacobian = np.column_stack([-a * change, shifted, np.ones(len(places))])
-        update, *_ = np.linalg.lstsq(jacobian, residual, rcond=None)
-        shift += float(np.clip(update[0], -0.5, 0.5))
+        shifted, change = curve(places - shift), slope(places - shift)
+        swing = shifted - shifted.mean()
+        energy = float(swing @ swing)
+        if energy == 0:
+            return None
+        a = float(swing @ target) / energy
+        residual = target - target.mean() - a * swing
+        # Gauss-Newton in the delay alone: what of its column the other two, gain and offset, do not explain.
+        column = -a * (change - change.mean())
+        column -= float(swing @ column) / energy * swing
+        curvature = float(column @ column)
+        update = float(column @ residual) / curvature if curvature > 0 else 0.0
+        shift += min(max(update, -0.5), 0.5)
         if abs(shift - start) > 1.5 + 0.02 / cutoff * 8:
             return None
-        if abs(update[0]) < 1e-7:
+        if abs(update) < 1e-7:
             break
     if a <= 0:
         return None
+    jacobian = np.column_stack([-a * change, shifted, np.ones(len(places))])
     variance = float(np.var(target))
     unexplained = float(np.mean(residual**2)) / variance if variance > 0 else 1.0
     freedom = max(4.0, len(places) * cutoff)

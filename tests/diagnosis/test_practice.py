@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from matching.diagnosis.diagnosis import diagnose
@@ -12,13 +13,15 @@ from modelling.model.files import load
 PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
 pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")
 CASES = [f"case{i:02d}" for i in range(10)]
+SECONDS = 6.0  # of 16 s: enough to name every cause; whole recordings are long tests
 
 
+@pytest.mark.parametrize("end", [SECONDS, pytest.param(np.inf, marks=pytest.mark.long)])
 @pytest.mark.parametrize("case", CASES)
-def test_practice_case_is_named_with_place_and_value(case: str) -> None:
+def test_practice_case_is_named_with_place_and_value(case: str, end: float) -> None:
     answer = json.loads((PRACTICE / "answers.json").read_text())[case]
     system = load(PRACTICE / case / "model.toml")
-    found = diagnose(system, [read_recording(PRACTICE / case / "recording.csv", system)])
+    found = diagnose(system, [read_recording(PRACTICE / case / "recording.csv", system).cut(0, end)])
     if answer["kind"] == "none":
         assert found.verdict == "adequate"
         assert not found.causes

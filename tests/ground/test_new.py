@@ -1,4 +1,4 @@
-"""`rigmatch new`: the case it writes runs as it is."""
+"""`rigmatch new`: what it writes, and where not. That its case is matched: tests/report/test_match_command.py."""
 
 import json
 
@@ -18,17 +18,6 @@ def test_models_have_modes(case, capsys):
     for name, shuffle in (("vehicle", 7.97), ("rig", 19.89)):
         assert main(["modes", str(case / f"{name}.toml"), "--out", str(case / name), "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["modes"][1]["frequency"] == pytest.approx(shuffle, rel=1e-2)
-
-
-def test_the_case_is_matched(case, capsys):
-    assert main(["match", str(case / "case.toml"), "--out", str(case / "out"), "--workers", "1", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["status"] == "matched"
-    assert result["stable"]
-    target = result["targets"][0]
-    assert target["matched"] == pytest.approx(target["vehicle"], rel=0.01)
-    assert target["seen_in_simulation"] == pytest.approx(target["vehicle"], rel=0.02)
-    assert (case / "out" / "report.html").exists()
 
 
 def test_nothing_is_overwritten(case, tmp_path, capsys):

@@ -6,6 +6,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from match import drawn
 from needs import compiles
 
 from matching.frequency.case.demands import demands
@@ -115,7 +116,7 @@ def test_one_compilation_serves_every_case_of_a_structure(tmp_path, monkeypatch)
     folder.cache_clear()
     _REMEMBERED.clear()
     _functions.cache_clear()
-    case = load_case(EXAMPLES / "compact_bev" / "case.toml")
+    case = load_case(drawn.draw(1, tmp_path / "case"))
     own, found = goals(case, target_modes(case)), []
     fewer = replace(case, moves=case.moves[1:])
     later = replace(case, loop=case.loop.with_values({"dead_time": 0.0041}))

@@ -13,7 +13,7 @@ from plant.hidden import INSIDE, KINDS, OUTSIDE, SPOKEN, Hidden
 from plant.scene import measured_worth, set_scene
 from plant.systems import SYSTEMS
 
-SHORT = 4.0  # s, enough here
+SHORT = 2.0  # s, enough here
 
 
 def kinds_hidden(answer: dict) -> list[Hidden]:
@@ -39,8 +39,8 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     ],
 )
 def test_an_effect_is_worth_what_was_asked(system: str, kind: str, size: float, closed_loop: bool) -> None:
-    case = make_case(system, kind, size, seed=5, duration=2.5, closed_loop=closed_loop)
-    scene = set_scene(system, "normal", 5, 2.5, 1000.0, closed_loop, False)
+    case = make_case(system, kind, size, seed=5, duration=1.25, closed_loop=closed_loop)
+    scene = set_scene(system, "normal", 5, 1.25, 1000.0, closed_loop, False)
     assert measured_worth(scene, kinds_hidden(case.answer)) == pytest.approx(size, rel=0.1)
 
 
@@ -56,7 +56,7 @@ def test_every_kind_can_be_hidden_in_two_systems(kind: str) -> None:
     made = 0
     for system in SYSTEMS:
         try:
-            case = make_case(system, kind, "subtle", seed=2, duration=1.5)
+            case = make_case(system, kind, "subtle", seed=2, duration=0.75)
         except OutOfReach:
             continue
         assert case.answer["kind"] == SPOKEN.get(kind, kind)
@@ -111,7 +111,7 @@ def test_a_wrong_parameter_is_written_as_known_and_told_as_it_is() -> None:
 
 
 def test_noise_is_as_stated_and_a_seed_repeats() -> None:
-    first, again, other = (make_case("two_mass", (), seed=s, duration=SHORT) for s in (6, 6, 7))
+    first, again, other = (make_case("two_mass", (), seed=s, duration=2 * SHORT) for s in (6, 6, 7))
     assert first.recording == again.recording
     assert first.holdout == again.holdout
     assert first.model == again.model

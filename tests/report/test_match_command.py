@@ -39,14 +39,20 @@ def test_a_wrong_case_file_is_named(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_command_writes_result_report_figures_and_files_to_read_again(tmp_path, capsys):
-    assert main(["match", str(CASE), "--starts", "1", "--out", str(tmp_path)]) == 0
+def test_the_case_that_new_writes_is_matched_with_report_figures_and_files_to_read_again(tmp_path, capsys):
+    assert main(["new", str(tmp_path / "mine")]) == 0
+    capsys.readouterr()
+    out = tmp_path / "out"
+    assert main(["match", str(tmp_path / "mine" / "case.toml"), "--starts", "1", "--out", str(out)]) == 0
     assert len(capsys.readouterr().out.splitlines()) <= 20
-    result = json.loads((tmp_path / "result.json").read_text())
-    assert result["status"] in ("matched", "limited")
-    assert result["status"] == "matched" or result["limits"]
-    assert (tmp_path / "report.html").read_text().startswith("<!doctype html>")
-    assert (tmp_path / "figures" / "overview.svg").exists()
-    again = load_case(tmp_path / "case.toml")
+    result = json.loads((out / "result.json").read_text())
+    assert result["status"] == "matched"
+    assert result["stable"]
+    target = result["targets"][0]
+    assert target["matched"] == pytest.approx(target["vehicle"], rel=0.01)
+    assert target["seen_in_simulation"] == pytest.approx(target["vehicle"], rel=0.02)
+    assert (out / "report.html").read_text().startswith("<!doctype html>")
+    assert (out / "figures" / "overview.svg").exists()
+    again = load_case(out / "case.toml")
     tuned = {own["name"]: own["tuned"] for own in result["parameters"]}
     assert {move.name: move.start for move in again.moves} == pytest.approx(tuned)

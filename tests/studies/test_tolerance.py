@@ -108,8 +108,8 @@ def test_unstable_draws_are_seen(prepared):
 
 def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
-        first = tolerance(case, 300, one, seed=2, added=ADDED)
-        assert first.to_dict() == tolerance(case, 300, two, seed=2, added=ADDED).to_dict()
+        first = tolerance(case, 120, one, seed=2, added=ADDED)
+        assert first.to_dict() == tolerance(case, 120, two, seed=2, added=ADDED).to_dict()
     margin = first.spreads[0]
     assert margin.quantiles[0.05] < margin.nominal
     swings = {}  # one at a time, by encirclements
@@ -160,11 +160,11 @@ def test_a_pattern_stands_for_all_that_fit_and_what_is_later_counts(case):
 
 
 def test_command(case, tmp_path, capsys):
-    words = ["tolerance", case.path, "-n", "200", "--workers", "1", "--out", tmp_path, "--json"]
+    words = ["tolerance", case.path, "-n", "100", "--workers", "1", "--out", tmp_path, "--json"]
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time=0.1"]]) == 0
     result = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
-    assert result["draws"] == 200
+    assert result["draws"] == 100
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2
@@ -174,9 +174,9 @@ def test_command(case, tmp_path, capsys):
 def test_python_users_bring_their_own_executor(case, tmp_path):
     record = tmp_path / "tolerance.jsonl"
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
-        first = rm.tolerance(case.path, 100, threads, seed=3, added=ADDED, record=record)
+        first = rm.tolerance(case.path, 40, threads, seed=3, added=ADDED, record=record)
         assert len(record.read_text().splitlines()) == 1
-        assert rm.tolerance(case.path, draws=100, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
+        assert rm.tolerance(case.path, draws=40, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
         small = replace(case, moves=tuple(move for move in case.moves if "gain" in move.name)[:1])
         axes = (Axis("loop.dead_time", "s", (2e-3,), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3))
         drawn = rm.map(small, *axes, executor=processes, starts=1, record=tmp_path / "map.jsonl")
