@@ -137,6 +137,8 @@ class ShaftLaw:
         Coefficient of a damper in series, N·m·s/rad.
     series_state : str
         Name of the state that the damper in series adds, the deflection of the spring.
+    quadratic : Expr
+        Coefficient of damping in parallel that grows with the square of the rate, N·m·s²/rad².
     parallel, parallel_stiffness : list of Expr
         Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
     torque : Expr
@@ -153,6 +155,7 @@ class ShaftLaw:
     gap: sm.Expr | None = None
     series: sm.Expr | None = None
     series_state: str = ""
+    quadratic: sm.Expr = sm.S.Zero
     parallel: list[sm.Expr] = field(default_factory=list)
     parallel_stiffness: list[sm.Expr] = field(default_factory=list)
     torque: sm.Expr = sm.S.Zero

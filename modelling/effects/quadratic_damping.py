@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sympy import Abs
-
 from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, ShaftLaw, Symbols
 from modelling.effects.kind import Kind, Parameter
@@ -21,7 +19,7 @@ class QuadraticDamping(Kind):
     state_dependent = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
-        law.parallel.append(p["coefficient"] * law.rate * Abs(law.rate))
+        law.quadratic += p["coefficient"]
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         rate = motion.twist_rate[at.split(".")[1]]

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import sympy as sm
 
+from modelling.common.errors import InputError
 from modelling.effects.interface import EquationBuilder, Motion, ShaftLaw, Spring
 from modelling.equations.derivative import differentiate
 from modelling.model.components import Shaft
@@ -53,6 +54,10 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
     elastic = differentiate(potential, x)
     spring = twist.angle
     parallel = sm.Add(*law.parallel)
+    if law.quadratic != 0 and law.series is not None:
+        _close_with_quadratic_damping(law, assembly, elastic)
+        return
+    parallel = parallel + law.quadratic * stand_in * sm.Abs(stand_in)
     if law.gap is None and law.series is None:
         assembly.potential[law.place] = potential.xreplace({x: twist.angle})
         assembly.dissipation[law.place] = law.damping * rate**2 / 2
@@ -76,6 +81,34 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
     tangent = _tangent(law, differentiate(elastic, x), x, spring) + sm.Add(*law.parallel_stiffness)
     assembly.springs[law.place] = Spring(tangent, twist, spring)
     assembly.substitute(stand_in, rate)
+
+
+def _close_with_quadratic_damping(law: ShaftLaw, assembly: LawAssembly, elastic: sm.Expr) -> None:
+    """Close a law whose spring, with quadratic damping beside it, stands in series with a damper.
+
+    series·(twist rate − r) = elastic + damping·r + quadratic·r·|r| + parallel, solved for the spring's rate r.
+
+    Raises
+    ------
+    InputError
+        With free play as well, where the equation has no closed solution.
+    """
+    if law.gap is not None:
+        raise InputError(
+            law.place,
+            "has free play, a damper in series and quadratic damping at once",
+            "leave one of them out, or put it on a shaft of its own",
+        )
+    twist = law.first - law.second
+    spring = assembly.add_state(law.series_state, lambda _: law.rate)
+    held = elastic.xreplace({_TWIST: spring}) + sm.Add(*law.parallel)
+    left, linear = law.series * twist.speed - held, law.series + law.damping
+    rate = 2 * left / (linear + sm.sqrt(linear**2 + 4 * law.quadratic * sm.Abs(left)))
+    law.torque = held + law.damping * rate + law.quadratic * rate * sm.Abs(rate)
+    assembly.add_torque(law.place, -law.torque, twist)
+    tangent = _tangent(law, differentiate(elastic, _TWIST), _TWIST, spring) + sm.Add(*law.parallel_stiffness)
+    assembly.springs[law.place] = Spring(tangent, twist, spring)
+    assembly.substitute(law.rate, rate)
 
 
 def _tangent(law: ShaftLaw, stiffness: sm.Expr, x: sm.Symbol, spring: sm.Expr) -> sm.Expr:

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from matching.diagnosis.diagnosis import diagnose
+from modelling.common.errors import InputError
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
@@ -53,6 +55,43 @@ def test_it_moves_as_its_law_says(native: bool) -> None:
     got = simulate(system, TIME, {"motor_torque": TORQUE}, compile=native)
     for name, expected in truth(noise=False).items():
         np.testing.assert_allclose(got[name], expected, atol=2e-4 * np.ptp(expected))
+
+
+def slipping(*more: dict) -> dict:
+    """The drive with a damper of 6 N·m·s/rad in series, quadratic damping and further effects at the link."""
+    effects = [
+        {"kind": "quadratic_damping", "at": "shafts.link", "coefficient": COEFFICIENT},
+        {"kind": "slip", "at": "shafts.link", "coefficient": 6.0},
+        *more,
+    ]
+    return MODEL | {"effects": effects}
+
+
+def test_beside_slip_the_spring_takes_its_root_of_the_torque_balance() -> None:
+    """6·(twist rate − r) = 310·spring + 0.4·r + 0.4·r·|r| is solved for r by bisection, step by step."""
+    time = TIME[:1001]
+
+    def rate(x: np.ndarray) -> float:
+        def balance(r: float) -> float:
+            return 310 * x[2] + 0.4 * r + COEFFICIENT * r * abs(r) - 6 * (x[0] - x[1] - r)
+
+        return brentq(balance, -1e3, 1e3, xtol=1e-12)
+
+    def motion(t: float, x: np.ndarray) -> list[float]:
+        pull = 6 * (x[0] - x[1] - rate(x))
+        return [(np.interp(t, TIME, TORQUE) - 0.02 * x[0] - pull) / 0.1, (pull - 0.2 * x[1]) / 1.2, rate(x)]
+
+    x = solve_ivp(motion, (0, time[-1]), np.zeros(3), t_eval=time, rtol=1e-7, atol=1e-8, max_step=0.004).y
+    torque = [6 * (row[0] - row[1] - rate(row)) for row in x.T]
+    got = simulate(from_dict(slipping()), time, {"motor_torque": TORQUE[:1001]})
+    for name, expected in (("motor_speed", x[0]), ("load_speed", x[1]), ("link_torque", np.array(torque))):
+        np.testing.assert_allclose(got[name], expected, atol=3e-4 * np.ptp(expected))
+
+
+def test_beside_slip_and_lash_it_is_refused_in_one_line() -> None:
+    lash = {"kind": "backlash", "at": "shafts.link", "gap": 0.01}
+    with pytest.raises(InputError, match=r"shafts\.link: has free play, a damper in series and quadratic damping"):
+        simulate(from_dict(slipping(lash)), TIME, {"motor_torque": TORQUE})
 
 
 def test_diagnosis_names_it_with_its_value() -> None:
