@@ -17,6 +17,7 @@ from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.errors import errors_with_bounds
 from matching.frequency.search.infeasible_limits import shorter_dead_times
 from matching.frequency.search.limits import limits
+from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, TargetResult
 from matching.frequency.search.shared_components import differing_components
 from matching.frequency.search.solve_and_verify import solve_and_verify
@@ -73,6 +74,7 @@ def match(
         raise InputError(f"{case.path}: loop.structure", "'observer' cannot be tuned yet", "take 'model_based' or 'pi'")
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
+    check_sliding(case)
     targets = target_modes(case)
     on_rig = counterparts(case)
     vehicle = modes(case.vehicle)
@@ -87,7 +89,10 @@ def match(
     )
     missed = any(not target.met for target in results)
     trial = shorter_dead_times(task, solution, targets) if missed and _feedback_alone(case, solution) else None
-    stands = limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, trial)
+    stands = [
+        *limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, trial),
+        *unloaded_lashes(case),
+    ]
     error = errors_with_bounds(tuned, checked.errors)
     tell("bound and curves")
     return MatchResult(
@@ -95,6 +100,7 @@ def match(
         limits=tuple(stands),
         notes=(
             *_standstill(case),
+            *opened_lashes(tuned, checked.traces),
             *differing_components(case),
             *_notes(task, solution, found.released, bool(stands)),
             *checked.notes,

@@ -1,0 +1,114 @@
+"""Lash and dry friction: linear about a loaded, moving operating point, refused or said where there is none."""
+
+import tomllib
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.closed_loop import closed_loop
+from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
+from matching.frequency.search.match import match
+from matching.frequency.verification.simulation import simulate_case
+from modelling.bed.residual_vehicle import cut
+from modelling.common.errors import InputError
+from modelling.linear.reference_motion import torques_of
+
+COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"
+LASH = {"kind": "backlash", "at": "shafts.rotor_shaft", "gap": 0.02}
+FRICTION = {"kind": "coulomb_friction", "at": "inertias.motor", "torque": 15.0}
+GENTLE = {"proportional_gain": 20.0, "integral_gain": 20.0, "torque_feed_forward": 0.2, "lead_time": 0.003}
+
+
+def compact(folder, *effects, moving=True, **entries):
+    """compact_bev with further effects in vehicle and rig; or at standstill."""
+    for name in ("vehicle", "rig"):
+        model = tomllib.loads((COMPACT / f"{name}.toml").read_text())
+        model["effects"] = [*model.get("effects", []), *effects]
+        (folder / f"{name}.toml").write_text(tomli_w.dumps(model))
+    data = tomllib.loads((COMPACT / "case.toml").read_text())
+    data["operating_point"] |= entries
+    if not moving:
+        del data["operating_point"]
+    (folder / "case.toml").write_text(tomli_w.dumps(data))
+    case = load_case(folder / "case.toml")
+    return replace(case, loop=case.loop.with_values(GENTLE))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return compact(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory):
+    return compact(tmp_path_factory.mktemp("hard"), LASH, FRICTION)
+
+
+def test_under_load_and_in_motion_both_are_as_if_they_were_not_there(plain, hard):
+    """The motor holds 15 N·m of friction more; the loop of the optimiser and the bodies are the same."""
+    assert torques_of(hard.vehicle)["motor_torque"] == pytest.approx(torques_of(plain.vehicle)["motor_torque"] + 15)
+    first, second = closed_loop(plain), closed_loop(hard)
+    shared = [second.parameters.index(name) for name in first.parameters]
+    np.testing.assert_array_equal(second.values[shared], first.values)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for omega in 2 * np.pi * np.array([0.6, 3.0, 8.9, 25.0]):
+            for one, other in ((first.response, second.response), (first.difference, second.difference)):
+                wanted = np.array(one(0.0, omega, first.values)).ravel()
+                np.testing.assert_allclose(np.array(other(0.0, omega, second.values)).ravel(), wanted, rtol=1e-6)
+    for one, other in zip(
+        (parts_of(plain).rig, *parts_of(plain).residual), (parts_of(hard).rig, *parts_of(hard).residual), strict=True
+    ):
+        np.testing.assert_allclose(other.space.A, one.space.A, rtol=1e-7, atol=1e-6)
+
+
+def test_the_simulation_begins_there(plain, hard):
+    """A tip-in that keeps the lash closed moves the nonlinear bed as the linear one; it starts without a bump."""
+    time = np.arange(300) * plain.loop["sample_time"]
+    torques = {"motor_torque": 20 * np.clip((time - 0.02) / 0.05, 0, 1)}
+    traces = []
+    for case in (plain, hard):
+        feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
+        traces.append(simulate_case(parts_of(case), feed_forward, torques))
+    for name in ("motor_speed", "side_left_torque", "dynamometers.left.torque", "dynamometers.left.speed"):
+        wanted = traces[0].matched[name]
+        np.testing.assert_allclose(traces[1].matched[name], wanted, atol=2e-4 * np.ptp(wanted))
+    assert np.ptp(traces[1].matched["dynamometers.left.torque"][:40]) < 1e-6 * np.ptp(wanted) + 1e-6
+    assert opened_lashes(hard, traces[1]) == []
+    released = replace(traces[1], matched=traces[1].matched | {"shafts.rotor_shaft.torque": -100 * time})
+    (sentence,) = opened_lashes(hard, released)
+    assert "shafts.rotor_shaft" in sentence
+
+
+def test_friction_at_standstill_is_refused(tmp_path):
+    case = compact(tmp_path, FRICTION, moving=False)
+    with pytest.raises(InputError, match=r"case\.toml: operating_point: the dry friction of inertias\.motor sticks"):
+        match(case)
+    check_sliding(compact(tmp_path, FRICTION))
+
+
+def test_a_lash_without_load_is_said(tmp_path):
+    """At standstill; and in motion where the motor torque only carries its own drag."""
+    (sentence,) = unloaded_lashes(compact(tmp_path, LASH, moving=False))
+    assert "shafts.rotor_shaft is open at standstill" in sentence
+    assert unloaded_lashes(compact(tmp_path, LASH)) == []
+    coasting = compact(tmp_path, LASH, motor_torque=0.002 * 9.7 * 8.0, vehicle_speed=8.0 * 0.31)
+    (sentence,) = unloaded_lashes(coasting)
+    assert "open at the operating point" in sentence
+
+
+def test_an_overrun_closes_the_other_flank(tmp_path):
+    """The motor brakes with 20 N·m at 30 km/h, pushed by a slope: the lash lies on its reverse flank."""
+    case = compact(tmp_path, LASH, motor_torque=-20)
+    assert unloaded_lashes(case) == []
+    torques = torques_of(case.vehicle)
+    body, wheel = 30 / 3.6 / 0.31, 2 * 9.7 * 20  # the slope drives what the motor and the drags take
+    assert torques["road_torque"] == pytest.approx(wheel / 2 + 0.6 * body + 9.7**2 * 0.002 * body, rel=1e-3)
+    plain = compact(tmp_path)
+    np.testing.assert_allclose(parts_of(case).rig.space.A, parts_of(plain).rig.space.A, rtol=1e-7, atol=1e-6)
