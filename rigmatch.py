@@ -70,8 +70,9 @@ def main() -> int:
         print(f"rigmatch: {line}", file=sys.stderr)
         return 2
     from matching.cli import main as run
+    from matching.supervision import supervised
 
-    return run()
+    return supervised(run)
 
 
 def __getattr__(name: str) -> Any:

@@ -4,8 +4,9 @@
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
@@ -13,10 +14,11 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 from matching.commands import available
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, of_the_machine
+from modelling.common.interruption import Interrupted
 from modelling.common.version import VERSION
 
-ANSWERED, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+ANSWERED, FAULT, BAD_INPUT = 0, 1, 2
 
 # Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
 WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
@@ -44,9 +46,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0 answered, 2 bad input, 1 fault of the program, 130 interrupted."""
+    """Run one command; its exit code: 0 answered, 2 bad input, 1 fault of the program, 130 or 143 interrupted."""
     _one_thread_for_blas()
     words = list(sys.argv[1:] if argv is None else argv)
+    warnings.formatwarning = lambda message, *_: f"rigmatch: note: {_one_line(str(message))}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # units and Greek letters must not fail on a terminal that lacks them
             stream.reconfigure(errors="backslashreplace")
@@ -56,14 +59,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     except InputError as error:
         return _say(str(error), BAD_INPUT)
-    except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        stop = interrupt if isinstance(interrupt, Interrupted) else Interrupted()
+        return _say(str(stop), stop.exit_code)
     except BrokenPipeError:  # whoever read the output has gone; keep the interpreter from complaining at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
     except Exception as error:
         if line := _wrong_path(error, words):
             return _say(line, BAD_INPUT)
+        if fault := of_the_machine(error):
+            return _say(str(fault), BAD_INPUT)
         if "--traceback" in words or os.environ.get("RIGMATCH_TRACEBACK"):
             import traceback
 
@@ -102,18 +108,33 @@ def _run(words: Sequence[str]) -> None:
     _offer_completion(parser)
     arguments = parser.parse_args(words)
     command = modules[arguments.command]
+    with _reserved(arguments):
+        text = _answer(command, arguments)
+    if text:
+        print(text.rstrip("\n"), flush=True)
+
+
+def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
+    """What a command prints."""
     if arguments.json:
         from modelling.common.output import strict_json
 
         with _standard_output_kept_clean():
-            text = strict_json(command.run(arguments))
+            text: str = strict_json(command.run(arguments))
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
-    else:
-        result = command.run(arguments)
-        text = command.summary(result) if hasattr(command, "summary") else ""
-    if text:
-        print(text.rstrip("\n"), flush=True)
+        return text
+    result = command.run(arguments)
+    return str(command.summary(result)) if hasattr(command, "summary") else ""
+
+
+def _reserved(arguments: argparse.Namespace) -> AbstractContextManager[None]:
+    """The folder that a command writes to is this run's alone."""
+    if "out" not in arguments:
+        return nullcontext()
+    from modelling.common.reservation import reserved
+
+    return reserved(arguments.out, arguments.command)
 
 
 def _one_thread_for_blas() -> None:

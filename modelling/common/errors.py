@@ -1,6 +1,24 @@
 """The one error that bad input raises."""
 
+import errno
 from difflib import get_close_matches
+
+_NO_SPACE = ("no space is left on the disk", "free some, or write to another one")
+_TOO_MANY_FILES = ("too many files are open", "raise the limit (ulimit -n), or use fewer --workers")
+_NO_MEMORY = ("there is not enough memory", "close other programs, or use fewer --workers")
+_MACHINE = {
+    errno.ENOSPC: _NO_SPACE,
+    errno.EDQUOT: _NO_SPACE,
+    errno.EROFS: ("the disk is read-only", "write to another one"),
+    errno.EIO: ("the disk fails (input/output error)", "check it, or write to another one"),
+    errno.EMFILE: _TOO_MANY_FILES,
+    errno.ENFILE: _TOO_MANY_FILES,
+    errno.ENOMEM: _NO_MEMORY,
+    errno.EAGAIN: ("no further process or thread can be begun", "close other programs, or use fewer --workers"),
+    errno.ENAMETOOLONG: ("the name is too long", "name a shorter one"),
+    errno.ELOOP: ("links lead round in a circle", "name another path"),
+}
+_NO_MEMORY_SAYS = ("bad_alloc", "failed to map segment", "cannot allocate memory", "can't start new thread")
 
 
 class InputError(ValueError):
@@ -31,6 +49,21 @@ def _plain(text: str, longest: int = 400) -> str:
     """Text in one line without control characters, its middle left out where it is longer than ``longest``."""
     line = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
     return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
+
+
+def of_the_machine(error: BaseException) -> InputError | None:
+    """One line where the machine is what fails (disk, memory, open files), not the program; else None."""
+    step: BaseException | None = error
+    while step is not None:
+        where = "this machine"
+        if isinstance(step, OSError) and step.errno in _MACHINE:
+            if isinstance(step.filename, str | bytes):
+                where = str(step.filename)
+            return InputError(where, *_MACHINE[step.errno])
+        if isinstance(step, MemoryError) or any(words in str(step).lower() for words in _NO_MEMORY_SAYS):
+            return InputError(where, *_NO_MEMORY)
+        step = step.__cause__ or step.__context__
+    return None
 
 
 def unknown(name: str, known: list[str], where: str) -> InputError:

@@ -3,13 +3,11 @@
 import json
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Mapping
-from errno import EISDIR
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from modelling.common import interruption, staging
 from modelling.common.errors import InputError
 
 
@@ -31,7 +29,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     """Write all files into a directory, made if need be; none is left half written, and none if one cannot be.
 
     Names are relative and may hold folders, as ``figures/modes.svg``. Everything is first written in a hidden folder
-    inside the directory, then each file is moved to its place, which the operating system does in one step.
+    inside the directory, then all files are moved to their places, see :mod:`modelling.common.staging`.
 
     Raises
     ------
@@ -44,42 +42,25 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     for name in files:
         if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
             raise ValueError(f"{name!r} does not stay inside the output directory")
-    new_folders = [folder for folder in (directory, *directory.parents) if not folder.exists()]
+    interruption.raise_if_asked()
+    folders = {folder for name in files for folder in (directory / name).parents if not folder.exists()}
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".writing-", dir=directory))
-        try:
-            _stage(staging, files)
-            _move(staging, directory, files)
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
+        with staging.staging(directory) as folder:
+            staging.write(folder, files)
+            staging.check_places(directory, files)
+            with interruption.put_off():
+                staging.move(folder, directory)
     except BaseException as error:
-        _remove_if_empty(new_folders)
+        _remove_if_empty(sorted(folders, reverse=True))
         if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError):
             wrong = f"cannot be written: {(error.strerror or str(error)).lower()}"
             raise InputError(
                 str(error.filename or directory), wrong, "give a directory that can be written to"
             ) from error
+        if isinstance(error, OSError) and error.filename is None:  # of a write
+            error.filename = str(directory)
         raise
-
-
-def _stage(staging: Path, files: Mapping[str, str | bytes]) -> None:
-    for name, content in files.items():
-        path = staging / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-            file.flush()
-            os.fsync(file.fileno())
-
-
-def _move(staging: Path, directory: Path, files: Mapping[str, str | bytes]) -> None:
-    for name in files:  # every target is checked before the first file is moved
-        if (directory / name).is_dir():
-            raise IsADirectoryError(EISDIR, "is a directory", str(directory / name))
-        (directory / name).parent.mkdir(parents=True, exist_ok=True)
-    for name in files:
-        (staging / name).replace(directory / name)
 
 
 def _remove_if_empty(folders: list[Path]) -> None:

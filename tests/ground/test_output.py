@@ -3,14 +3,17 @@
 import json
 import os
 import pathlib
+import shutil
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelling.common.errors import InputError
+from modelling.common import interruption, staging
+from modelling.common.errors import InputError, of_the_machine
 from modelling.common.output import strict_json, write_all
+from modelling.common.reservation import reserved
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
@@ -117,6 +120,112 @@ def test_a_directory_without_access_is_bad_input(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="permission denied"):
         write_all(tmp_path / "out", {"a.txt": ""})
+
+
+OLD, NEW = ({f"figures/{name}": text for name in "abc"} | {"result.json": text} for text in ("old", "new"))
+
+
+def killed_at(step, monkeypatch, directory):
+    """A process that writes NEW and is killed at one of its steps; whether it was."""
+    if (process := os.fork()) == 0:
+        steps = iter(range(step))
+
+        def counted(function):
+            def call(*arguments, **named):
+                if next(steps, None) is None:
+                    os._exit(9)
+                return function(*arguments, **named)
+
+            return call
+
+        for owner, name in ((os, "fsync"), (pathlib.Path, "replace"), (pathlib.Path, "rename"), (shutil, "rmtree")):
+            setattr(owner, name, counted(getattr(owner, name)))
+        write_all(directory, NEW)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 9
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_kill_at_any_step_leaves_old_or_new_results_or_a_mark_and_the_next_run_clears_up(tmp_path, monkeypatch):
+    ends = []
+    for step in range(100):
+        out = tmp_path / str(step)
+        write_all(out, OLD)
+        was_killed = killed_at(step, monkeypatch, out)
+        visible = {name: text.decode() for name, text in contents(out).items() if name in OLD}
+        marked = staging.unfinished(out)
+        assert marked or visible in (OLD, NEW)
+        ends.append(marked)
+        staging.recover(out)
+        assert contents(out) in ({name: text.encode() for name, text in files.items()} for files in (OLD, NEW))
+        assert not marked or contents(out)["result.json"] == b"new"
+        assert sorted(path.name for path in out.iterdir()) == ["figures", "result.json"]
+        if not was_killed:
+            break
+    assert sum(ends) >= len(OLD)  # of the moves of each file
+    assert not was_killed
+    assert step > 10
+
+
+def test_what_another_run_is_writing_is_left_alone(tmp_path):
+    with staging.staging(tmp_path) as folder:
+        (folder / "a.txt").write_text("of the other")
+        write_all(tmp_path, {"b.txt": "mine"})
+        assert (folder / "a.txt").read_text() == "of the other"
+    assert contents(tmp_path) == {"b.txt": b"mine"}
+
+
+def test_a_signal_while_files_are_moved_waits_until_they_are(tmp_path, monkeypatch):
+    moved = staging.move
+
+    def signalled(*arguments):
+        interruption._raise_once(2, None)
+        moved(*arguments)
+
+    monkeypatch.setattr(staging, "move", signalled)
+    monkeypatch.setattr(interruption, "_asked", [])
+    with pytest.raises(interruption.Interrupted):
+        write_all(tmp_path, NEW)
+    assert contents(tmp_path) == {name: text.encode() for name, text in NEW.items()}
+
+
+def test_after_a_signal_that_a_library_swallowed_nothing_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(interruption, "_asked", [2])
+    with pytest.raises(interruption.Interrupted):
+        write_all(tmp_path / "out", NEW)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_run_into_the_same_folder_is_told(tmp_path):
+    out = tmp_path / "out"
+    with reserved(out, "match"):
+        with reserved(out, "map"), reserved(tmp_path / "other", "match"):
+            pass
+        with pytest.raises(InputError, match="another 'rigmatch match' is running"), reserved(out, "match"):
+            pass
+        with pytest.raises(InputError, match="another"), reserved(tmp_path / "x" / ".." / "out", "match"):
+            pass
+    with reserved(out, "match"):
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("fault", "words"), [
+    (OSError(28, "No space left on device", "out/a.txt"), "out/a.txt: no space is left on the disk; free some"),
+    (OSError(30, "Read-only file system", "out"), "out: the disk is read-only"),
+    (OSError(24, "Too many open files"), "this machine: too many files are open"),
+    (MemoryError(), "this machine: there is not enough memory"),
+    (RuntimeError("std::bad_alloc"), "there is not enough memory"),
+])  # fmt: skip
+def test_what_the_machine_lacks_is_said_in_words(fault, words):
+    try:
+        try:
+            raise fault
+        finally:
+            raise RuntimeError("in clearing up")
+    except RuntimeError as error:
+        line = of_the_machine(error)
+    assert words in str(line)
+    assert of_the_machine(ValueError("out of range")) is None
 
 
 @pytest.mark.parametrize("name", ["", "/etc/a", "../a", "b/../../a"])

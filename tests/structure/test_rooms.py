@@ -52,7 +52,7 @@ FLOORS = [
     ["matching.api"],
     ["matching.arguments"],
     ["matching.commands"],
-    ["matching.cli"],
+    ["matching.cli", "matching.supervision"],
     ["rigmatch"],
     ["matching.__main__"],
 ]

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
+
+from modelling.common.interruption import raise_if_asked
+
 _QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6}
 _TIGHT = {  # stays where it begins
     "acceptable_tol": 1e-4,
@@ -35,3 +39,18 @@ _EXACT = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8, "warm_start_i
 def ipopt_options(tight: bool, exact: bool) -> dict[str, Any]:
     """Options of IPOPT: ``tight`` stays where it begins, ``exact`` is given second derivatives."""
     return _QUIET | (_TIGHT if tight else _LOOSE) | (_EXACT if exact else _FAST)
+
+
+def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
+    """What a solver finds.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        On Ctrl-C, which the solver itself takes for an ordinary end.
+    """
+    found: dict[str, ca.DM] = solver(**start_and_bounds)
+    raise_if_asked()
+    if solver.stats()["return_status"] == "User_Requested_Stop":
+        raise KeyboardInterrupt
+    return found

@@ -16,6 +16,7 @@ from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes, match_mode
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.ipopt import solved
 from matching.frequency.programme.scaling import unscaled
 from matching.frequency.solver.solve import warm
 from matching.frequency.solver.task import Solution, Task
@@ -52,7 +53,7 @@ def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
     quiet: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": {"print_level": 0, "sb": "yes"}}
     solver = ca.nlpsol("least", "ipopt", {"x": ca.vertcat(v, t), "f": t, "g": rows - t}, quiet)
     x0 = [*best, float(worst(best))]
-    found = solver(x0=x0, lbx=[*np.zeros(len(moves)), 0], ubx=[*np.ones(len(moves)), np.inf], ubg=0)
+    found = solved(solver, x0=x0, lbx=[*np.zeros(len(moves)), 0], ubx=[*np.ones(len(moves)), np.inf], ubg=0)
     end = np.clip(found["x"].full().ravel()[:-1], 0, 1)
     best = min((best, end), key=lambda x: float(worst(x)))
     if float(worst(best)) <= 1:

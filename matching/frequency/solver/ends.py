@@ -10,6 +10,7 @@ import numpy as np
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.ipopt import solved
 from matching.frequency.programme.problem import Problem
 from modelling.common import floating_point
 
@@ -45,7 +46,7 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
     ``extra`` are frequencies in Hz at which the margin is to hold beside the grid.
     """
     p, bounds = problem.extra(extra), {"lbg": problem.g_lower, "ubg": problem.g_upper}
-    found = problem.solver(x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
+    found = solved(problem.solver, x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
     floating_point.restore()  # the solver's libraries may leave it changed
     x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
     f, g = (part.full().ravel() for part in problem.objective(x, p))

@@ -1,0 +1,120 @@
+"""Files that come into a folder together: written beside their places, then all moved there.
+
+While they are written the hidden folder ``.writing-…`` holds them. When all are on the disk it is renamed to
+``unfinished-…``, the files are moved, and it is removed. A kill leaves one of the two: what was not whole is removed by
+the next run that writes there, what was whole is moved to its places. Until then ``unfinished-…`` marks the folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from errno import EISDIR
+from pathlib import Path
+
+WRITING, UNFINISHED = ".writing-", "unfinished-"
+EMPTY_SECONDS = 60.0  # for which an empty folder may be one that another process has just made
+
+
+@contextmanager
+def staging(directory: Path) -> Iterator[Path]:
+    """A hidden folder in ``directory`` to write to, which is removed at the end; those of dead runs are, too."""
+    recover(directory)
+    folder = Path(tempfile.mkdtemp(prefix=WRITING, dir=directory))
+    try:
+        with contextlib.ExitStack() as stack:
+            with contextlib.suppress(OSError):  # without locks nobody takes it for one that a dead run left, either
+                stack.enter_context(_held(folder))
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def write(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write files and force them to the disk."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def check_places(directory: Path, files: Mapping[str, str | bytes]) -> None:
+    """Make the folders that files go to.
+
+    Raises
+    ------
+    OSError
+        If that cannot be, or a file's place is taken by a folder.
+    """
+    for name in files:
+        if (directory / name).is_dir():
+            raise IsADirectoryError(EISDIR, "is a directory", str(directory / name))
+        (directory / name).parent.mkdir(parents=True, exist_ok=True)
+
+
+def move(folder: Path, directory: Path) -> None:
+    """Move all files to their places; a kill in the middle leaves the rest in a folder that says so by its name."""
+    marked = folder.with_name(UNFINISHED + folder.name.removeprefix(WRITING))
+    folder.rename(marked)
+    _sync(directory)
+    _finish(marked, directory)
+
+
+def unfinished(directory: Path) -> bool:
+    """Whether a run was killed while it moved results into a folder, which now holds old and new ones."""
+    return any(directory.glob(f"{UNFINISHED}*/"))
+
+
+def recover(directory: Path) -> None:
+    """Finish or remove what runs left that were killed; what belongs to a run that goes on is left alone."""
+    for folder in [*directory.glob(f"{WRITING}*/"), *directory.glob(f"{UNFINISHED}*/")]:
+        with contextlib.suppress(OSError), _held(folder, fcntl.LOCK_NB):
+            if folder.name.startswith(UNFINISHED):
+                _finish(folder, directory)
+            elif any(folder.iterdir()) or time.time() - folder.stat().st_mtime > EMPTY_SECONDS:
+                shutil.rmtree(folder)
+
+
+def _finish(marked: Path, directory: Path) -> None:
+    for path in sorted(marked.rglob("*")):
+        if not path.is_dir():
+            (directory / path.relative_to(marked)).parent.mkdir(parents=True, exist_ok=True)
+            path.replace(directory / path.relative_to(marked))
+    shutil.rmtree(marked)
+    _sync(directory)
+
+
+@contextmanager
+def _held(folder: Path, flags: int = 0) -> Iterator[None]:
+    """Hold a folder against other processes until the end, also by a kill.
+
+    Raises
+    ------
+    OSError
+        If another process holds it and ``flags`` say not to wait, or the file system knows no locks.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | flags)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _sync(directory: Path) -> None:
+    """Force the names in a folder to the disk, where its file system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

@@ -1,0 +1,124 @@
+"""A command ends within a second when asked, whatever it does, and nothing of it stays."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BEGIN = """
+import os, subprocess, sys, time
+from matching.cli import _say
+from matching.supervision import supervised
+def command():
+    try:
+        return work()
+    except KeyboardInterrupt as interrupt:
+        return _say(str(interrupt), interrupt.exit_code)
+def begun(*what):
+    print(os.environ["TMPDIR"], *what, flush=True)
+"""
+WAITS = "def work():\n    begun()\n    time.sleep(60)"
+STUCK_IN_C = "def work():\n    begun()\n    sum(range(10**11))"  # no signal handler runs before its end
+SWALLOWS = """
+def work():
+    try:
+        begun()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        time.sleep(60)
+"""
+HAS_PROCESSES = """
+def work():
+    own = "import subprocess, sys; print(subprocess.Popen(['sleep', '60']).pid, flush=True); sum(range(10**11))"
+    child = subprocess.Popen([sys.executable, "-c", own], stdout=subprocess.PIPE, text=True, start_new_session=True)
+    begun(child.pid, child.stdout.readline().strip())
+    sum(range(10**11))
+"""
+
+
+@pytest.fixture
+def begin(tmp_path):
+    """Begin a command; its process, and what it printed first."""
+    processes = []
+
+    def of(work):
+        code = f"{BEGIN}\n{work}\nsys.exit(supervised(command))"
+        where = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], env=where, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        processes.append(process)
+        return process, process.stdout.readline().split()
+
+    yield of
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def runs(pid):
+    state = Path(f"/proc/{pid}/stat")
+    try:
+        return state.read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("work", [WAITS, STUCK_IN_C, SWALLOWS, HAS_PROCESSES])
+@pytest.mark.parametrize(("number", "code", "line"), [
+    (signal.SIGINT, 130, "rigmatch: interrupted\n"), (signal.SIGTERM, 143, "rigmatch: ended by SIGTERM\n"),
+])  # fmt: skip
+def test_a_signal_ends_it_and_all_it_began(work, number, code, line, begin, tmp_path):
+    process, (temporary, *pids) = begin(work)
+    assert Path(temporary).parent == tmp_path
+    began = time.monotonic()
+    process.send_signal(number)
+    _, said = process.communicate(timeout=20)
+    assert time.monotonic() - began < 5.0  # 0.5 s on a machine with nothing else to do
+    assert (process.returncode, said) == (code, line)
+    assert not [pid for pid in pids if runs(pid)]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_its_exit_code_is_the_command_s(begin, tmp_path):
+    process, _ = begin("def work():\n    begun()\n    open(os.environ['TMPDIR'] + '/left', 'w').close()\n    return 7")
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (7, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("number", "code", "words"), [
+    ("SIGSEGV", 1, "a fault of rigmatch or of a library, not of your input: segmentation fault"),
+    ("SIGKILL", 137, "killed from outside"),
+])  # fmt: skip
+def test_a_crash_is_one_line(number, code, words, begin, tmp_path):
+    process, _ = begin(f"import signal\ndef work():\n    begun()\n    os.kill(os.getpid(), signal.{number})")
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == code
+    assert words in said
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_ends_with_its_parent(begin):
+    process, (_, pid) = begin("def work():\n    begun(os.getpid())\n    sum(range(10**11))")
+    assert int(pid) != process.pid
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 20
+    while runs(pid) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not runs(pid)
+
+
+def test_an_ignored_signal_stays_ignored(begin):
+    code = "signal.signal(signal.SIGINT, signal.SIG_IGN)"
+    process, _ = begin(f"import signal\n{code}\ndef work():\n    begun()\n    time.sleep(0.3)\n    return 0")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert process.returncode == 0
