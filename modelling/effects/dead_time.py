@@ -16,6 +16,7 @@ class DeadTime(Kind):
     words = "acts {delay} later than recorded"
     tables = ("inputs",)
     parameters = {"delay": Parameter("s", lower=0.0)}
+    only_delays = True
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.delay += p["delay"]

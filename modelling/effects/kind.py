@@ -73,6 +73,8 @@ class Kind:
         The parameter that is the total free play of a shaft in rad, if it has one.
     speed_exponent : int or None
         Its only parameter times speed to this power is the torque that resists; None where it is another law.
+    only_delays : bool
+        Its only parameter is a time in s by which an input acts or a sensor reads later; nothing else changes.
     zero_mean : tuple of str
         Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
     """
@@ -89,6 +91,7 @@ class Kind:
     replaces_quantity: ClassVar[bool] = False
     free_play: ClassVar[str] = ""
     speed_exponent: ClassVar[int | None] = None
+    only_delays: ClassVar[bool] = False
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:

@@ -16,6 +16,7 @@ class SensorDelay(Kind):
     words = "reads {delay} late"
     tables = ("sensors",)
     parameters = {"delay": Parameter("s", lower=0.0)}
+    only_delays = True
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.delay += p["delay"]

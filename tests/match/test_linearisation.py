@@ -112,3 +112,29 @@ def test_an_overrun_closes_the_other_flank(tmp_path):
     assert torques["road_torque"] == pytest.approx(wheel / 2 + 0.6 * body + 9.7**2 * 0.002 * body, rel=1e-3)
     plain = compact(tmp_path)
     np.testing.assert_allclose(parts_of(case).rig.space.A, parts_of(plain).rig.space.A, rtol=1e-7, atol=1e-6)
+
+
+def test_a_delay_that_both_have_changes_no_response(plain, tmp_path):
+    """A motor torque that acts 4 ms late on the road and on the bed: the same loop, and a sentence."""
+    late = {"kind": "dead_time", "at": "inputs.motor_torque", "delay": "4 ms"}
+    case = compact(tmp_path, late)
+    assert case.rig == plain.rig
+    assert case.residual_vehicle == plain.residual_vehicle
+    (note,) = case.notes
+    assert "inputs.motor_torque is delayed by 4 ms" in note
+
+
+@pytest.mark.parametrize(
+    ("at", "line"),
+    [
+        ("inputs.motor_torque", "inputs.motor_torque: is delayed by 4 ms, in the vehicle by 0 ms"),
+        ("inputs.dyno_left", "inputs.dyno_left: is delayed inside the control loop; state it in loop.dead_time"),
+    ],
+)
+def test_a_delay_of_the_rig_alone_is_refused(at, line, tmp_path):
+    compact(tmp_path)
+    rig = tomllib.loads((tmp_path / "rig.toml").read_text())
+    rig["effects"] = [{"kind": "dead_time", "at": at, "delay": 0.004}]
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig))
+    with pytest.raises(InputError, match=line):
+        load_case(tmp_path / "case.toml")

@@ -79,3 +79,4 @@ class Case:
     tolerance: float = 0.1  # largest response error to measured torques that is still called matched
     unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
     torque_curve: TorqueCurve | None = None
+    notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences

@@ -16,6 +16,7 @@ from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre, from_table
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
+from modelling.bed.shared_delays import without_shared_delays
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml, title
 from modelling.model.files import load
@@ -43,6 +44,10 @@ def load_case(path: str | Path) -> Case:
         if key not in _TOP:
             raise unknown(key, sorted(_TOP), where)
     vehicle, rig = (load(Path(path).parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
+    try:
+        vehicle, rig, notes = without_shared_delays(vehicle, rig)
+    except InputError as fault:
+        raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
     vehicle = at_operating_point(data, vehicle, rig, where)
     try:
         residual = cut(vehicle, rig)
@@ -68,6 +73,7 @@ def load_case(path: str | Path) -> Case:
         _objective(data, where),
         read_uncertainty(data, rig, loop, where),
         torque_curve=curve,
+        notes=notes,
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
 

@@ -99,6 +99,7 @@ def match(
         status="limited" if stands else "matched",
         limits=tuple(stands),
         notes=(
+            *case.notes,
             *_standstill(case),
             *opened_lashes(tuned, checked.traces),
             *differing_components(case),
