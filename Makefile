@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long mutants bench campaign lock clean figures
+.PHONY: help run test test-long fuzz mutants bench campaign lock clean figures
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -41,6 +41,9 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \
 		|| [ $$? = 5 ]  # 5: there is none
+
+fuzz: .venv/test.stamp  ## set up, then try 100 000 changed inputs of every kind; goes on where it was stopped
+	$(BIN)/python -m tests.fuzz --workers $(WORKERS) $(FUZZ)
 
 mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
 	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)

@@ -39,6 +39,7 @@ SENSOR_KEYS = (
     "fidelity", "expanded_uncertainty", "range", "signal", "budget", "measurand", "coverage_factor",
     "degrees_of_freedom",
 )  # fmt: skip
+LARGEST_F_MAX = 1e6  # Hz
 F_MAX = 30.0  # Hz: the largest relevant frequency of drivability, as in the paper
 
 
@@ -132,8 +133,9 @@ def fidelity_from_tables(
 
 def _method(tables: dict[str, Any], where: str, arithmetic: str | None, nrmse: str | None) -> FidelityMethod:
     f_max = to_si(tables.get("f_max", F_MAX), "Hz", f"{where}: f_max")
-    if f_max <= 0:
-        raise InputError(f"{where}: f_max", f"{f_max:g} is not positive", "give the largest relevant frequency in Hz")
+    if not 0 < f_max <= LARGEST_F_MAX:
+        wrong = f"{f_max:g} is not positive" if f_max <= 0 else f"{f_max:g} Hz is no frequency of a drivetrain"
+        raise InputError(f"{where}: f_max", wrong, "give the largest relevant frequency in Hz")
     form = one_of(nrmse or text(tables, "nrmse", where, "definition"), NRMSE_FORMS, f"{where}: nrmse")
     arithmetic = arithmetic or text(tables, "arithmetic", where, "definition")
     longest = to_si(tables["longest_delay"], "s", f"{where}: longest_delay") if "longest_delay" in tables else None

@@ -1,0 +1,137 @@
+"""Seeds of the fuzzer: the examples, a model with every effect, and small recordings, with the files beside them."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from modelling.effects import EFFECTS
+from modelling.model.files import from_dict
+
+ROOT = Path(__file__).resolve().parents[2]
+FOUND = Path(__file__).parent / "found"
+MODEL = """title = "two discs"
+[inertias.motor]
+J = {value = 0.05, lower = 0.01, upper = 0.1}
+[inertias.load]
+J = "0.2 kg*m^2"
+drag = 0.01
+[shafts.link]
+between = ["motor", "load"]
+stiffness = 500
+damping = 0.3
+[inputs.torque]
+on = "motor"
+[sensors.speed]
+measures = "speed"
+of = "motor"
+uncertainty = 0.1
+[sensors.link_torque]
+measures = "torque"
+of = "link"
+"""
+CHANNELS = """[channels]
+torque = "T_EM"
+speed = { channel = "n_EM", unit = "1/min", sign = -1 }
+link_torque = { channel = "M_link", factor = 1.02 }
+time = "t"
+"""
+SIGNALS = """title = "signals"
+f_max = "30 Hz"
+[weights]
+system_dynamics = 1.0
+[recordings]
+reference = "road.csv"
+test = "bed.csv"
+[system_dynamics.speed]
+reference = "speed"
+test = "speed"
+"""
+WORDS = (
+    "modes\nmodel.toml\n--damped\n--reduced\n--out\no",
+    "modes\nmodel.toml\n--change\nshafts.link.stiffness=700 N*m/rad\n--json\n--out\no",
+    "uncertainty\nbudget.toml\n--draws\n2000\n--wanted\n0.5\n--out\no",
+    "fidelity\nfidelity.toml\n--draws\n200\n--arithmetic\npublished\n--out\no",
+    "new\nbed",
+)
+
+
+@dataclass(frozen=True)
+class Seed:
+    """An input that the program answers, and the files that it names."""
+
+    target: str
+    name: str
+    content: bytes
+    beside: dict[str, bytes] = field(default_factory=dict)
+
+
+def recording(names: tuple[str, ...] = ("time [s]", "torque [N*m]", "speed [rad/s]", "link_torque [N*m]")) -> bytes:
+    """A few dozen samples of a drive, CSV."""
+    t = np.arange(60) / 100
+    columns = (t, 5 * np.sin(9 * t), 3 * np.cos(7 * t), 4 * np.sin(8 * t))
+    rows = [",".join(f"{value:.6g}" for value in row) for row in np.stack(columns, axis=1)]
+    return "\n".join([",".join(names), *rows, ""]).encode()
+
+
+def _every_effect() -> bytes:
+    """A chain with one shaft, input, sensor or inertia for each kind of effect."""
+    data: dict = {"title": "all effects", "inertias": {"i0": {"J": 1.0}}, "shafts": {}, "inputs": {}, "sensors": {}}
+    for n in range(len(EFFECTS)):
+        data["inertias"][f"i{n + 1}"] = {"J": 1.0}
+        data["shafts"][f"s{n}"] = {"between": [f"i{n}", f"i{n + 1}"], "stiffness": 100.0, "damping": 1.0}
+        data["inputs"][f"u{n}"] = {"on": f"i{n}"}
+        data["sensors"][f"y{n}"] = {"measures": "speed", "of": f"i{n}"}
+    base = from_dict(data)
+    data["effects"] = []
+    for n, (kind, law) in enumerate(EFFECTS.items()):
+        places = law.places(base)
+        values = {
+            key: min(max(0.5, parameter.lower), parameter.upper)
+            for key, parameter in law.parameters.items()
+            if not parameter.optional
+        }
+        data["effects"].append({"kind": kind, "at": places[n % len(places)]} | values)
+    return tomli_w.dumps(data).encode()
+
+
+@functools.cache
+def seeds() -> tuple[Seed, ...]:
+    """All seeds, in an order that does not change."""
+    found: list[Seed] = []
+    folders = [path.parent for path in sorted(ROOT.glob("examples/*/rig.toml"))] + [ROOT / "matching" / "starter"]
+    for folder in folders:
+        files = {path.name: path.read_bytes() for path in sorted(folder.glob("*.toml"))}
+        others = {name: content for name, content in files.items() if name != "case.toml"}
+        found.append(Seed("case", folder.name, files["case.toml"], others))
+        found += [Seed("model", f"{folder.name}_{name[:-5]}", content) for name, content in others.items()]
+    found += [Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))]
+    found += [Seed("model", "two_discs", MODEL.encode()), Seed("model", "every_effect", _every_effect())]
+    budgets = [*sorted(ROOT.glob("examples/gum/*.toml")), *sorted(ROOT.glob("examples/sensors/*.toml"))]
+    found += [Seed("budget", path.stem, path.read_bytes()) for path in budgets]
+    fidelity = (ROOT / "examples/fidelity/tab2.toml").read_bytes()
+    found += [
+        Seed("fidelity", "tab2", fidelity),
+        Seed("fidelity", "signals", SIGNALS.encode(), {"road.csv": recording(), "bed.csv": recording()}),
+        Seed("recording", "drive", recording(), {"model.toml": MODEL.encode()}),
+        Seed(
+            "recording", "commas", recording().replace(b",", b";").replace(b".", b","), {"model.toml": MODEL.encode()}
+        ),
+        Seed(
+            "channels",
+            "renamed",
+            CHANNELS.encode(),
+            {
+                "model.toml": MODEL.encode(),
+                "drive.csv": recording(("t [s]", "T_EM [N*m]", "n_EM", "M_link [N*m]")),
+            },
+        ),
+    ]
+    beside = {"model.toml": MODEL.encode(), "budget.toml": budgets[0].read_bytes(), "fidelity.toml": fidelity}
+    beside |= {"drive.csv": recording()}
+    found += [Seed("words", words.split("\n")[0] + str(i), words.encode(), beside) for i, words in enumerate(WORDS)]
+    return tuple(found)
