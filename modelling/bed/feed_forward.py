@@ -17,14 +17,15 @@ SHORTEST_MEMORY = 1e-6  # of z: what decays faster from sample to sample has no 
 class FeedForward:
     """Rig, actuators and residual vehicle in discrete time, with the optimal feedback on the predicted state.
 
-    State ξ = [x; commands of the last step]: ξ⁺ = A·ξ + B·u(k − delay) + W·w, y = C·ξ + D·w.
+    State ξ: ξ⁺ = A·ξ + B·u(k − delay) + W·w, y = C·ξ + D·w. Torques vary linearly between samples: then ξ, which is
+    [x; commands of the last step] less what the newest torques did, is exact (first-order hold).
 
     Attributes
     ----------
     A, B, W, C, D : ndarray
         (x, x), (x, u), (x, w), (y, x), (y, w).
-    F : ndarray (u, x)
-        u(k) = −F·ξ(k + delay), predicted.
+    F, G : ndarray (u, x), (u, w)
+        u(k) = −F·ξ(k + delay) − G·w(k), with ξ predicted.
     delay : int
         Whole samples of dead time; the rest of it is in A and B.
     sample_time : float
@@ -39,6 +40,7 @@ class FeedForward:
     C: np.ndarray
     D: np.ndarray
     F: np.ndarray
+    G: np.ndarray
     delay: int
     sample_time: float
     measured: tuple[str, ...]
@@ -59,19 +61,34 @@ class FeedForward:
             state = self.A @ state + self.B @ command + self.W @ measured
         return state
 
-    def response(self, frequencies: np.ndarray) -> np.ndarray:
-        """Response (f, y, w) of the rig to the measured torques at frequencies (f,), Hz, sampled and held."""
-        closed = self.A - self.B @ self.F
-        response = np.empty((len(frequencies), len(self.C), self.W.shape[1]), complex)
-        powers = [self.W]
-        for _ in range(self.delay - 1):
+    def gains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gains of the command on what is known now: (u, x + delay·u) on [state; commands on their way], (u, w).
+
+        Commands on their way stand oldest first: the prediction across the dead time in one product.
+        """
+        powers = [np.eye(len(self.A))]
+        for _ in range(self.delay):
             powers.append(self.A @ powers[-1])
-        for k, frequency in enumerate(frequencies):
-            z = np.exp(2j * np.pi * frequency * self.sample_time)
-            # the prediction holds the torques of its moment: what it misses of those that came in since
-            missed = sum(
-                (power * (z**j - 1) for j, power in enumerate(reversed(powers[: self.delay]))), np.zeros_like(self.W)
-            )
-            drive = self.W + self.B @ (self.F @ missed) * z**-self.delay
-            response[k] = self.C @ np.linalg.solve(z * np.eye(len(closed)) - closed, drive) + self.D
-        return response
+        pending = [power @ self.B for power in reversed(powers[:-1])]
+        held = sum((power @ self.W for power in powers[:-1]), np.zeros_like(self.W))
+        return -self.F @ np.hstack([powers[-1], *pending]), -self.F @ held - self.G
+
+    def command(self, state: np.ndarray, commands: Sequence[np.ndarray], measured: np.ndarray) -> np.ndarray:
+        """The command (u,) to issue; arguments as for :meth:`predict`."""
+        return -self.F @ self.predict(state, commands, measured) - self.G @ measured
+
+    def motion(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Commands as issued (f, u, w) and states (f, x, w) for measured torques of 1 N·m at frequencies (f,), Hz."""
+        closed, z = self.A - self.B @ self.F, np.exp(2j * np.pi * np.asarray(frequencies, float) * self.sample_time)
+        z = z[:, None, None]
+        power, missed = self.W, np.zeros((len(z), *self.W.shape), complex)
+        for j in range(self.delay - 1, -1, -1):  # the prediction holds the torques of its moment
+            missed += power * (z**j - 1)
+            power = self.A @ power
+        torques = (self.F @ missed - self.G) * z**-self.delay
+        states = np.linalg.solve(z * np.eye(len(closed)) - closed, self.W + self.B @ torques)
+        return (torques - self.F @ states) * z**self.delay, states
+
+    def response(self, frequencies: np.ndarray) -> np.ndarray:
+        """Response (f, y, w) of the rig at the samples, to measured torques that vary linearly between them."""
+        return self.C @ self.motion(frequencies)[1] + self.D

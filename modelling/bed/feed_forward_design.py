@@ -3,9 +3,12 @@
 The residual vehicle is driven by the torque of the cut shaft; the dynamometers have to make the rig's end of that
 shaft turn as the residual vehicle does. Minimising the squared speed difference over all frequencies, with a weight
 on the commands, is an H2 problem; for torques that step at unforeseeable moments its optimum across a dead time is
-state feedback on the state predicted with the measured torques held (Kwakernaak and Sivan, Linear Optimal Control
-Systems, 1972; Mirkin and Raskin, Automatica 39 (2003) 1747, for the dead time). It is solved in discrete time at the
-sample time of the controller, with dead times that are no multiple of it taken exactly.
+feedback on the state predicted with the measured torques held, and on these torques (Kwakernaak and Sivan, Linear
+Optimal Control Systems, 1972; Mirkin and Raskin, Automatica 39 (2003) 1747, for the dead time). It is solved in
+discrete time at the sample time of the controller, with dead times that are no multiple of it taken exactly.
+
+Up to the newest sample, measured torques are taken as linear between samples; to hold them would be to answer half a
+sample late.
 """
 
 from __future__ import annotations
@@ -19,17 +22,18 @@ from modelling.bed.feed_forward import FeedForward
 from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import ResidualVehicle
 from modelling.common.errors import InputError
+from modelling.linear.discretise import discretise
 from modelling.model.system import System
 
 COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)²: with this weight the commands are practically free
 STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
+LEAK_PER_SAMPLE = 1e-9  # of the torques to come: as good as held for ever, and the sum over all samples is finite
 
 
 def design_feed_forward(
     rig: System,
     residual: ResidualVehicle,
     loop: Loop,
-    sample_time: float | None = None,
     command_weight: float = COMMAND_WEIGHT,
 ) -> FeedForward:
     """Solve the H2 problem of a rig, a residual vehicle and a loop.
@@ -41,8 +45,6 @@ def design_feed_forward(
         As cut out of the vehicle: the reference, not what was tuned for the feedback.
     loop : Loop
         Dead time, inverter lag, torque-sensor lag and sample time are used.
-    sample_time : float, optional
-        s; that of the loop unless given.
     command_weight : float
         (rad/s per N·m)².
 
@@ -51,13 +53,14 @@ def design_feed_forward(
     InputError
         If the H2 problem has no stabilising solution.
     """
-    step = loop["sample_time"] if sample_time is None else sample_time
+    step = loop["sample_time"]
     model, k = bed_model(rig, residual, loop), len(loop.dynamometers)
     plant, size = model.space, len(model.space.A)
-    bed = of_model(model, loop["dead_time"], step)
+    bed = of_model(model, loop.command_delay(), step)
+    torques = discretise(plant.A, plant.B[:, k:], step)
     A = np.vstack([np.hstack([bed.whole, bed.old]), np.zeros((k, size + k))])
     B = np.vstack([bed.new, np.eye(k)])
-    W = np.vstack([bed.torques, np.zeros((k, len(model.measured)))])
+    W, ramp = (np.vstack([part, np.zeros((k, len(model.measured)))]) for part in (torques.held, torques.ramp))
     E = np.hstack([model.speed_error, np.zeros((k, k))])
     R = command_weight * np.eye(k)
     try:
@@ -69,15 +72,12 @@ def design_feed_forward(
             "check that each dynamometer reaches its cut",
         ) from None
     F = np.linalg.solve(B.T @ X @ B + R, B.T @ X @ A)
+    closed, stay = A - B @ F, 1 - LEAK_PER_SAMPLE
+    to_come = np.linalg.solve(np.eye(len(A)) - stay * closed.T, closed.T @ X @ W)
+    of_torques = np.linalg.solve(B.T @ X @ B + R, B.T @ (X @ W + stay * to_come))
     C = np.hstack([plant.C, np.zeros((len(plant.C), k))])
-    return FeedForward(A, B, W, C, plant.D[:, k:], F, bed.delay, step, model.measured, plant.outputs)
-
-
-def dead_time_lower_bound(rig: System, residual: ResidualVehicle, loop: Loop, refinement: int = 8) -> FeedForward:
-    """The lower bound set by the dead time: the same H2 problem with free commands, sampled finely.
-
-    Every torque is measured and every state known, so whatever a controller does with less, it responds later or
-    worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
-    a controller may do a little better, at the cost of what lies outside.
-    """
-    return design_feed_forward(rig, residual, loop, loop["sample_time"] / refinement)
+    # the state is kept without what the newest torques did since the sample before: ξ = x − ramp·w
+    return FeedForward(
+        A, B, A @ ramp + W - ramp, C, plant.D[:, k:] + C @ ramp, F, of_torques + F @ ramp, bed.delay, step,
+        model.measured, plant.outputs,
+    )  # fmt: skip

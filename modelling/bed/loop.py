@@ -34,7 +34,7 @@ class LoopQuantity:
 
 HARDWARE = {
     "dead_time": LoopQuantity(
-        "s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque, computing and bus included"
+        "s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque: computing, bus, half a sample of hold"
     ),
     "inverter_lag": LoopQuantity("s", 0.002, 1e-5, 0.2, "first-order lag of the air-gap torque"),
     "torque_sensor_lag": LoopQuantity("s", 0.0005, 1e-6, 0.2, "first-order lag of the torque flange and its filter"),
@@ -206,6 +206,13 @@ class Loop:
     def torqueless(self) -> bool:
         """Whether the dynamometers never give torque."""
         return not self.structure.gives_torque(self.values)
+
+    def command_delay(self, dead_time: float | None = None) -> float:
+        """From a sample to the moment its command begins to act, s, not below 0.
+
+        A command that is held for a sample lags half of it, which the dead time (s, the loop's unless given) counts.
+        """
+        return max((self["dead_time"] if dead_time is None else dead_time) - self["sample_time"] / 2, 0.0)
 
     def with_values(self, values: Mapping[str, float]) -> Loop:
         """The same loop with some values changed by name."""

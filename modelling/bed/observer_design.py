@@ -114,7 +114,7 @@ def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT)
     C[:, : model.states] = model.readings.rows
     D = np.zeros((len(C), w))
     return FeedForward(
-        A, B, W, C, D, feedback, bed.delay, model.sample_time, model.known, model.readings.sensors
+        A, B, W, C, D, feedback, np.zeros((k, w)), bed.delay, model.sample_time, model.known, model.readings.sensors
     )  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def law_of_feed_forward(
     fifo, size = k * delay, n + k * delay + len(feedback.A)
     model, own = slice(0, n), slice(n + fifo, size)
     B, D = feedback.B[:, :y] * signs, feedback.D[:, :y] * signs
-    of_state, of_known = _predicted(feed_forward)
+    of_state, of_known = feed_forward.gains()
     K, Kw = np.zeros((k, size)), of_known - D @ through
     K[:, : n + fifo] = of_state
     K[:, model] -= D @ expected
@@ -152,13 +152,3 @@ def law_of_observer(controller: SampledController) -> ControlLaw:
         controller.L, controller.C, controller.sensors, controller.known, controller.dynamometers,
         controller.sample_time,
     )  # fmt: skip
-
-
-def _predicted(feed_forward: FeedForward) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (k, state and commands on their way) and (k, w) of the command on what is known now."""
-    powers = [np.eye(len(feed_forward.A))]
-    for _ in range(feed_forward.delay):
-        powers.append(feed_forward.A @ powers[-1])
-    pending = [power @ feed_forward.B for power in reversed(powers[:-1])]
-    held = sum((power @ feed_forward.W for power in powers[:-1]), np.zeros_like(feed_forward.W))
-    return -feed_forward.F @ np.hstack([powers[-1], *pending]), -feed_forward.F @ held

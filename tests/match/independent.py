@@ -7,6 +7,7 @@ no gears, differentials or other effects.
 
 import numpy as np
 from scipy.linalg import expm, matrix_balance
+from scipy.signal import lsim
 
 
 def mechanics(system):
@@ -167,26 +168,17 @@ def margin(case, frequencies):
 
 
 def vehicle_motion(case, torque, step):
-    """Motor speed (t,) of the vehicle for a motor torque (t,) held over steps."""
+    """Motor speed (t,) of the vehicle for a motor torque (t,) that is linear over steps."""
     A, pushes, speeds, _ = mechanics(case.vehicle)
-    return _held(A, pushes[on(case.vehicle)["motor_torque"]][:, None], speeds["motor"], torque[:, None], step)
-
-
-def _held(A, B, row, inputs, step):
-    n = len(A)
-    block = expm(np.block([[A, B], [np.zeros((B.shape[1], n + B.shape[1]))]]) * step)
-    x, found = np.zeros(n), np.empty(len(inputs))
-    for i, u in enumerate(inputs):
-        found[i] = row @ x
-        x = block[:n, :n] @ x + block[:n, n:] @ u
-    return found
+    system = A, pushes[on(case.vehicle)["motor_torque"]][:, None], speeds["motor"][None], np.zeros((1, 1))
+    return lsim(system, torque, np.arange(len(torque)) * step)[1]
 
 
 def rig_motion(case, feed_forward, torque, step, fine=10):
-    """Motor speed (t,) of the matched rig: sampled controller, dead time as a queue of fine steps.
+    """Motor speed (t,) of the matched rig: sampled controller, dead time as a queue of fine steps, torque linear.
 
     ``feed_forward`` is that of the structure ``model_based``, None for ``pi``. The feedback is stepped by Tustin's
-    rule; its line is half a sample shorter than the dead time, which counts the hold.
+    rule. The queue is half a sample shorter than the dead time, which counts the hold.
     """
     A, B, E, C = bed(case)
     F, G, H, D = controller(case)
@@ -197,7 +189,7 @@ def rig_motion(case, feed_forward, torque, step, fine=10):
     Fd, Gd = half @ (np.eye(len(F)) + F * step / 2), half @ G * step
     Hd, Dd = H @ half, D + H @ half @ G * step / 2
     delay = round(case.loop["dead_time"] / small)
-    lines = [[np.zeros(k)] * delay, [np.zeros(k)] * max(delay - fine // 2, 0)]
+    queue = [np.zeros(k)] * max(delay - fine // 2, 0)
     speeds = mechanics(case.rig)[2]["motor"]
     rig, control = np.zeros(n), np.zeros(len(F))
     ahead_of_time = _FeedForward(feed_forward, k) if feed_forward else None
@@ -210,12 +202,10 @@ def rig_motion(case, feed_forward, torque, step, fine=10):
             seen = seen - expected
         correction = Hd @ control + Dd @ seen
         control = Fd @ control + Gd @ seen
-        for _ in range(fine):
-            acting = np.zeros(k)
-            for line, command in zip(lines, (ahead, correction)):
-                line.append(command)
-                acting = acting + line.pop(0)
-            rig = Ad @ rig + Bd @ [*acting, motor]
+        rise = torque[min(i + 1, len(torque) - 1)] - motor
+        for j in range(fine):
+            queue.append(ahead + correction)
+            rig = Ad @ rig + Bd @ [*queue.pop(0), motor + rise * (j + 0.5) / fine]
     return found
 
 
@@ -235,7 +225,7 @@ class _FeedForward:
         ahead = self.x
         for command in self.sent:
             ahead = own.A @ ahead + own.B @ command + own.W @ news
-        command = -own.F @ ahead
+        command = -own.F @ ahead - own.G @ news
         self.sent.append(command)
         self.x = own.A @ self.x + own.B @ self.sent.pop(0) + own.W @ news
         return command, expected

@@ -28,8 +28,7 @@ def stepped(parts, feed_forward, source, frequency):
     whole = expm(np.block([[A, B], [np.zeros((k, n + 2 + k))]]) * small)
     over, push = whole[: n + 2, : n + 2], whole[: n + 2, n + 2 :]
     dead_time = parts.case.loop["dead_time"]
-    behind = [round((dead_time - step / 2) / small), round(dead_time / small)]
-    lines = [[np.zeros(k)] * count for count in behind]
+    line = [np.zeros(k)] * round((dead_time - step / 2) / small)
     state, control = np.zeros(n + 2), np.zeros(len(law.A))
     state[n] = 1.0
     model = sent = None
@@ -47,7 +46,7 @@ def stepped(parts, feed_forward, source, frequency):
         if feed_forward is not None:
             w = np.array([now if name == source else 0.0 for name in feed_forward.measured])
             read = read - feed_forward.C[rows] @ model - feed_forward.D[rows] @ w
-            ahead = -feed_forward.F @ feed_forward.predict(model, sent, w)
+            ahead = feed_forward.command(model, sent, w)
             sent = [*sent, ahead]
             model = feed_forward.A @ model + feed_forward.B @ sent.pop(0) + feed_forward.W @ w
         elif source in parts.simulated:
@@ -57,11 +56,8 @@ def stepped(parts, feed_forward, source, frequency):
         control = law.A @ control + law.B @ seen
         for j in range(FINE):
             output[i * FINE + j] = parts.rig.space.C[rows_out] @ state[: len(parts.rig.space.A)]
-            acting = np.zeros(k)
-            for line, issued in zip(lines, (command, ahead), strict=True):
-                line.append(issued)
-                acting = acting + line.pop(0)
-            state = over @ state + push @ acting
+            line.append(command + ahead)
+            state = over @ state + push @ line.pop(0)
     last = output[-round(4 / frequency / small) :]
     t = np.arange(len(output))[-len(last) :] * small
     basis = np.stack([np.ones(len(t)), t, t**2, np.cos(omega * t), np.sin(omega * t)], axis=1)

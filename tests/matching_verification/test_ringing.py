@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from matching.frequency.verification import ringing
+from matching.frequency.verification.reading import SwingingModes, neighbours
 from matching.frequency.verification.ringing import pencil, read_modes, thinned
 
 STEP = 1e-3
@@ -90,3 +91,24 @@ def test_too_short_a_record():
     assert read_modes(signals()[:15], STEP, SHAPES) == [None, None]
     with pytest.raises(ValueError, match="20 finite"):
         pencil(np.full((50, 1), np.nan), STEP)
+
+
+def test_a_neighbour_that_moves_the_sensors_nearly_alike_is_not_taken_for_the_mode():
+    """7.854 Hz wanted, 7.749 Hz beside it: within any tolerance in frequency, told apart by shape alone."""
+    wanted, beside = np.array([1.0, 0.8, 0.2]), np.array([1.0, 0.5, 0.1])
+    only_beside = np.outer(rings(7.749, 0.01), beside)
+    taken = read_modes(only_beside, STEP, wanted[None])[0]
+    assert taken.frequency == pytest.approx(7.749, rel=1e-6)  # so it was: nothing else looks like it
+    assert read_modes(only_beside, STEP, wanted[None], neighbours=beside[None]) == [None]
+    both = only_beside + np.outer(rings(7.854, 0.02, 0.3), wanted)
+    (mode,) = read_modes(both, STEP, wanted[None], neighbours=beside[None])
+    assert mode.frequency == pytest.approx(7.854, rel=1e-6)
+    assert mode.damping_ratio == pytest.approx(0.02, rel=1e-5)
+
+
+def test_neighbours_are_near_in_frequency_and_not_damped_much_more():
+    values = np.array([-0.1 + 49j, -0.5 + 48.5j, -30 + 40j, -0.3 + 270j])
+    swinging = SwingingModes(values, np.eye(4))
+    assert neighbours(swinging, [1]) == [0]
+    assert neighbours(swinging, [0]) == []  # the other is damped five times as much
+    assert neighbours(swinging, [1, 0, None]) == []

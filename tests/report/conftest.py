@@ -77,8 +77,6 @@ def hand_made(case):
             errors.after,
             errors.after_like_before,
             errors.unmeasured,
-            errors.after_held,
-            errors.sampling,
             0.004,
             0.003,
             errors.functions,

@@ -31,7 +31,7 @@ def emulated(
     traces : mapping
         Of a rig from rest at the loop's sample time, by name; the torque sensors of the dynamometers are used.
     torques : mapping
-        Of the manoeuvre by input (t,), held between samples; those that act inside the residual vehicle are used.
+        Of the manoeuvre by input (t,), linear between samples; those that act inside the residual vehicle are used.
     tuned : bool
         Whether it has its tuned values or those of the vehicle.
     """
@@ -48,9 +48,8 @@ def emulated(
     for one in bodies:
         space, nothing = one.space, np.zeros(count)
         system = space.A, space.B, space.C, space.D
-        linear = np.stack([measured.get(name, nothing) for name in space.inputs], axis=1)
-        held = np.stack([torques.get(name, nothing) for name in space.inputs], axis=1)
-        y = _readings(system, linear, time, True) + _readings(system, held, time, False)
+        drive = np.stack([measured.get(name, torques.get(name, nothing)) for name in space.inputs], axis=1)
+        y = lsim(system, drive, time)[1].reshape(count, -1)
         found |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
     return found
 
@@ -60,8 +59,3 @@ def on_emulated_side(vehicle: System, parts: Parts) -> tuple[str, ...]:
     ends = {own.vehicle_end for own in parts.cuts}
     there = {sensor.name for part in parts.residual for sensor in part.system.sensors if sensor.of not in ends}
     return tuple(sensor.name for sensor in vehicle.sensors if sensor.name in there)
-
-
-def _readings(system: tuple[np.ndarray, ...], drive: np.ndarray, time: np.ndarray, linear: bool) -> np.ndarray:
-    _, y, _ = lsim(system, drive, time, interp=linear)
-    return y.reshape(len(time), -1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -14,6 +13,7 @@ from matching.frequency.loop.linear_body import Body
 from matching.frequency.loop.parts import Parts
 from modelling.equations.compiled import compiled
 from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.linear.discretise import discretise
 from modelling.linear.elements import elements
 from modelling.linear.reference_motion import operating_motion
 from modelling.model.system import System
@@ -23,54 +23,59 @@ FINEST = 50e-6  # s: longest fine step
 
 
 class LinearMotion:
-    """Exact propagation over fine steps, inputs held; k lines of commands (dynamometers) and d drives.
+    """Exact propagation from sample to sample: k held commands through a delay line, d torques that vary linearly.
 
     Parameters
     ----------
     A, B : ndarray (x, x), (x, k + d)
-    commands : int
+    count : int
         k, the first columns of B.
     step : float
         s, one sample.
-    delays : sequence of float
-        s, of the lines that carry commands.
+    delay : float
+        s, of the line that carries commands.
 
     Attributes
     ----------
     start, drift : ndarray (x,)
         State at time 0, and its rate where nothing acts: zero.
-    whole, drives : ndarray (x, x), (x, d)
-        What a sample makes of state and drives.
-    lines : list of list of (int, ndarray (x, k))
-        For each line, how many samples ago a command was issued and what it does within one sample.
+    whole : ndarray (x, x)
+        What a sample makes of the state.
+    drives : ndarray (2, x, d)
+        What the torques at its beginning and at its end do within a sample.
+    commands : list of (int, ndarray (x, k))
+        How many samples ago a command was issued and what it does within one sample.
     """
 
-    def __init__(self, A: np.ndarray, B: np.ndarray, commands: int, step: float, delays: Sequence[float] = ()):
+    def __init__(self, A: np.ndarray, B: np.ndarray, count: int, step: float, delay: float = 0.0):
         pieces = int(np.ceil(step / FINEST - 1e-9))
         fine, push = cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
         self.start = self.drift = np.zeros(len(A))
-        self.whole, total = np.eye(len(A)), np.zeros(B.shape)
+        self.whole = np.eye(len(A))
         pushes = []
         for _ in range(pieces):
-            pushes.append(self.whole @ push)
-            total = total + pushes[-1]
+            pushes.append(self.whole @ push[:, :count])
             self.whole = fine @ self.whole
-        self.drives = total[:, commands:]
-        self.lines = []
-        for delay in delays:
-            weights = arrivals(delay, step, pieces)
-            over = [
-                sum(w * p[:, :commands] for w, p in zip(column, reversed(pushes), strict=True)) for column in weights.T
-            ]
-            self.lines.append([(i, part) for i, part in enumerate(over) if np.any(weights[:, i])])
+        torques = discretise(A, B[:, count:], step)
+        self.drives = np.stack([torques.held - torques.ramp, torques.ramp])
+        weights = arrivals(delay, step, pieces)
+        over = [sum(w * p for w, p in zip(column, reversed(pushes), strict=True)) for column in weights.T]
+        self.commands = [(i, part) for i, part in enumerate(over) if count and np.any(weights[:, i])]
 
-    def advance(self, x: np.ndarray, drives: np.ndarray, lines: Sequence[np.ndarray], k: int) -> np.ndarray:
-        """The state a sample later; ``lines`` hold the commands issued (t, k) up to sample ``k`` inclusive."""
-        new = self.whole @ x + self.drives @ drives
-        for own, issued in zip(self.lines, lines, strict=True):
-            for i, push in own:
-                if k >= i:
-                    new += push @ issued[k - i]
+    def advance(self, x: np.ndarray, drives: np.ndarray, issued: np.ndarray, k: int) -> np.ndarray:
+        """The state a sample later.
+
+        Parameters
+        ----------
+        drives : ndarray (2, d)
+            Torques at this sample and at the next.
+        issued : ndarray (t, k)
+            Commands, of which those up to sample ``k`` inclusive count.
+        """
+        new = self.whole @ x + self.drives[0] @ drives[0] + self.drives[1] @ drives[1]
+        for i, push in self.commands:
+            if k >= i:
+                new += push @ issued[k - i]
         return new
 
 
@@ -90,7 +95,7 @@ class NonlinearMotion:
         (x of the model, added inputs (u,)) → y, absolute.
     """
 
-    def __init__(self, parts: Parts | None, system: System, step: float, delays: Sequence[float] = ()):
+    def __init__(self, parts: Parts | None, system: System, step: float, delay: float = 0.0):
         model = compiled(system)
         p = model.p0
         needed = max(steps_per_second(model, p[None]) * step, step / FINEST)
@@ -100,7 +105,7 @@ class NonlinearMotion:
         if CONTACT_TIME in model.parameters:
             p = p.copy()
             p[model.parameters.index(CONTACT_TIME)] = step / self._pieces
-        self._weights = [arrivals(delay, step, self._pieces) for delay in delays]
+        self._weights = arrivals(delay, step, self._pieces)
         dynos = () if parts is None else parts.dynamometers
         k, n = len(dynos), len(model.states)
         x, v, w = ca.SX.sym("x", n + 2 * k), ca.SX.sym("v", k), ca.SX.sym("w", len(model.inputs) - k)
@@ -144,13 +149,13 @@ class NonlinearMotion:
         self.twists = elements(model, p[None]).deflection_jacobian
         self.readings = ca.Function("readings", [x, w], [model.readings(x[:n], u, p, 0)])
 
-    def advance(self, x: np.ndarray, drives: np.ndarray, lines: Sequence[np.ndarray], k: int) -> np.ndarray:
-        """As :meth:`LinearMotion.advance`."""
+    def advance(self, x: np.ndarray, drives: np.ndarray, issued: np.ndarray, k: int) -> np.ndarray:
+        """As :meth:`LinearMotion.advance`; over a fine step, torques have the value of its middle."""
         commands = np.zeros((self._pieces, self._count))
-        for weights, issued in zip(self._weights, lines, strict=True):
-            for i in range(min(weights.shape[1], k + 1)):
-                commands += np.outer(weights[:, i], issued[k - i])
-        path = self._run(x, commands.T, np.repeat(drives[:, None], self._pieces, axis=1))
+        for i in range(min(self._weights.shape[1], k + 1) if self._count else 0):
+            commands += np.outer(self._weights[:, i], issued[k - i])
+        middles = (np.arange(self._pieces) + 0.5) / self._pieces
+        path = self._run(x, commands.T, np.outer(drives[0], 1 - middles) + np.outer(drives[1], middles))
         return path[:, -1].full().ravel()
 
 

@@ -94,21 +94,20 @@ def approximations(
 def sampled_poles(parts: Parts) -> np.ndarray:
     """Poles z (x,) of the feedback loop as it runs: controller sampled (Tustin), held, a true delay line, rig exact.
 
-    The line is half a sample shorter than the dead time, which counts the hold, as in the simulation.
+    The delay line is half a sample shorter than the dead time, which counts the hold, as in the simulation.
     """
     step, k = parts.case.loop["sample_time"], len(parts.dynamometers)
     bed, law = parts.bed, parts.sampled_controller
-    delay = max(parts.case.loop["dead_time"] - step / 2, 0.0)
-    motion = LinearMotion(bed.A, bed.B, k, step, [delay])
+    motion = LinearMotion(bed.A, bed.B, k, step, parts.case.loop.command_delay())
     A, B, C, D = law.A, law.B[:, : 2 * k], law.C, law.D[:, : 2 * k]
-    n, c, oldest = len(bed.A), len(law.A), max(i for i, _ in motion.lines[0])
+    n, c, oldest = len(bed.A), len(law.A), max(i for i, _ in motion.commands)
     y = bed.C[: 2 * k]
     closed = np.zeros((n + c + oldest * k,) * 2)
     issue = np.zeros((k, len(closed)))  # the command of this sample
     issue[:, :n], issue[:, n : n + c] = D @ y, C
     closed[:n, :n] = motion.whole
     closed[n : n + c, :n], closed[n : n + c, n : n + c] = B @ y, A
-    for i, push in motion.lines[0]:
+    for i, push in motion.commands:
         if i == 0:
             closed[:n] += push @ issue
         else:

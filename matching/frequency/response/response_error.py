@@ -50,12 +50,6 @@ class ErrorFigures:
         The matched rig, and the same by feedback alone, over all compared functions.
     after_like_before : float or None
         The matched rig over the functions of ``before``.
-    after_held : float
-        ``after`` if measured torques were held from sample to sample for rig and vehicle alike: what is left when
-        sampling costs nothing.
-    sampling : float or None
-        What sampling costs: of a vehicle that gets the measured torques sampled and held, against the vehicle; None
-        where no torque is measured.
     nodes : BandNodes
         Frequencies at which these means have converged to 1 %.
     """
@@ -65,8 +59,6 @@ class ErrorFigures:
     after: float
     after_like_before: float | None
     unmeasured: float
-    after_held: float
-    sampling: float | None
     functions: tuple[FunctionError, ...]
     nodes: BandNodes
 
@@ -108,7 +100,6 @@ def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForw
     nodes = nodes_of(bed)
     squares = _Squares.of(bed, nodes.frequencies)
     before, after, unmeasured = (nodes.root_mean(one) for one in (squares.before, squares.after, squares.unmeasured))
-    held, sampling = _held(bed, nodes)
     path = ~np.isnan(before)
     functions = tuple(
         FunctionError(
@@ -122,18 +113,9 @@ def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForw
         after=pooled(after),
         after_like_before=pooled(after[path]) if path.any() else None,
         unmeasured=pooled(unmeasured),
-        after_held=pooled(np.where(bed.measured, held, after)),
-        sampling=pooled(sampling[bed.measured]) if bed.measured.any() else None,
         functions=functions,
         nodes=nodes,
     )
-
-
-def held_error(case: Case, parts: Parts, feed_forward: FeedForward) -> float:
-    """Response error of a feed-forward's own design with every torque measured and held between its samples."""
-    bed = ComparedBed(case, parts, feed_forward)
-    nodes = converged_nodes(case.band, lambda f: log_squares(*bed.held(f)), _breaks(bed))
-    return pooled(nodes.root_mean(log_squares(*bed.held(nodes.frequencies))))
 
 
 def pooled(errors: Sequence[float] | np.ndarray) -> float:
@@ -157,10 +139,3 @@ def _breaks(bed: ComparedBed) -> np.ndarray:
     vehicle = bed.vehicle.space
     zeros = [antiresonances(vehicle, source, sensor) for source, sensor in dict.fromkeys(bed.pairs)]
     return np.concatenate([resonances(vehicle), resonances(bed.parts.rig.space), *zeros])
-
-
-def _held(bed: ComparedBed, nodes: BandNodes) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (h,) with torques held for rig and vehicle alike, and of the vehicle held against the vehicle."""
-    rig, vehicle = bed.held(nodes.frequencies)
-    continuous = bed.of_vehicle(nodes.frequencies)
-    return nodes.root_mean(log_squares(rig, vehicle)), nodes.root_mean(log_squares(vehicle, continuous))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from matching.frequency.case.case import Case
-from matching.frequency.loop.linear_body import Body, body, transfer
+from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.parts import Parts, parts_of
 from matching.frequency.response.sampled_data import SampledLoop, feed_forward_action
 from modelling.bed.feed_forward import FeedForward
@@ -112,22 +111,6 @@ class ComparedBed:
         """Responses (f, h) of the vehicle."""
         return self._picked(_response(self.vehicle, frequencies), self.vehicle.space.outputs, self.vehicle.space.inputs)
 
-    def held(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Responses (f, h) of rig and vehicle to torques that are held between samples, outputs sampled.
-
-        The rig is the feed-forward's own: what its design reaches. NaN for functions that it does not take as measured.
-        """
-        empty = np.full((len(frequencies), len(self.pairs)), np.nan, complex)
-        if self.feed_forward is None:
-            return empty, empty
-        rig, outputs = self.feed_forward.response(frequencies), self.feed_forward.outputs
-        vehicle = sampled(self.vehicle, self.feed_forward.sample_time, frequencies)
-        names = self.vehicle.space.outputs, self.vehicle.space.inputs
-        return (
-            np.where(self.measured, self._picked(rig, outputs, self.feed_forward.measured), empty),
-            np.where(self.measured, self._picked(vehicle, *names), empty),
-        )
-
     def _picked(self, values: np.ndarray, outputs: Sequence[str], inputs: Sequence[str]) -> np.ndarray:
         """The compared functions (f, h) of responses (f, y, u); NaN where there is no such input."""
         picked = np.full((len(values), len(self.pairs)), np.nan, complex)
@@ -146,13 +129,6 @@ def feed_forward_of(case: Case) -> FeedForward | None:
         If there is no stabilising solution.
     """
     return case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-
-
-def sampled(system: Body, step: float, frequencies: np.ndarray) -> np.ndarray:
-    """Response (f, y, u) of a system whose inputs are held over a step (s) and whose outputs are sampled."""
-    space = system.space
-    A, B, C, D, _ = cont2discrete((space.A, space.B, space.C, space.D), step)
-    return transfer(A, B, C, D, np.exp(2j * np.pi * frequencies * step))
 
 
 def _response(system: Body, frequencies: np.ndarray) -> np.ndarray:

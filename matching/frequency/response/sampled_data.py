@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from matching.frequency.loop.linear_body import transfer
 from matching.frequency.loop.parts import Parts
 from modelling.bed.feed_forward import FeedForward
 from modelling.common.errors import unknown
+from modelling.linear.discretise import discretise
 
 
 @dataclass(frozen=True)
@@ -50,19 +50,7 @@ def feed_forward_action(
     frequencies : ndarray (f,)
         Hz.
     """
-    closed, step = feed_forward.A - feed_forward.B @ feed_forward.F, feed_forward.sample_time
-    powers = [feed_forward.W]
-    for _ in range(feed_forward.delay - 1):
-        powers.append(feed_forward.A @ powers[-1])
-    z = np.exp(2j * np.pi * np.asarray(frequencies, float) * step)[:, None, None]
-    # the prediction holds the torques of its moment: what it misses of those that come in until its command acts
-    missed = sum(
-        (power * (z**j - 1) for j, power in enumerate(reversed(powers[: feed_forward.delay]))),
-        np.zeros((len(z), *feed_forward.W.shape)),
-    )
-    lost = feed_forward.F @ missed * z**-feed_forward.delay
-    state = np.linalg.solve(z * np.eye(len(closed)) - closed, feed_forward.W + feed_forward.B @ lost)
-    issued = (lost - feed_forward.F @ state) * z**feed_forward.delay
+    issued, state = feed_forward.motion(frequencies)
     rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
     sign = np.concatenate([sensor_signs, np.ones(len(names))])[:, None]
     expected = sign * (feed_forward.C[rows] @ state + feed_forward.D[rows])
@@ -85,20 +73,13 @@ class SampledLoop:
     def __init__(self, parts: Parts, frequencies: np.ndarray, dead_time: float | None = None):
         self.parts, self._s = parts, 2j * np.pi * np.asarray(frequencies, float)
         step, k = parts.case.loop["sample_time"], len(parts.dynamometers)
-        dead_time = parts.case.loop["dead_time"] if dead_time is None else dead_time
-        # the feedback's dead time counts the hold, which lags half a sample; that of the feed-forward does not
-        delays = max(dead_time - step / 2, 0.0), dead_time
+        delay = parts.case.loop.command_delay(dead_time)
         bed, law, z = parts.bed, parts.sampled_controller, np.exp(self._s * step)
         self._states = transfer(bed.A, bed.B, np.eye(len(bed.A)), np.zeros_like(bed.B), self._s)  # (f, x, k + d)
         self._read = bed.C[: 2 * k]
         self._control = transfer(law.A, law.B, law.C, law.D, z)
-        self._of_feedback, self._of_feed_forward = (
-            self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z) for delay in delays
-        )
-        hold = -np.expm1(-self._s * step) / (self._s * step)
-        self._held_feedback, self._held_feed_forward = (
-            (hold * np.exp(-self._s * delay))[:, None, None] for delay in delays
-        )
+        self._of_commands = self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z)
+        self._held = (-np.expm1(-self._s * step) / (self._s * step) * np.exp(-self._s * delay))[:, None, None]
 
     def response(
         self, inputs: Sequence[str], sensors: Sequence[str], action: ControllerAction | None = None
@@ -128,13 +109,11 @@ class SampledLoop:
                 raise unknown(name, [*parts.drives, *parts.simulated], "response")
         measured = self._read @ state
         if action is not None:
-            measured = measured + self._of_feed_forward @ action.commands - action.expected
+            law = law + action.commands
+            measured = measured - action.expected
         feedback = self._control[:, :, : 2 * k]
-        issued = np.linalg.solve(np.eye(k) - feedback @ self._of_feedback, law + feedback @ measured)
-        acting = self._held_feedback * issued
-        if action is not None:
-            acting = acting + self._held_feed_forward * action.commands
-        return self._outputs(state + self._states[:, :, :k] @ acting, inputs, sensors)
+        issued = np.linalg.solve(np.eye(k) - feedback @ self._of_commands, law + feedback @ measured)
+        return self._outputs(state + self._states[:, :, :k] @ (self._held * issued), inputs, sensors)
 
     def _outputs(self, state: np.ndarray, inputs: Sequence[str], sensors: Sequence[str]) -> np.ndarray:
         """Readings (f, y, u) of the rig for states (f, x, u) of the bed."""
@@ -152,14 +131,6 @@ def _sampled_states(A: np.ndarray, B: np.ndarray, step: float, delay: float, z: 
     """Sampled states (f, x, k) for commands (k) that are held for a step (s) and act after a delay (s), exactly."""
     whole = int(np.floor(delay / step + 1e-9))
     late = max(delay - whole * step, 0.0)
-    after, new = _discretised(A, B, step - late)
-    before, old = _discretised(A, B, late)
-    z = z[:, None, None]
-    return np.linalg.solve(z * np.eye(len(A)) - after @ before, (new + after @ old / z) * z**-whole)
-
-
-def _discretised(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Transition matrix (x, x) over a step (s) and what inputs held over it do, (x, u)."""
-    n, m = B.shape
-    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
-    return block[:n, :n], block[:n, n:]
+    new, old = discretise(A, B, step - late), discretise(A, B, late)
+    z, after = z[:, None, None], new.transition
+    return np.linalg.solve(z * np.eye(len(A)) - after @ old.transition, (new.held + after @ old.held / z) * z**-whole)

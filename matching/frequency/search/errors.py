@@ -5,11 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from matching.frequency.case.case import Case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import ErrorFigures, held_error
+from matching.frequency.response.response_error import ErrorFigures, error_figures
 from matching.frequency.search.result import ResponseError
-from modelling.bed.feed_forward_design import dead_time_lower_bound
-from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures.model_based import ModelBased
 
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
@@ -23,8 +20,6 @@ def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
         after=figures.after,
         after_like_before=figures.after_like_before,
         unmeasured=figures.unmeasured,
-        after_held=figures.after_held,
-        sampling=figures.sampling,
         bound=lower_bound(tuned, 1),
         bound_unsampled=lower_bound(tuned, UNSAMPLED_REFINEMENT),
         functions=figures.functions,
@@ -32,15 +27,16 @@ def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
 
 
 def lower_bound(case: Case, refinement: int) -> float:
-    """Response error of the best causal controller at a sample time that is so many times shorter.
+    """Response error of the H2-optimal controller at a sample time that is so many times shorter.
 
-    Torques are held between samples, for the vehicle as well. See
-    :func:`modelling.bed.feed_forward_design.dead_time_lower_bound`.
+    Every torque is measured and every state known, so whatever a controller does with less, it responds later or
+    worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
+    a controller may do a little better, at the cost of what lies outside.
     """
-    reference = cut(case.vehicle, case.rig)
-    ideal = dead_time_lower_bound(case.rig, reference, case.loop, refinement)
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     on_rig = tuple(part.name for part in case.rig.inputs if part.name not in driven)
-    loop = dataclasses.replace(case.loop, structure=ModelBased(), measured=on_rig)
-    all_measured = dataclasses.replace(case, loop=loop)
-    return held_error(all_measured, parts_of(all_measured), ideal)
+    structure = ModelBased()
+    start = {name: quantity.start for name, quantity in structure.quantities.items()}
+    values = {**start, **case.loop.values, "sample_time": case.loop["sample_time"] / refinement}
+    finer = dataclasses.replace(case.loop, structure=structure, measured=on_rig, values=values)
+    return error_figures(dataclasses.replace(case, loop=finer)).after

@@ -79,11 +79,9 @@ class ResponseError:
 
     ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
     ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to unmeasured
-    torques. ``after_held`` is ``after`` if measured torques were held between samples for rig and vehicle alike, and
-    ``sampling`` what sampling costs: the error of a vehicle that gets the measured torques sampled and held (None where
-    none is measured). ``bound`` is the lower bound that the dead time sets, to be compared with ``after_held``, and
-    ``bound_unsampled`` without sampling (:func:`matching.frequency.search.errors.lower_bound`). ``functions`` holds
-    the same for every compared function.
+    torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time, ``bound_unsampled`` the
+    same without sampling (:func:`matching.frequency.search.errors.lower_bound`): their difference is the cost of
+    sampling. ``functions`` holds the same for every compared function.
     """
 
     band: tuple[float, float]
@@ -91,15 +89,13 @@ class ResponseError:
     after: float
     after_like_before: float | None
     unmeasured: float
-    after_held: float
-    sampling: float | None
     bound: float
     bound_unsampled: float
     functions: tuple[FunctionError, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("before", "after", "after_like_before", "after_held", "sampling", "bound", "bound_unsampled")
+        keys = ("before", "after", "after_like_before", "bound", "bound_unsampled")
         return {
             "band": list(self.band),
             **{key: getattr(self, key) for key in keys},

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binom
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
+CONFIDENCE = 0.95  # of the intervals of quantiles
 BINS = 60
 
 
@@ -20,6 +22,9 @@ class Spread:
     ----------
     nominal, mean, standard_deviation : float
     quantiles : dict of float to float
+    intervals : dict of float to (float or None, float or None)
+        Confidence interval (95 %) of each quantile from order statistics, whatever the distribution; None for an end
+        that so few draws do not bound (David and Nagaraja, Order Statistics, 2003, 7.1).
     drivers : tuple of (str, float)
         Share of the variance that goes along with each input, straight or as its square, largest first: squared
         standardised regression coefficients (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2.5), which add up
@@ -36,6 +41,7 @@ class Spread:
     mean: float
     standard_deviation: float
     quantiles: dict[float, float]
+    intervals: dict[float, tuple[float | None, float | None]]
     drivers: tuple[tuple[str, float], ...]
     explained: float
     draws: int
@@ -48,6 +54,7 @@ class Spread:
             "name": self.name, "unit": self.unit, "nominal": self.nominal, "mean": self.mean,
             "standard_deviation": self.standard_deviation, "draws": self.draws,
             "quantiles": {f"{level:g}": value for level, value in self.quantiles.items()},
+            "quantile_intervals": {f"{level:g}": list(ends) for level, ends in self.intervals.items()},
             "drivers": [{"name": name, "share": share} for name, share in self.drivers],
             "explained": self.explained if np.isfinite(self.explained) else None,
         }  # fmt: skip
@@ -68,9 +75,24 @@ def spread(name: str, unit: str, nominal: float, values: np.ndarray, inputs: Seq
     ranked = sorted(zip(inputs, shares, strict=True), key=lambda one: -one[1])
     return Spread(
         name, unit, float(nominal), float(values.mean()), size,
-        dict(zip(LEVELS, np.quantile(values, LEVELS).tolist(), strict=True)), tuple(ranked), explained, len(values),
-        edges, counts,
+        dict(zip(LEVELS, np.quantile(values, LEVELS).tolist(), strict=True)), quantile_intervals(values),
+        tuple(ranked), explained, len(values), edges, counts,
     )  # fmt: skip
+
+
+def quantile_intervals(values: np.ndarray) -> dict[float, tuple[float | None, float | None]]:
+    """Confidence intervals of the quantiles :data:`LEVELS` by order statistics of values (b,).
+
+    The number of draws below a quantile is binomial, so the interval from one ordered draw to another covers it at
+    least as often as stated.
+    """
+    ordered, count = np.sort(values), len(values)
+    found: dict[float, tuple[float | None, float | None]] = {}
+    for level in LEVELS:
+        first = int(binom.ppf((1 - CONFIDENCE) / 2, count, level)) - 1  # this many draws and one lie below, or fewer
+        last = int(binom.ppf((1 + CONFIDENCE) / 2, count, level))
+        found[level] = (float(ordered[first]) if first >= 0 else None, float(ordered[last]) if last < count else None)
+    return found
 
 
 def _standard(x: np.ndarray) -> np.ndarray:

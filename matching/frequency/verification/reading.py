@@ -17,6 +17,8 @@ from modelling.bed.manoeuvres import Kick
 from modelling.modal.modes import Mode, modes
 
 PERIODS = 8.0  # that an excitation of its own is watched for
+NEIGHBOUR_WITHIN = 0.25  # relative in frequency: a mode so near might be taken for the target's
+NEIGHBOUR_DAMPING = 3.0  # times the target's: what is damped more dies away before it could be taken for it
 
 
 @dataclass(frozen=True)
@@ -67,39 +69,66 @@ def seen_modes(parts: Parts, feed_forward: FeedForward | None, traces: Traces) -
     vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
     known = modes(parts.case.vehicle)
     targets = [known[target.mode - 1] for target in parts.case.targets]
-    shapes = [damped_shape(vehicle, mode) for mode in targets]
+    swinging = swinging_modes(vehicle)
+    chosen = [damped_counterpart(vehicle, swinging, mode) for mode in targets]
     top = max(parts.case.band[1], *(1.5 * mode.frequency for mode in targets))
-    read = _read(parts, vehicle, traces, shapes, top)
+    read = _read(parts, vehicle, traces, swinging, chosen, top)
     found = []
-    for mode, shape, (own, rig) in zip(targets, shapes, read, strict=True):
+    for mode, index, (own, rig) in zip(targets, chosen, read, strict=True):
         by = "manoeuvre"
         if own is None and mode.frequency > 0:
-            kicked = _kick(parts, vehicle, mode, shape)
+            kicked = _kick(parts, vehicle, mode)
             if kicked is not None:
                 by, torques = kicked
-                own, rig = _read(parts, vehicle, simulate_case(parts, feed_forward, torques), [shape], top)[0]
+                own, rig = _read(parts, vehicle, simulate_case(parts, feed_forward, torques), swinging, [index], top)[0]
         found.append(Seen(mode.number, own, rig, by))
     return tuple(found)
 
 
-def damped_shape(vehicle: Body, mode: Mode) -> np.ndarray:
-    """Eigenvector (x,) of the damped vehicle that moves like an undamped mode; none of them overdamped."""
+@dataclass(frozen=True)
+class SwingingModes:
+    """Modes of the damped vehicle that swing: eigenvalues (m,), rad/s, and eigenvectors (x, m)."""
+
+    values: np.ndarray
+    vectors: np.ndarray
+
+
+def swinging_modes(vehicle: Body) -> SwingingModes:
+    """None of them overdamped."""
     values, vectors = np.linalg.eig(vehicle.space.A)
     upper = values.imag > 0
-    values, vectors = values[upper], vectors[:, upper]
+    return SwingingModes(values[upper], vectors[:, upper])
+
+
+def damped_counterpart(vehicle: Body, swinging: SwingingModes, mode: Mode) -> int | None:
+    """Index of the damped mode that moves like an undamped one, None where nothing swings."""
+    if not len(swinging.values):
+        return None
     wanted = np.array([mode.shape[name] for name in vehicle.masses])
-    turns = vehicle.turns @ vectors
+    turns = vehicle.turns @ swinging.vectors
     weighted = vehicle.J * wanted
     own = np.sum(vehicle.J[:, None] * np.abs(turns) ** 2, axis=0)
-    likeness = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(own * np.vdot(wanted, weighted).real, 1e-300)
-    near = np.exp(-np.abs(np.log(np.abs(values) / max(2 * np.pi * mode.frequency, 1e-300))))
-    return vectors[:, int(np.argmax(likeness * near))] if len(values) else np.zeros(len(vehicle.space.A))
+    mac = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(own * np.vdot(wanted, weighted).real, 1e-300)
+    near = np.exp(-np.abs(np.log(np.abs(swinging.values) / max(2 * np.pi * mode.frequency, 1e-300))))
+    return int(np.argmax(mac * near))
+
+
+def neighbours(swinging: SwingingModes, chosen: list[int | None]) -> list[int]:
+    """Indices of modes that might be taken for one of the chosen: near in frequency, and not damped much more."""
+    sizes = np.abs(swinging.values)
+    damping = -swinging.values.real / np.maximum(sizes, 1e-300)
+    found = set[int]()
+    for index in chosen:
+        if index is not None:
+            near = np.abs(sizes / sizes[index] - 1) < NEIGHBOUR_WITHIN
+            found |= set(np.flatnonzero(near & (damping < NEIGHBOUR_DAMPING * damping[index])).tolist())
+    return sorted(found - set(chosen))
 
 
 def _read(
-    parts: Parts, vehicle: Body, traces: Traces, shapes: list[np.ndarray], top: float
+    parts: Parts, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int | None], top: float
 ) -> list[tuple[Ringing | None, Ringing | None]]:
-    """(vehicle, matched) for every shape, off what follows the last change of a torque."""
+    """(vehicle, matched) for every chosen mode, off what follows the last change of a torque."""
     changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
     first = max((int(own[-1]) + 2 for own in changes if len(own)), default=0)
     step = float(traces.time[1] - traces.time[0])
@@ -107,15 +136,17 @@ def _read(
     rows = [vehicle.space.output(name) for name in names]
     rows += [vehicle.space.output(interface_speed(cut.shaft)) for cut in parts.cuts]
     names += [f"interfaces.{cut.shaft}.speed" for cut in parts.cuts]
-    amplitudes = np.array([[row @ shape for row in rows] for shape in shapes])
+    amplitudes = np.array(rows) @ swinging.vectors  # (c, m)
+    shapes = np.array([np.zeros(len(rows)) if index is None else amplitudes[:, index] for index in chosen])
+    others = amplitudes[:, neighbours(swinging, chosen)].T
     pair = []
     for one in (traces.vehicle, traces.matched):
         signals = np.stack([one[name][first:] for name in names], axis=1)
-        pair.append(read_modes(signals, step, amplitudes, top) if len(signals) >= 40 else [None] * len(shapes))
+        pair.append(read_modes(signals, step, shapes, top, others) if len(signals) >= 40 else [None] * len(shapes))
     return list(zip(*pair, strict=True))
 
 
-def _kick(parts: Parts, vehicle: Body, mode: Mode, shape: np.ndarray) -> tuple[str, Mapping[str, np.ndarray]] | None:
+def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:
     """A one-sided pulse, half a period long, on the input that moves the mode most."""
     known = parts.measured or (*parts.drives, *parts.simulated)  # an unmeasured torque shows the feedback's modes
     inputs = [name for name in known if name in vehicle.space.inputs]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from scipy.signal import firwin
 
 MOST = 40  # poles
@@ -19,6 +20,8 @@ HALVINGS = 4  # of the record, until what dies away soon is seen
 EXPLAINED = 0.9  # of the motion of such a part, or it may be noise
 SHORTEST = 40  # samples of a record
 ROUNDING = 1e-11  # of a signal's largest value: what remains below of a straight line is rounding, not motion
+LEAST_MAC = 0.5  # modal assurance criterion over the sensors, from which a pole may be a mode's
+LEAST_SHARE = 0.01  # of the oscillation, that it has to hold
 INSTANTS = 1500  # columns of the Hankel matrix, about
 
 
@@ -112,7 +115,9 @@ def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, f
     return smooth[::by], step * by
 
 
-def read_modes(signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0) -> list[Ringing | None]:
+def read_modes(
+    signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0, neighbours: np.ndarray | None = None
+) -> list[Ringing | None]:
     """Read off modes, told from others by how they move the sensors.
 
     Parameters
@@ -125,6 +130,8 @@ def read_modes(signals: np.ndarray, step: float, shapes: np.ndarray, top: float 
         Complex amplitudes of each mode in every signal, whatever their scale.
     top : float
         Hz; modes above are filtered off.
+    neighbours : ndarray (n, c), optional
+        The same of modes for which those to be read might be taken: what moves the sensors as they do is theirs.
 
     Returns
     -------
@@ -134,12 +141,14 @@ def read_modes(signals: np.ndarray, step: float, shapes: np.ndarray, top: float 
         is well damped has died away before most of a long record. Of such a part nine tenths have to be explained.
     """
     signals, shapes = np.asarray(signals, float), np.asarray(shapes, complex)
+    others = np.zeros((0, shapes.shape[1]), complex) if neighbours is None else np.asarray(neighbours, complex)
     out: list[Ringing | None] = [None] * len(shapes)
     for length in (len(signals) >> halvings for halvings in range(HALVINGS + 1)):
         open_yet = [i for i, one in enumerate(out) if one is None]
         if not open_yet or length < SHORTEST:
             break
-        for i, one in zip(open_yet, _alike(signals[:length], step, shapes[open_yet], top), strict=True):
+        of_all = _alike(signals[:length], step, np.concatenate([shapes, others]), top)
+        for i, one in ((i, of_all[i]) for i in open_yet):
             if one is not None and (length == len(signals) or one.fit > EXPLAINED):
                 out[i] = one
     return out
@@ -179,15 +188,13 @@ def _read(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> l
     growth = np.exp(2 * poles.real[:, None] * longer * np.arange(len(few)))
     energy = np.sum(np.abs(amplitudes) ** 2, axis=1) * growth.sum(axis=1)
     share = energy / energy.sum()
-    out: list[Ringing | None] = []
-    for shape in shapes:
-        wanted = shape / got.scale
-        likeness = np.abs(amplitudes @ wanted.conj()) ** 2
-        likeness /= np.maximum(np.sum(np.abs(amplitudes) ** 2, axis=1) * np.sum(np.abs(wanted) ** 2), 1e-300)
-        score = np.where((likeness > 0.5) & (share > 0.01), likeness * np.sqrt(share), 0.0)
-        i = int(np.argmax(score))
-        ratio = float(-poles[i].real / abs(poles[i]))
-        out.append(
-            Ringing(float(abs(poles[i]) / (2 * np.pi)), ratio, 0.0, got.fit, float(share[i])) if score[i] > 0 else None
-        )
+    wanted = shapes / got.scale
+    mac = np.abs(wanted.conj() @ amplitudes.T) ** 2  # modal assurance criterion (m, poles)
+    mac /= np.maximum(np.outer(np.sum(np.abs(wanted) ** 2, axis=1), np.sum(np.abs(amplitudes) ** 2, axis=1)), 1e-300)
+    score = np.where((mac > LEAST_MAC) & (share > LEAST_SHARE), mac * np.sqrt(share), 0.0)
+    out = nothing
+    for shape, i in zip(*linear_sum_assignment(score, maximize=True), strict=True):  # a pole belongs to one mode
+        if score[shape, i] > 0:
+            ratio = float(-poles[i].real / abs(poles[i]))
+            out[shape] = Ringing(float(abs(poles[i]) / (2 * np.pi)), ratio, 0.0, got.fit, float(share[i]))
     return out

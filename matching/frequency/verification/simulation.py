@@ -1,10 +1,8 @@
-"""Time simulation of vehicle, free rig and matched rig on one time base: true delay lines, a sampled controller.
+"""Time simulation of vehicle, free rig and matched rig on one time base: a true delay line, a sampled controller.
 
-The controller runs at the loop's sample time. The dead time is counted from the sample to the middle of what it causes
-for the feedback: its hold lags half a sample, so its line is half a sample shorter than the dead time (not below 0).
-The model-based feed-forward counts it as its model does: its commands begin to act one dead time after the sample and
-are then held. Torques of the manoeuvre are demands that arrive and are held at the same samples, for vehicle and rig
-alike.
+The controller runs at the loop's sample time. The dead time is counted from a sample to the middle of what its command
+does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below 0).
+Torques of the manoeuvre vary linearly between samples, for vehicle and rig alike.
 """
 
 from __future__ import annotations
@@ -97,11 +95,11 @@ def free_motion(
         motion: LinearMotion | NonlinearMotion = body_motion(own, step)
     else:
         motion = NonlinearMotion(None, system, step)
-    states = np.empty((count, len(motion.start)))
+    states, no_commands = np.empty((count, len(motion.start))), np.zeros((count, 0))
     x = motion.start
     for k in range(count):
         states[k] = x
-        x = motion.advance(x, drives[k], (), k)
+        x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], no_commands, k)
     _check(states, count * step)
     return _readings(system, parts, own, motion, states, drives)
 
@@ -113,13 +111,13 @@ def matched_motion(
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
     step = loop["sample_time"]
     count = len(next(iter(torques.values())))
-    delays = (loop["dead_time"], max(loop["dead_time"] - step / 2, 0.0))
+    delay = loop.command_delay()
     linear = is_linear(parts.case.rig)
     bed = parts.bed
     motion: LinearMotion | NonlinearMotion = (
-        LinearMotion(bed.A, bed.B, k_dynos, step, delays)
+        LinearMotion(bed.A, bed.B, k_dynos, step, delay)
         if linear
-        else NonlinearMotion(parts, parts.rig.system, step, delays)
+        else NonlinearMotion(parts, parts.rig.system, step, delay)
     )
     drives = _stacked(torques, parts.drives, count)
     feedback = _Sampled(parts, step)
@@ -130,17 +128,17 @@ def matched_motion(
         if feed_forward is None
         else _stacked({name: torques[name] for name in parts.measured if name in torques}, feed_forward.measured, count)
     )
-    issued = np.zeros((2, count, k_dynos))
+    issued = np.zeros((count, k_dynos))
     states = np.empty((count, len(motion.start)))
     x = motion.start
     for k in range(count):
         states[k] = x
         seen = bed.C[: 2 * k_dynos] @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
         if running is not None and news is not None:
-            issued[0, k], expected = running.command(k, news[k])
+            issued[k], expected = running.command(k, news[k])
             seen = seen - expected
-        issued[1, k] = feedback.command(np.concatenate([seen, roads[k]]))
-        x = motion.advance(x, drives[k], (issued[0], issued[1]), k)
+        issued[k] += feedback.command(np.concatenate([seen, roads[k]]))
+        x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
         if k % 8 == 0:
             _check(x[None], k * step)
     _check(states, count * step)
@@ -159,7 +157,7 @@ def matched_motion(
         place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
         speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
-        traces[f"{place}.command"] = issued[:, :, j].sum(axis=0) + held[dyno.torque_input]
+        traces[f"{place}.command"] = issued[:, j] + held[dyno.torque_input]
     return traces
 
 
@@ -186,20 +184,14 @@ class _RunningFeedForward:
         sign = np.concatenate([parts.toward, np.ones(len(names))])
         self._C, self._D = sign[:, None] * feed_forward.C[rows], sign[:, None] * feed_forward.D[rows]
         self._model, self._state = feed_forward, np.zeros(len(feed_forward.A))
-        # prediction across the dead time in one product: state, commands on their way (oldest first), measured torques
-        powers = [np.eye(len(feed_forward.A))]
-        for _ in range(feed_forward.delay):
-            powers.append(feed_forward.A @ powers[-1])
-        pending = [power @ feed_forward.B for power in reversed(powers[:-1])]
-        held = sum((power @ feed_forward.W for power in powers[:-1]), np.zeros_like(feed_forward.W))
-        self._from = -feed_forward.F @ np.hstack([powers[-1], *pending, held])
+        self._gains = np.hstack(feed_forward.gains())
         self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
 
     def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         own = self._model
         expected = self._C @ self._state + self._D @ measured
         known = np.concatenate([self._state, self._sent[k : k + own.delay].ravel(), measured])
-        self._sent[k + own.delay] = self._from @ known
+        self._sent[k + own.delay] = self._gains @ known
         self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ measured
         return self._sent[k + own.delay], expected
 

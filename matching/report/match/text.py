@@ -66,10 +66,9 @@ def _errors(result: Mapping[str, Any]) -> str:
     unmeasured = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
     if not STRUCTURES[result["structure"]].has_feed_forward:  # the same for all torques
         unmeasured = ""
-    sampling = "" if error.get("sampling") is None else f"; sampling alone costs {number(error['sampling'], 2)}"
     return (
-        f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}{sampling}; lower "
-        f"bound set by the dead time {number(error['bound_unsampled'], 2)}"
+        f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
+        f"the dead time {number(error['bound'], 2)} as sampled, {number(error['bound_unsampled'], 2)} without sampling"
     )
 
 

@@ -61,7 +61,7 @@ def summary(result: Mapping[str, Any]) -> str:
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
         f"{result['modulus_margin_asked']:g} {shares['modulus_margin']:.1%}"
         + "".join(f", {_label(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
-        f"{'':46} {'nominal':>9} {'5 %':>9} {'95 %':>9}   driven by",
+        f"{'':46} {'nominal':>9} {'5 %':>9} {'(interval)':20} {'95 %':>9} {'(interval)':20} {'draws':>8}   driven by",
     ]
     for spread in result["quantities"]:
         drivers = [
@@ -69,10 +69,19 @@ def summary(result: Mapping[str, Any]) -> str:
             for driver in spread["drivers"][:DRIVERS_PRINTED]
             if driver["share"] > LEAST_SHARE_PRINTED
         ]
-        low, high = spread["quantiles"]["0.05"], spread["quantiles"]["0.95"]
+        low, high = (_quantile(spread, level) for level in ("0.05", "0.95"))
         name = _label(spread["name"]) + (f" [{spread['unit']}]" if spread["unit"] else "")
-        lines.append(f"{name:46} {spread['nominal']:9.4g} {low:9.4g} {high:9.4g}   {', '.join(drivers) or ABSENT}")
+        lines.append(
+            f"{name:46} {spread['nominal']:9.4g} {low} {high} {spread['draws']:8}   {', '.join(drivers) or ABSENT}"
+        )
+    lines.append("interval: where the quantile of all such beds lies with 95 % confidence, by the number of draws")
     return "\n".join(lines)
+
+
+def _quantile(spread: Mapping[str, Any], level: str) -> str:
+    """A quantile and its confidence interval; an open end where the draws do not bound it."""
+    low, high = (f"{end:.4g}" if end is not None else "…" for end in spread["quantile_intervals"][level])
+    return f"{spread['quantiles'][level]:9.4g} {f'({low} to {high})':20}"
 
 
 def _label(name: str) -> str:
