@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.validity.budget.budget_file import read_budget
     from matching.validity.uncertainty.evaluate import evaluate
     from modelling.common.errors import InputError
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import file_stem, strict_json, write_all
 
     if arguments.draws is not None and not 1000 <= arguments.draws <= 10**9:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 1000 ... 1e9")
@@ -51,8 +51,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         budget, seed=arguments.seed, draws=arguments.draws, digits=arguments.digits, wanted=arguments.wanted
     ).to_dict()
     files: dict[str, str | bytes] = {"uncertainty.json": strict_json(answer), "uncertainty.txt": summary(answer)}
+    prefixes: list[str] = []
     for one in answer["measurands"]:
-        prefix = f"{one['name']}_" if len(answer["measurands"]) > 1 else ""
+        prefix = f"{file_stem(one['name'])}_" if len(answer["measurands"]) > 1 else ""
+        if prefix in prefixes:
+            prefix = f"{prefix}{len(prefixes) + 1}_"
+        prefixes.append(prefix)
         files[f"{prefix}contributions.svg"] = style.image(uncertainty_figures.contributions(one))
         files[f"{prefix}ishikawa.svg"] = style.image(uncertainty_figures.ishikawa(one))
     write_all(arguments.out, files)

@@ -92,3 +92,8 @@ def _key(key: Any, where: str) -> str:
     if not isinstance(key, str):
         raise TypeError(f"{where or 'the result'} has the key {key!r}, but keys are text")
     return key
+
+
+def file_stem(name: str) -> str:
+    """A name of a user's as part of a file's name: letters, digits, ``_`` and ``-`` stay, 60 characters at the most."""
+    return "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name)[:60]

@@ -14,6 +14,7 @@ from modelling.common.escape import is_control
 
 LONGEST_TITLE = 300  # characters
 LARGEST_FILE = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
+LONGEST_INTEGER = 1024  # bits, as the largest floating-point number has before its point
 
 
 LONGEST_TEXT = 10_000  # characters of a title, name or formula
@@ -38,7 +39,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             raise InputError(
                 f"{path}, line {written.count(chr(10), 0, deep.start()) + 1}", "has a key of too many parts"
             )
-        return tomllib.loads(written)
+        tables = tomllib.loads(written)
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:
@@ -51,6 +52,21 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
     except RecursionError:
         raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
+    _check_integers(tables, path)
+    return tables
+
+
+def _check_integers(tables: dict[str, Any], path: str | Path) -> None:
+    """Raise ``InputError`` for an integer beyond all floating-point numbers; no message could show it."""
+    remaining: list[Any] = [tables]
+    while remaining:
+        value = remaining.pop()
+        if isinstance(value, dict):
+            remaining += value.values()
+        elif isinstance(value, list):
+            remaining += value
+        elif isinstance(value, int) and value.bit_length() > LONGEST_INTEGER:
+            raise InputError(str(path), "has an integer of hundreds of digits", "write ordinary numbers")
 
 
 def key_place(where: str, key: str) -> str:

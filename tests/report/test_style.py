@@ -32,3 +32,15 @@ def test_a_figure_without_a_layout_of_its_own_is_written_too() -> None:
     drawn.set_layout_engine("none")
     assert image(drawn).startswith(b"<?xml")
     assert drawn.get_layout_engine() is None or type(drawn.get_layout_engine()).__name__ == "PlaceHolderLayoutEngine"
+
+
+def test_dollars_of_a_user_are_letters_and_numbers_at_logarithmic_axes_stay_numbers() -> None:
+    with styled():
+        drawn = figure(4, 3)
+        axes = drawn.add_subplot()
+        axes.barh(["a$b", "$c"], [10, 1000])
+        axes.set(xscale="log", title="costs $5 \\frac{$")
+    drawing = image(drawn).decode()
+    for written in ("costs $5 \\frac{$", "a$b", "$c"):
+        assert f"<!-- {written} -->" in drawing
+    assert "$\\mathdefault{10^{2}}$" in drawing

@@ -63,6 +63,26 @@ def test_json_alone_on_standard_output(tmp_path, capsys):
     assert (tmp_path / "X_ishikawa.svg").exists()
 
 
+def test_names_with_slashes_and_dollars_and_values_of_any_size(tmp_path, capsys):
+    path = tmp_path / "budget.toml"
+    path.write_text(
+        """
+        title = "$\\\\frac{$ of $x_{$"
+        [measurands]
+        "../T/n" = { formula = "x - a" }
+        "..|T|n" = { formula = "x + a" }
+        "T$\\\\frac{$" = { formula = "a" }
+        [inputs]
+        x = { value = -1e160, uncertainty = 0.1 }
+        a = { value = 2, uncertainty = 0.1 }
+        """
+    )
+    assert main(["uncertainty", str(path), "--out", str(tmp_path / "out"), "--draws", "20000"]) == 0
+    assert "-1e+160" in capsys.readouterr().out
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert {"___T_n_ishikawa.svg", "___T_n_2_ishikawa.svg", "T__frac___ishikawa.svg"} <= names
+
+
 def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert main(["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--out", str(tmp_path)]) == 0
     assert "88.54 %" in capsys.readouterr().out
@@ -97,6 +117,11 @@ def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
         ("uncertainty", "x = [", "is not TOML"),
         ("fidelity", "[weights]\nsystem_dynamics = 0.5\n[system_dynamics.a]\nnrmse_fidelity = 1\n", "must sum to 1"),
         ("fidelity", "typo = 1\n", "'typo' does not exist"),
+        (
+            "fidelity",
+            "f_max = 30\n[weights]\nsystem_dynamics = 1\n[system_dynamics.t]\nnrmse_fidelity = 1\ndelay = -1e30\n",
+            "-1e+30 s is no delay of a test bed",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_no_output(tmp_path, capsys, command, content, words):

@@ -196,6 +196,30 @@ def test_good_verdict_where_first_order_is_good():
     assert result.check.verdict == "good"
 
 
+def near_the_limit(k, **how):
+    """y = x normal with u = 1.0, δ = 0.05; the true 95 % end is 1.96, so that d = k − 1.96."""
+    tables = {"measurand": {"formula": "x"}, "inputs": {"x": {"value": 0, "uncertainty": 1}}, "coverage_factor": k}
+    return evaluate(budget_from_tables(tables), **how).measurands[0]
+
+
+@pytest.mark.parametrize(("k", "verdict"), [(1.995, "good"), (2.025, "not good")])
+def test_draws_go_on_until_the_check_is_decided(k, verdict):
+    """d = 0.035 and 0.065: a result that is stable to δ leaves either open."""
+    result = near_the_limit(k)
+    assert result.check.tolerance == pytest.approx(0.05)
+    assert result.check.verdict == verdict
+    stable = monte_carlo(*single("x", x={"value": 0, "uncertainty": 1}))
+    assert stable.draws < result.monte_carlo.draws <= 10_000_000
+
+
+def test_an_undecided_check_makes_the_monte_carlo_result_the_headline():
+    result = near_the_limit(2.005, draws=20_000)
+    assert result.check.verdict == "open"
+    assert result.method == "monte_carlo"
+    assert result.statement.endswith("(Monte Carlo)")
+    assert any("do not decide" in line and "--draws" in line for line in result.warnings)
+
+
 def test_where_the_check_rejects_first_order_the_statement_is_that_of_the_monte_carlo():
     """x² at x = 0, u = 0.5: first order says 0 ± 0. The shortest 95 % interval of 0.25·χ²(1) is 0 ... 0.96."""
     budget, _ = single("x^2", x={"value": 0, "uncertainty": 0.5})

@@ -10,7 +10,10 @@ from warnings import catch_warnings, simplefilter
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.category import StrCategoryFormatter
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter
 
 # Colours of Okabe and Ito (2008), which colour-blind readers tell apart.
 VEHICLE = "#0072B2"
@@ -81,11 +84,23 @@ def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = N
     buffer = io.BytesIO()
     with styled(), catch_warnings():
         simplefilter("ignore", UserWarning)  # a letter that the font lacks, a title longer than the figure
+        _take_texts_as_written(fig)
         if kind == "svg":
             _write_svg(fig, buffer, {"Date": None, **(metadata or {})})
         else:
             fig.savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=dict(metadata) if metadata else None)
     return buffer.getvalue()
+
+
+def _take_texts_as_written(fig: Figure) -> None:
+    """No ``$`` in a user's title or name begins a formula; the numbers at logarithmic axes are the only formulas."""
+    for axes in fig.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), StrCategoryFormatter | FixedFormatter):
+                axis.get_ticklabels()  # places the names at the axis, so that they are found below
+    for text in fig.findobj(Text):
+        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
+            text.set_parse_math(False)
 
 
 def _write_svg(fig: Figure, buffer: io.BytesIO, metadata: Mapping[str, str | None]) -> None:

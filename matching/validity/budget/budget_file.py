@@ -19,6 +19,7 @@ from modelling.units import unit_of
 
 MOST_INPUTS = 500  # matrices of second derivatives and correlations are full
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
+LONGEST_NAME = 100  # characters of a measurand's name: it stands in sentences and figures
 
 
 def read_budget(path: Path | str) -> Budget:
@@ -142,6 +143,9 @@ def _measurands(tables: dict[str, Any], inputs: list[Input], where: str) -> tupl
     measurands = []
     for name, table in given.items():
         here = f"{where}: measurand {name}"
+        if not name.isprintable() or not 0 < len(name) <= LONGEST_NAME:
+            right = f"give it 1 to {LONGEST_NAME} characters that can be printed"
+            raise InputError(f"{where}: measurand", "a name that nobody can read", right)
         check_keys(table, known, here)
         unit = unit_of(table.get("unit", "1"), f"{here}.unit")
         expression = parse_formula(text(table, "formula", here), dimensions, f"{here}.formula")

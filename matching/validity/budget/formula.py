@@ -17,6 +17,7 @@ from modelling.common.errors import InputError
 
 LONGEST = 10_000
 LARGEST_POWER = 100
+DEEPEST = 60  # functions and powers within one another: no formula of a measurement has so many
 
 
 @cache
@@ -69,6 +70,7 @@ class _Walker(ast.NodeVisitor):
 
     def __init__(self, symbols: dict[str, Any], where: str):
         self.symbols, self.where = symbols, where
+        self.depth = 0  # of functions and powers around what is visited
 
     def refuse(
         self, what: str, right: str = "use numbers, inputs, + - * / ** and mathematical functions only"
@@ -77,6 +79,15 @@ class _Walker(ast.NodeVisitor):
 
     def generic_visit(self, node: Any) -> Any:
         raise self.refuse(f"'{ast.unparse(node)[:60]}' is not mathematics")
+
+    def visit(self, node: Any) -> Any:
+        nested = isinstance(node, ast.Call) or (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow))
+        self.depth += nested
+        if self.depth > DEEPEST:
+            raise self.refuse(f"functions are nested more than {DEEPEST} deep", "write a simpler formula")
+        value = super().visit(node)
+        self.depth -= nested
+        return value
 
     def visit_Constant(self, node: Any) -> Any:
         if type(node.value) not in (int, float):

@@ -33,6 +33,7 @@ KEYS = (
     "title", "f_max", "arithmetic", "nrmse", "longest_delay", "recordings", "weights", *DYNAMIC_DOMAINS,
     MEASUREMENT_DOMAIN,
 )  # fmt: skip
+LONGEST_DELAY = 1000.0  # s, of a stated one
 STATED_KEYS = ("nrmse_fidelity", "nrmse_uncertainty", "delay", "delay_uncertainty")
 MEASURED_KEYS = ("reference", "test", "reference_noise", "test_noise")
 SENSOR_KEYS = (
@@ -202,6 +203,10 @@ def _stated_signal(name: str, table: dict[str, Any], where: str, f_max: float) -
     nrmse = _fraction(table, "nrmse_fidelity", where)
     delay = to_si(table.get("delay", 0.0), "s", f"{where}.delay")
     delay_u = to_si(table.get("delay_uncertainty", 0.0), "s", f"{where}.delay_uncertainty")
+    for key, seconds in (("delay", delay), ("delay_uncertainty", delay_u)):
+        if abs(seconds) > LONGEST_DELAY:
+            wrong = f"{seconds:g} s is no delay of a test bed"
+            raise InputError(f"{where}.{key}", wrong, f"at most {LONGEST_DELAY:g} s are possible")
     nrmse_u = _fraction(table, "nrmse_uncertainty", where) if "nrmse_uncertainty" in table else 0.0
     estimate = Delay(delay, abs(delay_u), "", delay)
     return SignalFidelity(name, nrmse, estimate, float(delay_fidelity(delay, f_max)), nrmse_u)

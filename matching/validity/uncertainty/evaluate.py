@@ -13,6 +13,7 @@ from matching.validity.uncertainty.propagate import Propagation, coverage_factor
 from matching.validity.uncertainty.result import Check, MeasurandResult, Row, Uncertainty
 from matching.validity.uncertainty.rounding import numerical_tolerance
 
+SHARPER = 5.0  # times the numerical tolerance of the check, that of the draws must be (JCGM 101, 8.2)
 ROUNDING = 1e-12  # of value and contributions: what floating-point arithmetic leaves of a difference that is none
 
 
@@ -63,13 +64,19 @@ def evaluate_measurand(
     k = coverage_factor(budget, first.degrees_of_freedom)
     drawn = check = second = None
     if with_monte_carlo:
-        drawn = monte_carlo(budget, measurand, seed=seed, draws=draws, digits=digits)
-        rounding = ROUNDING * (
-            abs(first.value) + float(np.sum(np.abs(first.sensitivities) * budget.standard_uncertainties))
-        )
-        check = compare(first.value, k * first.first_order, first.first_order, drawn, digits, rounding)
+        parts = float(np.sum(np.abs(first.sensitivities) * budget.standard_uncertainties))
+        rounding = ROUNDING * (abs(first.value) + parts)
+
+        def checked(drawn: MonteCarlo, u: float) -> Check:
+            return compare(first.value, k * u, u, drawn, digits, rounding)
+
+        def undecided(drawn: MonteCarlo) -> bool:
+            return checked(drawn, first.first_order).verdict == "open"
+
+        drawn = monte_carlo(budget, measurand, seed=seed, draws=draws, digits=digits, undecided=undecided)
+        check = checked(drawn, first.first_order)
         if math.isfinite(first.second_order):
-            second = compare(first.value, k * first.second_order, first.second_order, drawn, digits, rounding)
+            second = checked(drawn, first.second_order)
     return MeasurandResult(
         measurand,
         first,
@@ -89,12 +96,15 @@ def compare(
 ) -> Check:
     """The check of JCGM 101, 8.1: d_low and d_high against δ of the propagated uncertainty.
 
-    A symmetric interval about the estimate is compared with the shortest interval of the draws. Differences below
-    ``rounding`` (SI) are those of floating-point numbers: exact results agree.
+    A symmetric interval about the estimate is compared with the shortest interval of the draws. The verdict stands as
+    soon as what the draws leave uncertain of the interval cannot change it, or is no more than δ/5 (8.2). Differences
+    below ``rounding`` (SI) are those of floating-point numbers: exact results agree.
     """
     tolerance = max(numerical_tolerance(uncertainty or drawn.standard_uncertainty, digits), rounding)
     distances = (abs(value - expanded - drawn.shortest[0]), abs(value + expanded - drawn.shortest[1]))
     doubt = drawn.spread[2:]
+    if float(np.max(doubt)) <= tolerance / SHARPER:
+        doubt = np.zeros(2)
     if any(distance - spread > tolerance for distance, spread in zip(distances, doubt, strict=True)):
         verdict = "not good"
     elif all(distance + spread <= tolerance for distance, spread in zip(distances, doubt, strict=True)):
@@ -140,6 +150,11 @@ def _warnings(budget: Budget, first: Propagation, drawn: MonteCarlo | None, chec
         found.append(f"the Monte Carlo result is not yet stable after {drawn.draws} draws: ask for more")
     if check is not None and check.verdict == "not good":
         found.append("JCGM 101 check: first order is not good enough here, so the Monte Carlo result is stated")
+    if check is not None and check.verdict == "open":
+        found.append(
+            "JCGM 101 check: the draws do not decide whether first order is good enough, so the Monte Carlo result is "
+            "stated; more --draws may decide it"
+        )
     if any(one.distribution.name == "t" and one.degrees_of_freedom <= 2 for one in budget.inputs):
         found.append(
             "an input has two degrees of freedom or fewer: its t distribution has no variance, so only the "

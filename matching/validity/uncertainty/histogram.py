@@ -44,8 +44,10 @@ class Histogram:
     def add(self, counts: np.ndarray, number: int, mean: float, squares: float, least: float, most: float) -> None:
         """Merges a chunk; moments by the pairwise update of Chan, Golub and LeVeque."""
         self.counts += counts
-        total, shift = self.number + number, mean - self.mean
-        self.squares += squares + shift**2 * self.number * number / total
+        total = self.number + number
+        shift = mean - self.mean if self.number else 0.0
+        self.mean = self.mean if self.number else mean
+        self.squares += squares + shift * shift * self.number * number / total
         self.mean += shift * number / total
         self.number, self.least, self.most = total, min(self.least, least), max(self.most, most)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +20,9 @@ from modelling.common.errors import InputError
 from modelling.units import Unit
 
 PILOT = 10  # chunks kept to place the histogram's edges
-MOST = 2_000_000
+MOST = 2_000_000  # draws until the result is stable
+MOST_TO_DECIDE = 10_000_000  # draws until a question to the result is decided as well, some seconds
+QUESTION_GROWTH = 1.25  # the question is asked again when there are so many times the draws
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,17 @@ def monte_carlo(
     digits: int = 2,
     most: int = MOST,
     workers: int | None = None,
-    strictness: float = 1.0,
-) -> MonteCarlo:
+    undecided: Callable[[MonteCarlo], bool] | None = None,
+) -> MonteCarlo:  # what is drawn, and when there are enough draws
     """The distribution of the measurand by propagating those of the inputs.
 
     Parameters
     ----------
     draws : int, optional
         So many draws; without it, chunk after chunk until value, uncertainty and both ends of the interval are stable
-        to ``digits`` significant digits of the uncertainty over ``strictness`` (JCGM 101, 7.9), ``most`` at the most.
+        to ``digits`` significant digits of the uncertainty (JCGM 101, 7.9), ``most`` at the most.
+    undecided : function, optional
+        Whether a stable result leaves a question open: then more is drawn, :data:`MOST_TO_DECIDE` at the most.
     seed : int
         The same seed gives the same result, however many ``workers`` (threads) there are.
 
@@ -84,7 +88,7 @@ def monte_carlo(
         The formula has no finite real value for some draws.
     """
     chunk = max(math.ceil(100 / (1 - budget.coverage)), 10_000)
-    limit = max(2, math.ceil((most if draws is None else draws) / chunk))
+    limit = max(2, math.ceil((draws or (MOST_TO_DECIDE if undecided else most)) / chunk))
     function = sympy.lambdify(
         [sympy.Symbol(one.name, real=True) for one in budget.inputs], measurand.expression, "numpy", cse=True
     )
@@ -120,17 +124,30 @@ def monte_carlo(
             for first in range(PILOT, limit, 4 * workers):  # waves bound what is in memory at a time
                 yield from pool.map(lambda place: summary(values(place)), range(first, min(first + 4 * workers, limit)))
 
-        rows, tolerance, stable = [], math.nan, False
+        def result() -> MonteCarlo:
+            return _result(budget.coverage, histogram, rows, seed, digits)
+
+        rows: list[tuple] = []
+        next_question = 0.0
         for counts, moments, low, high in chunks():
             histogram.add(counts, *moments)
             rows.append((moments[1], math.sqrt(moments[2] / (moments[0] - 1)), low, high))
-            if len(rows) == limit or (draws is None and len(rows) >= PILOT):
-                tolerance = numerical_tolerance(histogram.standard_deviation, digits) / strictness
-                stable = bool(np.all(_spread(rows) < tolerance)) or histogram.standard_deviation == 0
-                if stable and draws is None:
-                    break
-    tail = (1 - budget.coverage) / 2
-    shortest = histogram.shortest(budget.coverage)
+            if (
+                draws is not None
+                or len(rows) < PILOT
+                or len(rows) < next_question
+                or not _stable(rows, digits, histogram)
+            ):
+                continue
+            if undecided is None or not undecided(result()):
+                break
+            next_question = QUESTION_GROWTH * len(rows)
+        return result()
+
+
+def _result(coverage: float, histogram: Histogram, rows: list[tuple], seed: int, digits: int) -> MonteCarlo:
+    tail = (1 - coverage) / 2
+    shortest = histogram.shortest(coverage)
     symmetric = (histogram.quantile(tail), histogram.quantile(1 - tail))
     if histogram.standard_deviation == 0:  # an exact result, which the histogram's bins hold to a bin only
         shortest = symmetric = (histogram.mean, histogram.mean)
@@ -139,14 +156,19 @@ def monte_carlo(
         histogram.standard_deviation,
         shortest,
         symmetric,
-        budget.coverage,
+        coverage,
         histogram.number,
         seed,
-        stable,
-        tolerance,
+        _stable(rows, digits, histogram),
+        numerical_tolerance(histogram.standard_deviation, digits),
         _spread(rows),
         histogram,
     )
+
+
+def _stable(rows: list[tuple], digits: int, histogram: Histogram) -> bool:
+    tolerance = numerical_tolerance(histogram.standard_deviation, digits)
+    return histogram.standard_deviation == 0 or bool(np.all(_spread(rows) < tolerance))
 
 
 def _spread(rows: list[tuple]) -> np.ndarray:

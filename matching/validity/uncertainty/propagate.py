@@ -81,7 +81,7 @@ def _evaluate(budget: Budget, measurand: Measurand) -> _Derivatives:
 def _not_finite(budget: Budget, measurand: Measurand) -> InputError:
     return InputError(
         f"{budget.where}: measurand {measurand.name}.formula",
-        "has no finite real value or slope at the values of the inputs",
+        "has no finite real value, slope or uncertainty at the values of the inputs",
         "correct the formula or a value",
     )
 
@@ -95,7 +95,10 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     """
     derivatives = _evaluate(budget, measurand)
     c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
-    first = float(c @ covariance @ c)
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = float(c @ covariance @ c)
+    if not math.isfinite(first):
+        raise _not_finite(budget, measurand)
     if first < CANCELLED * float(np.sum(np.abs(c) * budget.standard_uncertainties)) ** 2:
         first = 0.0
     product = hessian @ covariance

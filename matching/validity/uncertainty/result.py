@@ -91,8 +91,8 @@ class MeasurandResult:
 
     @property
     def method(self) -> str:
-        """``"monte_carlo"`` where the check of JCGM 101 rejects first order, else ``"first_order"``."""
-        return "monte_carlo" if self.check is not None and self.check.verdict == "not good" else "first_order"
+        """``"first_order"`` unless the check of JCGM 101 rejects it or leaves it open: then ``"monte_carlo"``."""
+        return "monte_carlo" if self.check is not None and self.check.verdict != "good" else "first_order"
 
     @property
     def statement(self) -> str:

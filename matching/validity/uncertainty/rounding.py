@@ -7,6 +7,9 @@ from decimal import ROUND_HALF_EVEN, Decimal
 
 from modelling.units import printed
 
+FLOAT_DIGITS = 16  # decimal digits that a floating-point number holds
+LONGEST_NUMBER = 25  # places before or behind the point; longer numbers are written with an exponent
+
 
 def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:
     """δ: half a unit of the last of so many significant digits of the uncertainty."""
@@ -22,7 +25,13 @@ def _last_place(uncertainty: float, digits: int) -> int:
 
 
 def to_place(value: float, place: int) -> str:
-    """The value rounded to a power of ten, written without exponent."""
+    """The value rounded to a power of ten, written without exponent.
+
+    Where that would be more digits than a floating-point number has, or than anyone reads, those that it has.
+    """
+    leading = max(Decimal(repr(float(value))).adjusted(), place)
+    if leading - place > FLOAT_DIGITS or max(leading, -place) > LONGEST_NUMBER:
+        return f"{value:.15g}" if leading - place > FLOAT_DIGITS else f"{value:.{leading - place}e}"
     step = Decimal(1).scaleb(place)
     rounded = Decimal(repr(float(value))).quantize(step, rounding=ROUND_HALF_EVEN)
     return f"{rounded:f}" if rounded != 0 else f"{abs(rounded):f}"
