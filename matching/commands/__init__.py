@@ -19,6 +19,7 @@ ONE_LINE = {
     "uncertainty": "measurement uncertainty budget after the GUM",
     "fidelity": "partial and total XiL fidelity",
     "tolerance": "spread of a match over the tolerances of the bed",
+    "verify": "judge recordings of the controlled bed beside vehicle and prediction",
     "export": "write the tuned residual vehicle as an FMU",
     "new": "write a commented case to start from",
 }

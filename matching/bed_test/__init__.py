@@ -1,0 +1,1 @@
+"""Judges recordings of the controlled bed: does it answer as the match predicted, and as the vehicle does."""

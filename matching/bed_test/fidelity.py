@@ -1,0 +1,62 @@
+"""XiL fidelity of a recording of the controlled bed: the vehicle is simulated on the torques that were recorded."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.signal import cont2discrete, dlsim
+
+from matching.bed_test.recorded import BedRecordings
+from matching.frequency.case.case import Case
+from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.distribution import fidelity_distribution
+from modelling.fidelity.fidelity import SignalPair
+from modelling.fidelity.measures import WEIGHTS
+from modelling.linear.state_space import state_space
+from modelling.measurement.recording import Recording
+
+COVERAGE_FACTOR = 2.0
+DRAWS = 2_000
+LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity
+SAMPLES_A_PERIOD = 8.0  # of the highest frequency that are enough
+
+
+def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording) -> dict[str, Any]:
+    """R_SD of the compared sensors, R_MU and R_XiL with its standard uncertainty (Eqs. 14 to 23) of one recording.
+
+    The vehicle starts at rest with the recording's first sample; both lose their mean, for only deviations are
+    compared. The weights are those of the domains there are.
+    """
+    torques, readings = recorded.signals(recording)
+    step = float(np.mean(np.diff(recording.time)))
+    vehicle = state_space(case.vehicle)
+    drive = np.zeros((len(torques), len(vehicle.inputs)))
+    for j, name in enumerate(recorded.inputs):
+        drive[:, vehicle.inputs.index(name)] = torques[:, j] - torques[0, j]
+    A, B, C, D, _ = cont2discrete((vehicle.A, vehicle.B, vehicle.C, vehicle.D), step, "foh")
+    answer = dlsim((A, B, C, D, step), drive)[1]
+    every = max(int(1 / (SAMPLES_A_PERIOD * case.band[1] * step)), 1)
+    units = {sensor.name: sensor.uncertainty for sensor in case.rig.sensors}
+    pairs = {}
+    for i, name in enumerate(recorded.sensors):
+        reference, test = (trace - trace.mean() for trace in (answer[:, vehicle.outputs.index(name)], readings[:, i]))
+        if np.ptp(reference) <= 0:
+            continue
+        u = units.get(name)
+        pairs[name] = SignalPair(reference[::every], test[::every], None if u is None else COVERAGE_FACTOR * u)
+    domains = ["system_dynamics"]
+    if any(pair.expanded_uncertainty is not None for pair in pairs.values()):
+        domains.append("measurement_uncertainty")
+    total = sum(WEIGHTS[name] for name in domains)
+    time = recording.time[::every] - recording.time[0]
+    found = fidelity_of_signals(
+        np.arange(len(time)) * step * every, pairs, f_max=case.band[1],
+        weights={name: WEIGHTS[name] / total for name in domains}, longest_delay=min(LONGEST_DELAY, time[-1] / 4),
+    )  # fmt: skip
+    drawn = fidelity_distribution(found, DRAWS).summary()["total"]
+    return {
+        "recording": recording.source, "R_SD": found.domains.get("system_dynamics"),
+        "R_MU": found.domains.get("measurement_uncertainty"), "R_XiL": found.total,
+        "standard_uncertainty": drawn.standard_uncertainty, "interval": list(drawn.interval),
+    }  # fmt: skip

@@ -1,0 +1,256 @@
+"""Measured responses of the controlled bed beside the vehicle and the prediction of the match."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from matching.bed_test.fidelity import recorded_fidelity
+from matching.bed_test.local_rational import MeasuredResponse, lines_needed, response, spectra
+from matching.bed_test.modes import MeasuredMode, measured_mode
+from matching.bed_test.recorded import BedRecordings
+from matching.bed_test.result import (
+    COVERAGE_FACTOR,
+    BedVerification,
+    ErrorJudgement,
+    FunctionCurves,
+    ModeJudgement,
+)
+from matching.frequency.case.case import Case
+from matching.frequency.response.responses import ComparedBed
+from modelling.common.errors import InputError
+from modelling.modal.modes import modes
+
+FINEST = 0.01  # relative distance of neighbouring frequencies
+BEYOND_BAND = 1.3  # spectra reach so far, for the windows at its upper end
+UNKNOWN_VARIANCE = 0.1  # of a response over its square: beyond it nothing is said at that frequency
+LARGEST_UNKNOWN = 0.2  # share of the band that may be left out of an error
+SURE = 0.5  # of what is allowed: an expanded uncertainty beyond it leaves the answer open
+FIT_VARIANCE = 1e-8  # relative, of responses that are computed
+
+
+def judge(case: Case, recorded: BedRecordings) -> BedVerification:
+    """Judge recordings of the bed of a tuned case.
+
+    Raises
+    ------
+    InputError
+        If a recording is too short for its inputs, or a model cannot be made linear.
+    """
+    grid = _frequencies(recorded, case.band)
+    measured = _measured(recorded, grid, case.band)
+    bed = ComparedBed(case)
+    answers = bed.at(grid)
+    pairs = [
+        (h, source, sensor)
+        for h, (source, sensor) in enumerate(answers.pairs)
+        if source in recorded.inputs and sensor in recorded.sensors
+    ]
+    places = [(h, *_place(recorded, source, sensor)) for h, source, sensor in pairs]
+    again = _predicted_again(recorded, bed, places, grid)
+    units = {part.name: part.unit for part in case.rig.sensors}
+    functions, curves, kinds = [], [], []
+    for h, source, sensor in pairs:
+        at = recorded.sensors.index(sensor), recorded.inputs.index(source)
+        values, variances = measured.values[:, at[0], at[1]], measured.variances[:, at[0], at[1]]
+        known = bool(bed.measured[h])
+        figures = _Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
+        repeated = _Figures.of(
+            again.values[:, at[0], at[1]], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
+        )
+        figures = replace(figures, resolution=abs(repeated.square - repeated.predicted))
+        functions.append(figures)
+        kinds.append("measured" if known else "unmeasured")
+        curves.append(
+            FunctionCurves(
+                source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h], answers.matched[:, h]
+            )
+        )  # fmt: skip
+    allowed = {"measured": getattr(case, "tolerance", 0.1), "unmeasured": getattr(case, "unmeasured_tolerance", 0.3)}
+    errors = [
+        _judged(kind, [one for one, own in zip(functions, kinds, strict=True) if own == kind], allowed[kind])
+        for kind in dict.fromkeys(kinds)
+    ]
+    each = [
+        _judged(f"{source} → {sensor}", [one], allowed[kind])
+        for (_, source, sensor), one, kind in zip(pairs, functions, kinds, strict=True)
+    ]
+    seen = _modes(case, recorded, bed, places)
+    fidelity = tuple(recorded_fidelity(case, recorded, one) for one in recorded.recordings)
+    states = [*(one.status for one in errors), *(one.status for one in seen)]
+    return BedVerification(
+        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity, tuple(curves),
+        recorded.notes,
+    )  # fmt: skip
+
+
+def _place(recorded: BedRecordings, source: str, sensor: str) -> tuple[int, int]:
+    return recorded.sensors.index(sensor), recorded.inputs.index(source)
+
+
+def _together(states: Sequence[str]) -> str:
+    """Short if anything is short, else undetermined if anything is."""
+    return next((status for status in ("short", "undetermined") if status in states), "as_predicted")
+
+
+def _frequencies(recorded: BedRecordings, band: tuple[float, float]) -> np.ndarray:
+    """Frequencies (f,), Hz, over the band: as fine as half the windows that the longest recording allows."""
+    longest = max(float(np.ptp(one.time)) for one in recorded.recordings)
+    width = lines_needed(len(recorded.inputs), len(recorded.recordings)) / longest
+    grid = [band[0]]
+    while grid[-1] < band[1]:
+        grid.append(grid[-1] + max(FINEST * grid[-1], width / 4))
+    return np.array([*grid[:-1], band[1]])
+
+
+def _measured(recorded: BedRecordings, grid: np.ndarray, band: tuple[float, float]) -> MeasuredResponse:
+    own = []
+    for one in recorded.recordings:
+        step = float(np.mean(np.diff(one.time)))
+        own.append(spectra(*recorded.signals(one), step, BEYOND_BAND * band[1]))
+    try:
+        return response(own, grid)
+    except ValueError as fault:
+        raise InputError(
+            recorded.recordings[0].source, f"is too short for so many inputs: {fault}", "record longer"
+        ) from None
+
+
+def _predicted_again(
+    recorded: BedRecordings, bed: ComparedBed, places: Sequence[tuple[int, int, int]], grid: np.ndarray
+) -> MeasuredResponse:
+    """The predicted responses as the recordings would show them without noise: what they cannot resolve is missing."""
+    own = []
+    for one in recorded.recordings:
+        step = float(np.mean(np.diff(one.time)))
+        found = spectra(*recorded.signals(one), step, BEYOND_BAND * bed.case.band[1])
+        matched = bed.at(found.frequencies).matched
+        outputs = np.zeros_like(found.outputs)
+        for h, y, u in places:
+            outputs[:, y] += matched[:, h] * found.inputs[:, u]
+        own.append(replace(found, outputs=outputs))
+    return response(own, grid)
+
+
+@dataclass(frozen=True)
+class _Figures:
+    """Mean squares over the logarithm of frequency: error, its variance, prediction; share of the band left out.
+
+    ``resolution`` is by how much the recordings' spectral lines alone change the mean square of the prediction.
+    """
+
+    square: float
+    variance: float
+    predicted: float
+    unknown: float
+    resolution: float = 0.0
+
+    @classmethod
+    def of(
+        cls, values: np.ndarray, variances: np.ndarray, vehicle: np.ndarray, matched: np.ndarray, own: MeasuredResponse
+    ) -> _Figures:
+        """Of one function (f,)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            relative = variances / np.abs(values) ** 2
+            error = np.abs(np.log(values / vehicle)) ** 2
+        expected = np.abs(np.log(matched / vehicle)) ** 2
+        good = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
+        weights = np.gradient(np.log(own.frequencies))
+        weights /= weights.sum()
+        unknown = float(weights[~good].sum())
+        if unknown > LARGEST_UNKNOWN:
+            return cls(math.nan, math.nan, float(weights @ expected), unknown)
+        share = np.where(good, weights, 0.0) / weights[good].sum()
+        error, relative = np.where(good, error, 0.0), np.where(good, relative, 0.0)
+        # |e + n|² has the mean |e|² + v and the variance 2|e|²v + v²; neighbours share spectral lines
+        clean = np.maximum(error - relative, 0.0)
+        overlap = np.maximum(own.windows / np.gradient(own.frequencies), 1.0)
+        variance = float(np.sum(share**2 * (2 * clean * relative + relative**2) * overlap))
+        return cls(float(share @ (error - relative)), variance, float(share @ expected), unknown)
+
+
+def _judged(name: str, figures: Sequence[_Figures], allowed: float) -> ErrorJudgement:
+    """One judgement of several functions together."""
+    predicted = math.sqrt(float(np.mean([one.predicted for one in figures])))
+    square = float(np.mean([one.square for one in figures]))
+    if not math.isfinite(square):
+        return ErrorJudgement(name, math.nan, math.nan, predicted, allowed, "undetermined")
+    # what the spectral lines cannot resolve counts as a rectangular distribution of that half-width, alike everywhere
+    resolution = float(np.mean([one.resolution for one in figures])) / math.sqrt(3)
+    spread = math.hypot(math.sqrt(sum(one.variance for one in figures)) / len(figures), resolution)
+    value = math.sqrt(max(square, 0.0))
+    uncertainty = math.sqrt(max(square, 0.0) + spread) - value
+    limit, expanded = max(allowed, predicted), COVERAGE_FACTOR * uncertainty
+    if value - expanded > limit:
+        status = "short"
+    else:
+        status = "as_predicted" if value <= limit and expanded <= SURE * limit else "undetermined"
+    return ErrorJudgement(name, value, uncertainty, predicted, allowed, status)
+
+
+def _modes(
+    case: Case, recorded: BedRecordings, bed: ComparedBed, places: Sequence[tuple[int, int, int]]
+) -> list[ModeJudgement]:
+    """Target modes by one estimator for vehicle, prediction and bed: the same frequencies, the same shape."""
+    known, out = modes(case.vehicle), []
+    for target in case.targets:
+        mode = known[target.mode - 1]
+        if not case.band[0] <= mode.frequency <= case.band[1]:
+            continue
+        fine = np.geomspace(mode.frequency / 1.3, mode.frequency * 1.3, 60)
+        answers = bed.at(fine)
+        computed = [
+            MeasuredResponse(
+                fine, values[:, [h for h, *_ in places]][:, :, None],
+                FIT_VARIANCE * np.abs(values[:, [h for h, *_ in places]][:, :, None]) ** 2, np.full(len(fine), 1e-9),
+            )
+            for values in (answers.vehicle, answers.matched)
+        ]  # fmt: skip
+        vehicle, predicted = (measured_mode(one, mode.frequency, mode.damping_ratio) for one in computed)
+        if vehicle is None:
+            continue
+        start = predicted or vehicle
+        own = _measured(recorded, fine, case.band)
+        rows = np.array([(y, u) for _, y, u in places])
+        picked = MeasuredResponse(
+            fine,
+            own.values[:, rows[:, 0], rows[:, 1], None],
+            own.variances[:, rows[:, 0], rows[:, 1], None],
+            own.windows,
+        )
+        found = measured_mode(picked, start.frequency, start.damping_ratio)
+        status = _mode_status(found, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
+        out.append(
+            ModeJudgement(
+                target.mode, (vehicle.frequency, vehicle.damping_ratio),
+                None if predicted is None else (predicted.frequency, predicted.damping_ratio), found, status,
+            )
+        )  # fmt: skip
+    return out
+
+
+def _mode_status(
+    found: MeasuredMode | None, vehicle: MeasuredMode, predicted: MeasuredMode | None, relative: float, damping: float
+) -> str:
+    """Short where a deviation is larger than allowed, and than predicted, beyond its uncertainty."""
+    if found is None:
+        return "undetermined"
+    promised = vehicle if predicted is None else predicted
+    states = []
+    for value, u, right, expected, tolerance in (
+        (
+            found.frequency, found.frequency_uncertainty, vehicle.frequency, promised.frequency,
+            relative * vehicle.frequency,
+        ),
+        (found.damping_ratio, found.damping_uncertainty, vehicle.damping_ratio, promised.damping_ratio, damping),
+    ):  # fmt: skip
+        limit = max(tolerance, abs(expected - right))
+        off, expanded = abs(value - right), COVERAGE_FACTOR * u
+        if off - expanded > limit:
+            states.append("short")
+        else:
+            states.append("as_predicted" if off <= limit and expanded <= limit else "undetermined")
+    return _together(states)

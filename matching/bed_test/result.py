@@ -1,0 +1,129 @@
+"""What recordings of the controlled bed show beside vehicle and prediction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from matching.bed_test.modes import MeasuredMode
+
+COVERAGE_FACTOR = 2.0
+
+
+@dataclass(frozen=True)
+class ErrorJudgement:
+    """A response error of the bed, measured and predicted at the same frequencies.
+
+    Attributes
+    ----------
+    name : str
+        ``measured`` or ``unmeasured`` torques, or ``INPUT → SENSOR``.
+    value, uncertainty : float
+        Response error and its standard uncertainty; NaN where nothing determines it.
+    predicted, allowed : float
+    status : str
+        ``as_predicted``, ``short`` or ``undetermined``.
+    """
+
+    name: str
+    value: float
+    uncertainty: float
+    predicted: float
+    allowed: float
+    status: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it; what is not determined is null."""
+        known = math.isfinite(self.value) and math.isfinite(self.uncertainty)
+        return {
+            "name": self.name, "error": self.value if known else None,
+            "standard_uncertainty": self.uncertainty if known else None, "predicted": self.predicted,
+            "allowed": self.allowed, "status": self.status,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ModeJudgement:
+    """A target mode: vehicle and prediction (Hz, damping ratio), and what was measured, None where it does not show."""
+
+    number: int
+    vehicle: tuple[float, float]
+    predicted: tuple[float, float] | None
+    measured: MeasuredMode | None
+    status: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it."""
+
+        def pair(values: tuple[float, float] | None) -> dict[str, float] | None:
+            return None if values is None else {"frequency": values[0], "damping_ratio": values[1]}
+
+        return {
+            "vehicle_mode": self.number, "vehicle": pair(self.vehicle), "predicted": pair(self.predicted),
+            "measured": None if self.measured is None else dict(vars(self.measured)), "status": self.status,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FunctionCurves:
+    """One compared function at frequencies (f,): measured with standard uncertainty of its modulus, and the others.
+
+    ``unit`` is the SI unit of the sensor, per N·m.
+    """
+
+    input: str
+    sensor: str
+    unit: str
+    frequencies: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    uncertainty: np.ndarray = field(repr=False)
+    vehicle: np.ndarray = field(repr=False)
+    predicted: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class BedVerification:
+    """The judgement of recordings of a controlled bed.
+
+    Attributes
+    ----------
+    status : str
+        ``as_predicted``, ``short`` where something measured is worse than predicted and than allowed, beyond its
+        uncertainty, or ``undetermined``.
+    errors, functions : tuple of ErrorJudgement
+        By kind of torque, and by compared function.
+    modes : tuple of ModeJudgement
+    fidelity : dict
+        R_SD, R_MU, R_XiL with uncertainty of every recording.
+    curves : tuple of FunctionCurves
+    band : tuple of float
+        Hz.
+    notes : tuple of str
+    """
+
+    title: str
+    status: str
+    band: tuple[float, float]
+    errors: tuple[ErrorJudgement, ...]
+    functions: tuple[ErrorJudgement, ...]
+    modes: tuple[ModeJudgement, ...]
+    fidelity: tuple[dict[str, Any], ...]
+    curves: tuple[FunctionCurves, ...]
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it."""
+        return {
+            "title": self.title,
+            "status": self.status,
+            "band": list(self.band),
+            "coverage_factor": COVERAGE_FACTOR,
+            "errors": [one.to_dict() for one in self.errors],
+            "functions": [one.to_dict() for one in self.functions],
+            "modes": [one.to_dict() for one in self.modes],
+            "fidelity": list(self.fidelity),
+            "notes": list(self.notes),
+        }

@@ -1,0 +1,1 @@
+"""How the verification of a bed is drawn and written."""

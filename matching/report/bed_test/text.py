@@ -1,0 +1,69 @@
+"""The verification of a bed in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matching.report.common.wording import number
+
+MEANING = {
+    "as_predicted": "The bed answers as the match predicted, within what was measured.",
+    "short": "The bed falls short of the prediction by more than the uncertainty of the measurement.",
+    "undetermined": "The recordings do not decide it: record longer, or excite the bed more.",
+}
+
+
+def answer(result: Mapping[str, Any]) -> str:
+    """The answer in one sentence, with what is short or open."""
+    parts = [MEANING[result["status"]]]
+    for status, words in (("short", "Short"), ("undetermined", "Open")):
+        names = [f"{one['name']} torques" for one in result["errors"] if one["status"] == status]
+        names += [f"vehicle mode {one['vehicle_mode']}" for one in result["modes"] if one["status"] == status]
+        if names:
+            parts.append(f"{words}: {', '.join(names)}.")
+    return " ".join(parts)
+
+
+def with_uncertainty(value: float | None, standard: float | None, digits: int = 3) -> str:
+    """A value with its expanded uncertainty, k = 2."""
+    if value is None or standard is None:
+        return "not determined"
+    return f"{number(value, digits)} ± {number(2 * standard, 2)}"
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """At most twenty lines for a terminal."""
+    lines = [f"{result['status']}: {answer(result)}"]
+    for one in result["errors"]:
+        lines.append(
+            f"response error to {one['name']} torques: {with_uncertainty(one['error'], one['standard_uncertainty'])}"
+            f" (predicted {number(one['predicted'], 3)}, allowed {number(one['allowed'], 3)}): {one['status']}"
+        )
+    for one in result["modes"]:
+        lines.append(f"vehicle mode {one['vehicle_mode']}: {mode_words(one)}: {one['status']}")
+    for one in result["fidelity"]:
+        lines.append(f"R_XiL of {one['recording']}: {with_uncertainty(one['R_XiL'], one['standard_uncertainty'])}")
+    lines.append(f"uncertainties: k = {number(result['coverage_factor'])}, about 95 %")
+    return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+
+
+def mode_words(mode: Mapping[str, Any]) -> str:
+    """Frequency and damping ratio of vehicle, prediction and bed."""
+    parts = [f"vehicle {_pair(mode['vehicle'])}", f"predicted {_pair(mode['predicted'])}"]
+    own = mode["measured"]
+    if own is None:
+        return ", ".join([*parts, "measured: does not show"])
+    return ", ".join(
+        [
+            *parts,
+            f"measured {with_uncertainty(own['frequency'], own['frequency_uncertainty'], 4)} Hz, damping ratio "
+            f"{with_uncertainty(own['damping_ratio'], own['damping_uncertainty'])}",
+        ]
+    )
+
+
+def _pair(values: Mapping[str, float] | None) -> str:
+    if values is None:
+        return "does not show"
+    return f"{number(values['frequency'], 4)} Hz, {number(values['damping_ratio'], 3)}"

@@ -1,0 +1,170 @@
+"""Recordings of a controlled bed, made by equations of this file: as predicted, short, undetermined."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from matching.bed_test.judge import judge
+from matching.bed_test.recorded import read_recordings
+from matching.cli import main
+from matching.fmu.controller import exported_controller
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.response.response_error import error_figures
+from modelling.bed.structures import STRUCTURES
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+FINE = 4  # steps a sample: torques change within a sample, as they do on a bed
+RECORDED = ("motor_speed", "side_left_torque", "side_right_torque")
+
+
+@pytest.fixture(scope="module")
+def case():
+    found = load_case(EXAMPLE)
+    structure = STRUCTURES["model_based"]
+    values = {name: quantity.start for name, quantity in structure.quantities.items()}
+    loop = replace(found.loop, structure=structure, values={**values, **found.loop.values})
+    compared = tuple(pair for pair in found.compared if pair.input == "motor_torque")
+    return replace(found, loop=loop, compared=compared)
+
+
+def controlled_bed(case, law, torque, noise=0.0, gain=1.0):
+    """Readings (t, 3) of the bed under a law, motor torque (t·2·FINE,) at half steps; ``gain`` of both dynamometers.
+
+    Bed, law and dead time as one linear map from sample to sample; torques change within a sample.
+    """
+    parts, step = parts_of(case), case.loop["sample_time"]
+    k, bed = len(parts.dynamometers), parts.bed
+    n, m = bed.B.shape
+    block = expm(np.block([[bed.A, bed.B], [np.zeros((m, n + m))]]) * step / FINE)
+    fine, push = block[:n, :n], block[:n, n:]
+    motor = k + parts.drives.index("motor_torque")
+    later = [np.linalg.matrix_power(fine, FINE - 1 - j) for j in range(FINE)]
+    A, command = np.linalg.matrix_power(fine, FINE), sum(power @ push[:, :k] for power in later)
+    torques = np.stack([power @ push[:, motor] for power in later], axis=1)
+    C = bed.C[: 2 * k] * np.concatenate([parts.toward, np.ones(k)])[:, None]
+    keep = np.eye(len(law.A)) - law.L @ law.E
+    x, q, delay = len(law.A), law.known.index("motor_torque"), round(case.loop["dead_time"] / step)
+    size = n + k * delay + x
+    own = slice(n + k * delay, size)
+    u, of_torque = np.zeros((k, size)), law.Dw[:, q]
+    u[:, :n], u[:, own] = (law.K @ law.L + law.Dy) @ C, law.K @ keep
+    M, N = np.zeros((size, size)), np.zeros((size, FINE + 1))  # inputs: the torque now, then in the middle of each step
+    M[:n, :n], M[:n, n : n + k], N[:n, 1:] = A, gain * command, torques
+    M[n : n + k * (delay - 1), n + k : n + k * delay] = np.eye(k * (delay - 1))
+    M[n + k * (delay - 1) : n + k * delay], N[n + k * (delay - 1) : n + k * delay, 0] = u, of_torque
+    M[own] = law.Bs @ u
+    M[own, :n] += (law.A @ law.L + law.By) @ C
+    M[own, own] += law.A @ keep
+    N[own, 0] = law.Bw[:, q] + law.Bs @ of_torque
+    rig = parts.rig.space
+    read = rig.C[[rig.outputs.index(name) for name in RECORDED]]
+    z, out = np.zeros(size), []
+    for now in torque.reshape(-1, 2 * FINE):
+        out.append(read @ z[: len(rig.A)])
+        z = M @ z + N[:, 0] * now[0] + N[:, 1:] @ now[1::2]
+    readings = np.array(out)
+    return readings + noise * np.random.default_rng(5).normal(size=readings.shape) * np.array([0.1, 1.0, 1.0])
+
+
+def excitation(count, step, top=35.0):
+    """Noise of even density up to ``top`` (Hz), N·m, at steps (s)."""
+    rng = np.random.default_rng(7)
+    f = np.fft.rfftfreq(count, step)
+    lines = np.where((f > 0.2) & (f < top), np.exp(2j * np.pi * rng.random(len(f))), 0)
+    torque = np.fft.irfft(lines, count)
+    return 30 * torque / torque.std()
+
+
+@pytest.fixture(scope="module")
+def record(case, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bed")
+    law = exported_controller(case).law
+
+    def make(name, seconds=24, **how):
+        path = folder / f"{name}.csv"
+        if not path.exists():
+            step = case.loop["sample_time"]
+            torque = excitation(round(seconds / step) * 2 * FINE, step / FINE / 2)
+            readings = controlled_bed(case, law, torque, **how)
+            every = 4
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(
+                    ["time [s]", "motor_torque [N*m]", "motor_speed [rad/s]", *(f"{n} [N*m]" for n in RECORDED[1:])]
+                )
+                for i in range(0, len(readings), every):
+                    row = [i * step, torque[2 * i * FINE], *readings[i]]
+                    writer.writerow([f"{value:.9g}" for value in row])
+        return path
+
+    return make
+
+
+def test_a_bed_like_its_model_answers_as_predicted(case, record):
+    found = judge(case, read_recordings([record("good", noise=0.02)], case))
+    assert found.status == "as_predicted"
+    error = found.errors[0]
+    assert error.name == "measured"
+    assert error.value == pytest.approx(error.predicted, rel=0.05)
+    assert error.predicted == pytest.approx(error_figures(case).after, rel=0.25)  # on the recording's frequencies
+    for mode in found.modes:
+        assert abs(mode.measured.frequency - mode.vehicle[0]) < 0.01 * mode.vehicle[0]
+    assert 0.8 < found.fidelity[0]["R_XiL"] <= 1
+
+
+def test_dynamometers_with_a_wrong_gain_fall_short(case, record):
+    found = judge(case, read_recordings([record("short", noise=0.02, gain=0.8)], case))
+    assert found.status == "short"
+    assert found.errors[0].value > 0.1
+
+
+def test_noise_over_everything_leaves_it_open(case, record):
+    found = judge(case, read_recordings([record("noisy", noise=100.0)], case))
+    assert found.status == "undetermined"
+
+
+def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
+    out = tmp_path / "out"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    folder = tmp_path / "case"
+    folder.mkdir()
+    for name in ("vehicle.toml", "rig.toml"):
+        (folder / name).write_text(EXAMPLE.with_name(name).read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "case.toml").write_text(text.replace('"observer"', '"model_based"'), encoding="utf-8")
+    assert main(["verify", str(folder / "case.toml"), str(record("good", noise=0.02)), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("as_predicted")
+    assert "road_left does not change in any recording" in said
+    result = json.loads((out / "verification.json").read_text(encoding="utf-8"))
+    assert result["status"] == "as_predicted"
+    assert len(result["functions"]) == 3
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "as predicted" in page
+    assert (out / "figures" / "responses.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("columns", "seconds", "wrong"),
+    [
+        (["time [s]", "motor_torque [N*m]"], 20, "none of the compared sensors"),
+        (["time [s]", "motor_speed [rad/s]"], 20, "holds no change of"),
+        (["time [s]", "motor_torque [N*m]", "motor_speed [rad/s]"], 2, "lasts"),
+    ],
+)
+def test_recordings_that_cannot_be_judged(columns, seconds, wrong, tmp_path, capsys):
+    path = tmp_path / "r.csv"
+    rows = [",".join(columns)]
+    rows += [
+        ",".join([f"{i * 0.004:.3f}", *(f"{np.sin(i * 0.3):.6f}" for _ in columns[1:])])
+        for i in range(int(seconds / 0.004))
+    ]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    assert main(["verify", str(EXAMPLE), str(path), "--out", str(tmp_path / "out")]) == 2
+    assert wrong in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
