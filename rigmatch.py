@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 __all__ = [
     "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
-    "simulate", "tolerance", "uncertainty",
+    "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         simulate,
         tolerance,
         uncertainty,
+        verify,
     )
 
 PACKAGES = ("modelling", "matching")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
+    from matching.bed_test.result import BedVerification
     from matching.diagnosis.verdict.result import Diagnosis
     from matching.frequency.case.case import Case
     from matching.frequency.search.result import MatchResult
@@ -171,6 +172,27 @@ def diagnose(
     read = [_recording(one, system, channels) for one in several]  # type: ignore[arg-type]
     judge = None if holdout is None else _recording(holdout, system, channels)
     return run(system, read, judge, tell or (lambda _: None))
+
+
+def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
+    """Recordings of the controlled bed beside vehicle and prediction, see :func:`matching.bed_test.judge.judge`.
+
+    Parameters
+    ----------
+    case : Case or path
+        Tuned; a path is a directory or ``result.json`` of a match, or a case file.
+    recordings : paths
+        They hold the compared torques and sensors.
+    channels : path, optional
+        A file that says what the signals are called in the recordings.
+    """
+    from matching.bed_test.judge import judge
+    from matching.bed_test.recorded import read_recordings
+    from matching.fmu.given import tuned_case
+    from modelling.measurement.channels import read_channels
+
+    tuned = tuned_case(case).tuned if isinstance(case, str | PathLike) else case
+    return judge(tuned, read_recordings(recordings, tuned, None if channels is None else read_channels(channels)))
 
 
 def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:

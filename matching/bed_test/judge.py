@@ -66,10 +66,11 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
         kinds.append("measured" if known else "unmeasured")
         curves.append(
             FunctionCurves(
-                source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h], answers.matched[:, h]
+                source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h],
+                answers.matched[:, h],
             )
         )  # fmt: skip
-    allowed = {"measured": getattr(case, "tolerance", 0.1), "unmeasured": getattr(case, "unmeasured_tolerance", 0.3)}
+    allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
     errors = [
         _judged(kind, [one for one, own in zip(functions, kinds, strict=True) if own == kind], allowed[kind])
         for kind in dict.fromkeys(kinds)

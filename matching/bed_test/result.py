@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.bed_test.modes import MeasuredMode
+from modelling.common.display import Displayed
 
 COVERAGE_FACTOR = 2.0
 
@@ -85,7 +86,7 @@ class FunctionCurves:
 
 
 @dataclass(frozen=True)
-class BedVerification:
+class BedVerification(Displayed):
     """The judgement of recordings of a controlled bed.
 
     Attributes

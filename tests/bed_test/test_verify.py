@@ -116,6 +116,9 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
     for mode in found.modes:
         assert abs(mode.measured.frequency - mode.vehicle[0]) < 0.01 * mode.vehicle[0]
     assert 0.8 < found.fidelity[0]["R_XiL"] <= 1
+    assert str(found).startswith("as_predicted")
+    assert found._repr_html_().startswith("<p>as_predicted")
+    assert len(found.plot().axes) == 3
 
 
 def test_dynamometers_with_a_wrong_gain_fall_short(case, record):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -32,7 +34,7 @@ def responses(verification: BedVerification) -> Figure:
     return fig
 
 
-def _panel(ax: object, curve: FunctionCurves) -> None:
+def _panel(ax: Any, curve: FunctionCurves) -> None:
     f, measured = curve.frequencies, np.abs(curve.measured)
     known = np.isfinite(measured) & np.isfinite(curve.uncertainty)
     spread = np.where(known, COVERAGE_FACTOR * curve.uncertainty, np.nan)
@@ -40,9 +42,9 @@ def _panel(ax: object, curve: FunctionCurves) -> None:
         np.maximum(measured - spread, measured / LARGEST_BAND),
         np.minimum(measured + spread, measured * LARGEST_BAND),
     )
-    ax.loglog(f, np.abs(curve.vehicle), color=VEHICLE, label="vehicle")  # type: ignore[attr-defined]
-    ax.loglog(f, np.abs(curve.predicted), color=MATCHED, linestyle="--", label="predicted for the bed")  # type: ignore[attr-defined]
-    ax.fill_between(f, low, high, where=known, color=NOISE, alpha=0.3, linewidth=0, label="about 95 %")  # type: ignore[attr-defined]
+    ax.loglog(f, np.abs(curve.vehicle), color=VEHICLE, label="vehicle")
+    ax.loglog(f, np.abs(curve.predicted), color=MATCHED, linestyle="--", label="predicted for the bed")
+    ax.fill_between(f, low, high, where=known, color=NOISE, alpha=0.3, linewidth=0, label="about 95 %")
     ax.loglog(
         f[known],
         measured[known],
@@ -53,6 +55,6 @@ def _panel(ax: object, curve: FunctionCurves) -> None:
         markeredgewidth=0,
         zorder=1.5,
         label="measured on the bed",
-    )  # type: ignore[attr-defined]
-    ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)  # type: ignore[attr-defined]
-    ax.set_ylabel(f"{unit(curve.unit)} per N·m")  # type: ignore[attr-defined]
+    )
+    ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)
+    ax.set_ylabel(f"{unit(curve.unit)} per N·m")
