@@ -191,8 +191,13 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     from matching.fmu.given import tuned_case
     from modelling.measurement.channels import read_channels
 
-    tuned = tuned_case(case).tuned if isinstance(case, str | PathLike) else case
-    return judge(tuned, read_recordings(recordings, tuned, None if channels is None else read_channels(channels)))
+    tuned = tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
+    return judge(
+        tuned,
+        read_recordings(
+            [Path(path) for path in recordings], tuned, None if channels is None else read_channels(channels)
+        ),
+    )
 
 
 def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:

@@ -16,7 +16,6 @@ VERSIONS = ("2.0", "3.0")
 EXAMPLES = (
     "rigmatch export out/road_to_rig --fmu rvm.fmu",
     "rigmatch export out/road_to_rig --controller bed.fmu",
-    "rigmatch export model.toml --fmu model.fmu --fmi 3.0",
 )
 
 
