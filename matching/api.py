@@ -151,8 +151,8 @@ def tolerance(
     """
     from contextlib import nullcontext
 
+    from matching.executors import executor_of
     from matching.frequency.studies.tolerance import tolerance as run
-    from matching.studies import executor_of
 
     with nullcontext(executor) if executor else executor_of(workers) as pool:
         return run(_case(case), draws, pool, seed=seed, added=added, record=_path(record), progress=progress)

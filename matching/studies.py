@@ -3,73 +3,28 @@
 A study is a module-level function ``work(prepared, chunk)`` and a module-level function ``prepare(given)`` that builds
 what all chunks share (solvers, compiled functions); a worker process calls ``prepare`` once. Results are plain values
 that JSON holds. With a ``record`` every finished chunk is appended to that file, and a study that is started anew with
-the same content takes what is there and does the rest; a line that a kill left half written is dropped. What keeps its
-results in a way of its own takes them from ``finished`` as they come.
+the same content takes what is there and does the rest; a line that is damaged or half written is computed anew. What
+keeps its results in a way of its own takes them from ``finished`` as they come.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, as_completed
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Lock
 from typing import Any
 
+from matching import records
+from matching.executors import LocalProcesses
 from modelling.common.errors import InputError
 
-SECONDS = 10  # to wait for a scheduler to answer
+MOST_LOSSES = 3  # of workers in a row, without a chunk that ends between them
 
 _prepared: dict[str, Any] = {}
 _preparing = Lock()  # of the threads of a worker
-
-
-@contextmanager
-def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
-    """Processes of this machine, or a Dask cluster by its scheduler's address; what waits is dropped at the end.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed or the scheduler does not answer.
-    """
-    if scheduler is None:
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _end_with_parent)
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            "--scheduler", "Dask is not installed", "in rigmatch's folder: pip install -e '.[dask]'"
-        ) from None
-    try:
-        client = Client(scheduler, timeout=SECONDS)
-    except (OSError, ValueError, TypeError) as fault:
-        said = " ".join(str(fault).split())[:120]
-        right = "give the address of a running dask scheduler, such as tcp://host:8786"
-        raise InputError("--scheduler", f"{scheduler!r} does not answer ({said})", right) from None
-    with client:
-        yield client.get_executor()
-
-
-def _end_with_parent() -> None:
-    """Have a worker end when the process that began it is gone: a kill leaves none of them waiting for ever."""
-    parent = parent_process()
-
-    def wait() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    Thread(target=wait, daemon=True).start()
 
 
 def run(
@@ -99,19 +54,26 @@ def run(
         File that finished chunks are appended to.
     progress : callable, optional
         Called with (chunks done, all chunks).
+
+    Raises
+    ------
+    InputError
+        If workers are killed again and again, or the cluster is gone.
     """
     token = _token(content)
     keys = [json.dumps(chunk, sort_keys=True) for chunk in chunks]
-    found = {} if record is None else _on_record(record, token)
+    kept = [] if record is None else records.rows(record)
+    found = {row["chunk"]: row["result"] for row in kept if row["study"] == token}
     open_chunks = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in found]
     done = len(keys) - len(open_chunks)
     if progress and done:
         progress(done, len(keys))
-    for place, result in finished(work, prepare, given, [chunk for _, chunk in open_chunks], executor, content=content):
+    to_do = [chunk for _, chunk in open_chunks]
+    for place, result in finished(work, prepare, given, to_do, executor, content=content, record=record):
         key = open_chunks[place][0]
         found[key] = result
         if record is not None:
-            _append(record, {"study": token, "chunk": key, "result": result})
+            records.append(record, {"study": token, "chunk": key, "result": result})
         done += 1
         if progress:
             progress(done, len(keys))
@@ -126,33 +88,53 @@ def finished(
     executor: Executor,
     *,
     content: str,
+    record: Path | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Place and result of every chunk, as they come; what has not begun is dropped when the iterator is closed.
 
-    Parameters as for :func:`run`; chunks are whatever pickles.
+    Workers of this machine that are killed are begun anew, and their chunks with them. Parameters as for :func:`run`;
+    chunks are whatever pickles, ``record`` is only named where the study cannot go on. Raises as :func:`run` does.
     """
-    token = _token(content)
-    waiting: dict[Future, int] = {}
-    try:
-        for place, chunk in enumerate(chunks):
-            waiting[executor.submit(_one, work, prepare, token, given, chunk)] = place
-        for future in as_completed(waiting):
-            yield waiting[future], future.result()
-    finally:
-        for future in waiting:
-            future.cancel()
+    token, losses = _token(content), 0
+    open_chunks = dict(enumerate(chunks))
+    while open_chunks:
+        waiting: dict[Future, int] = {}
+        lost: BaseException | None = None
+        try:
+            for place, chunk in open_chunks.items():
+                waiting[executor.submit(_one, work, prepare, token, given, chunk)] = place
+            for future in as_completed(waiting):
+                if future.cancelled() or isinstance(future.exception(), BrokenExecutor | CancelledError):
+                    lost = CancelledError() if future.cancelled() else future.exception()
+                    continue
+                place, losses = waiting[future], 0
+                del open_chunks[place]
+                yield place, future.result()
+        except BrokenExecutor as fault:  # at submitting
+            lost = fault
+        finally:
+            for future in waiting:
+                future.cancel()
+        if lost is not None:
+            losses += 1
+            _begin_anew(executor, losses, lost, record)
 
 
-def whole_lines(record: Path) -> list[str]:
-    """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too."""
-    if not record.exists():
-        return []
-    text = record.read_bytes()
-    whole = text[: text.rfind(b"\n") + 1]
-    if len(whole) < len(text):
-        with record.open("r+b") as file:
-            file.truncate(len(whole))
-    return whole.decode("utf-8", "replace").splitlines()
+def _begin_anew(executor: Executor, losses: int, fault: BaseException, record: Path | None) -> None:
+    """New workers for those that were lost.
+
+    Raises
+    ------
+    InputError
+        If there can be none, or they are lost again and again.
+    """
+    go_on = f"the same command goes on from {record}" if record is not None and record.exists() else "run it again"
+    if isinstance(fault, CancelledError):
+        raise InputError("--scheduler", "the cluster's scheduler is gone", f"start it again; {go_on}")
+    if not isinstance(executor, LocalProcesses) or losses > MOST_LOSSES:
+        wrong = f"{losses} times in a row a worker process was killed, perhaps because memory ran out"
+        raise InputError("--workers", wrong, f"use fewer; {go_on}")
+    executor.restart()
 
 
 def _token(content: str) -> str:
@@ -167,26 +149,3 @@ def _one(work: Callable[[Any, Any], Any], prepare: Callable[[Any], Any], token: 
             _prepared[token] = prepare(given)
         prepared = _prepared[token]
     return work(prepared, chunk)
-
-
-def _on_record(record: Path, token: str) -> dict[str, Any]:
-    """Finished chunks of a study."""
-    found = {}
-    for line in whole_lines(record):
-        try:
-            row = json.loads(line)
-            if row["study"] == token:
-                found[row["chunk"]] = row["result"]
-        except (ValueError, KeyError, TypeError):
-            raise InputError(
-                str(record), "holds a line that is no result", "remove the file, or name another --out"
-            ) from None
-    return found
-
-
-def _append(record: Path, row: dict[str, Any]) -> None:
-    record.parent.mkdir(parents=True, exist_ok=True)
-    with record.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())

@@ -44,12 +44,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import cores, progress
+    from matching.executors import executor_of
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.map import map_case
     from matching.frequency.studies.map_axis import axis
     from matching.report.common.style import image
     from matching.report.map.figure import map_figure
-    from matching.studies import executor_of
     from modelling.common.output import strict_json, write_all
 
     case = load_case(arguments.case)

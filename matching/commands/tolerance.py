@@ -35,11 +35,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import cores, progress
+    from matching.executors import executor_of
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.tolerance import tolerance
     from matching.report.common.style import image
     from matching.report.tolerance.view import plot
-    from matching.studies import executor_of
     from modelling.common.output import strict_json, write_all
 
     case = load_case(arguments.case)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.arguments import count, progress, scale_out
-from matching.studies import executor_of
+from matching.executors import executor_of
 from modelling.common.errors import InputError
 from tests.campaign.run import Campaign, run
 

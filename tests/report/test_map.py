@@ -173,7 +173,7 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
         asked.append((x, y, seed, starts))
         return Point(x[1], y[1], "matched", x[1] * y[1], 3.0, 0.01, True, 0.5, (), objective=1.0, first=1.0)
 
-    monkeypatch.setattr("matching.studies.executor_of", in_this_process)
+    monkeypatch.setattr("matching.executors.executor_of", in_this_process)
     monkeypatch.setattr("matching.frequency.studies.map.match_at", match_at)
     monkeypatch.setattr("matching.frequency.studies.map.improved_at", lambda *given: None)
     out = tmp_path / "out"

@@ -22,6 +22,7 @@ FLOORS = [
     ["modelling.bed.structures"],
     ["modelling.controller"],
     ["modelling.fmu"],
+    ["matching.executors", "matching.records"],
     ["matching.studies"],
     ["matching.validity.budget"],
     ["matching.validity.uncertainty"],

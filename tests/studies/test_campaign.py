@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from plant.marks import needs_compiler
 
-from matching.studies import executor_of
+from matching.executors import executor_of
 from tests.campaign.run import Campaign, record_of, run
 
 ROOT = Path(__file__).parents[2]

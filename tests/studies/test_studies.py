@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from matching.studies import executor_of, run
+from matching.executors import executor_of
+from matching.studies import run
 from modelling.common.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -49,9 +50,48 @@ def test_what_is_on_record_is_not_done_again(tmp_path):
         other = run(slow.square, slow.prepare, 0.0, [1, 2], executor, content="b", record=record)
         assert squares(other) == [1, 4]
         assert len(record.read_text().splitlines()) == 6  # another study is not mixed up with it
-        record.write_text("nonsense\n")
-        with pytest.raises(InputError, match="no result"):
-            run(slow.square, slow.prepare, 0.0, [1], executor, content="a", record=record)
+
+
+@pytest.mark.parametrize("damage", [
+    lambda line: line.replace(b'"square": 4', b'"square": 5'), lambda line: line[:-9], lambda line: b"",
+    lambda line: b"nonsense", lambda line: line.replace(b'"sha256"', b'"sha255"'), lambda line: b"\xff" + line,
+    lambda line: b'{"study": 1, "chunk": [], "result": {}}', lambda line: b"[" * 5000, lambda line: b"null",
+], ids=range(9))  # fmt: skip
+def test_a_damaged_line_of_a_record_is_computed_anew(tmp_path, damage):
+    record, worked = tmp_path / "record.jsonl", []
+
+    def work(_, chunk):
+        worked.append(chunk)
+        return {"square": chunk**2}
+
+    def studied():
+        with ThreadPoolExecutor(1) as executor:
+            return squares(run(work, slow.prepare, 0.0, [1, 2, 3], executor, content="a", record=record))
+
+    assert studied() == [1, 4, 9]
+    lines = record.read_bytes().split(b"\n")
+    record.write_bytes(b"\n".join([lines[0], damage(lines[1]), *lines[2:]]))
+    assert studied() == [1, 4, 9]
+    assert studied() == [1, 4, 9]
+    assert worked == [1, 2, 3, 2]
+
+
+def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+    record, died = tmp_path / "record.jsonl", str(tmp_path / "died")
+    with executor_of(1) as executor:
+        rows = run(slow.once, slow.prepare, 0.0, [1, died, 3], executor, content="a", record=record)
+    assert rows == [1, died, 3]
+    assert Path(died).read_text() == "1"
+
+
+def test_workers_that_are_killed_again_and_again_are_one_line_that_says_how_to_go_on(tmp_path, monkeypatch):
+    monkeypatch.setattr("matching.studies.MOST_LOSSES", 1)
+    record = tmp_path / "record.jsonl"
+    with (
+        executor_of(1) as executor,
+        pytest.raises(InputError, match=f"2 times in a row a worker process was killed.*goes on from {record}"),
+    ):
+        run(slow.once, slow.prepare, 0.0, [1, "always"], executor, content="a", record=record)
 
 
 STUDY = """
@@ -59,7 +99,8 @@ import sys
 sys.path.insert(0, {here!r})
 import slow
 from pathlib import Path
-from matching.studies import executor_of, run
+from matching.executors import executor_of
+from matching.studies import run
 if __name__ == "__main__":
     with executor_of(1) as executor:
         rows = run(slow.square, slow.prepare, 0.1, list(range(8)), executor, content="k", record=Path({record!r}))
@@ -135,7 +176,7 @@ def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same(monkeyp
 
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("matching.studies.SECONDS", 1)
+    monkeypatch.setattr("matching.executors.SCHEDULER_SECONDS", 1)
     with pytest.raises(InputError, match="does not answer"), executor_of(scheduler="tcp://127.0.0.1:9"):
         pass
 

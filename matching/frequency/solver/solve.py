@@ -6,11 +6,10 @@ Starts are not trusted that agree on a place where the loop has no root near a t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Generator
 from itertools import chain, islice
-from multiprocessing import get_context
 
+from matching.executors import executor_of
 from matching.frequency.programme.problem import Problem
 from matching.frequency.solver.continuation import continued_starts, follows_targets
 from matching.frequency.solver.ends import End, stable_ends
@@ -18,6 +17,7 @@ from matching.frequency.solver.finish import finish, first_that_holds
 from matching.frequency.solver.given_point import from_given, given_end, never_worse
 from matching.frequency.solver.starts import gentler, numbered_start, start, start_at
 from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, Task
+from matching.studies import finished
 
 AGREEING_STARTS = 3  # starts that agree on the best before the search ends
 ONE_AGREES_OF = 3  # one in so many starts at least has to agree: where most fail, few that agree may do so on little
@@ -65,6 +65,7 @@ def solve(
             progress(f"start {len(ends)} of {starts + continued} at most")
         if _agree(task, ends, min(AGREEING_STARTS, starts), given):
             break
+    plain.close()  # ends the processes at work on starts that are no longer needed
     objectives = tuple(None if end is None else end.objective for end in ends)
     kept = [end for end in ends if end]
     if given and (end := from_given(problem, given)):
@@ -88,7 +89,7 @@ def _agree(task: Task, ends: list[End | None], enough: int, given: End | None) -
     return agreeing >= max(enough, tried / ONE_AGREES_OF)
 
 
-def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | None]:
+def _ends(task: Task, seed: int, starts: int, workers: int) -> Generator[End | None]:
     """The ends of the starts, in order; in other processes only where one takes longer than they take to begin."""
     problem, began = task.build(), time.monotonic()
     yield _one(problem, seed, 0)
@@ -96,26 +97,23 @@ def _ends(task: Task, seed: int, starts: int, workers: int) -> Iterator[End | No
         for number in range(1, starts):
             yield _one(problem, seed, number)
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), _prepare, (task,)) as pool:
-        waiting = [pool.submit(_one_prepared, seed, number) for number in range(1, starts)]
-        try:
-            for future in waiting:
-                yield future.result()
-        finally:
-            for future in waiting:
-                future.cancel()
+    with executor_of(workers) as executor:
+        seeds = [(seed, number) for number in range(1, starts)]
+        coming = finished(_one_prepared, _built, task, seeds, executor, content="match")
+        ended: dict[int, End | None] = {}
+        for place in range(len(seeds)):
+            while place not in ended:
+                ended |= [next(coming)]
+            yield ended.pop(place)
 
 
-_prepared: list[Problem] = []
+def _built(task: Task) -> Problem:
+    """The programme, once a process."""
+    return task.build()
 
 
-def _prepare(task: Task) -> None:
-    """Build the programme once a process."""
-    _prepared[:] = [task.build()]
-
-
-def _one_prepared(seed: int, number: int) -> End | None:
-    return _one(_prepared[0], seed, number)
+def _one_prepared(problem: Problem, numbered: tuple[int, int]) -> End | None:
+    return _one(problem, *numbered)
 
 
 def _one(problem: Problem, seed: int, number: int) -> End | None:

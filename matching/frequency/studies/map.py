@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from matching.executors import executor_of
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from matching.frequency.solver.task import Near
 from matching.frequency.studies.map_axis import Axis, axis, quantities
 from matching.frequency.studies.map_passes import Task, improved
 from matching.frequency.studies.map_point import Point, improved_at, match_at
-from matching.studies import executor_of, run
+from matching.studies import run
 from modelling.common.display import Displayed, labelled
 from modelling.common.errors import InputError
 from modelling.common.version import VERSION

@@ -1,0 +1,106 @@
+"""Where studies run: processes of this machine, begun anew when one of them is killed, or a Dask cluster."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from threading import Thread
+from typing import Any
+
+from modelling.common.errors import InputError
+from modelling.common.interruption import ignore_in_worker
+
+SCHEDULER_SECONDS = 10  # to wait for a scheduler to answer
+
+
+class LocalProcesses(Executor):
+    """Worker processes of this machine.
+
+    When one is killed all of them are lost to :class:`concurrent.futures.ProcessPoolExecutor`; :meth:`restart` begins
+    new ones.
+    """
+
+    def __init__(self, workers: int | None = None):
+        self.workers = workers
+        self._pool = self._begun()
+
+    def _begun(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self.workers, get_context("spawn"), _begin_worker)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+        """As :meth:`concurrent.futures.Executor.submit`."""
+        return self._pool.submit(fn, *args, **kwargs)
+
+    def restart(self) -> None:
+        """Begin new processes; what has not ended has to be submitted anew."""
+        self.kill()
+        self._pool = self._begun()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As :meth:`concurrent.futures.Executor.shutdown`."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def kill(self) -> None:
+        """End all processes at once, whatever they are at."""
+        processes = list((getattr(self._pool, "_processes", None) or {}).values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+
+
+@contextmanager
+def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
+    """Processes of this machine, or a Dask cluster by its scheduler's address; what waits is dropped at the end.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed or the scheduler does not answer.
+    """
+    if scheduler is not None:
+        with _cluster(scheduler) as executor:
+            yield executor
+        return
+    processes = LocalProcesses(workers)
+    try:
+        yield processes
+    except BaseException:  # an interruption too: nobody waits for what is still computed
+        processes.kill()
+        raise
+    processes.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Executor]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "--scheduler", "Dask is not installed", "in rigmatch's folder: pip install -e '.[dask]'"
+        ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a scheduler that goes is said in one line of ours
+    try:
+        client = Client(scheduler, timeout=SCHEDULER_SECONDS)
+    except (OSError, ValueError, TypeError) as fault:
+        said = " ".join(str(fault).split())[:120]
+        right = "give the address of a running dask scheduler, such as tcp://host:8786"
+        raise InputError("--scheduler", f"{scheduler!r} does not answer ({said})", right) from None
+    with client:
+        yield client.get_executor()
+
+
+def _begin_worker() -> None:
+    """Have a worker end when the process that began it is gone: a kill leaves none of them waiting for ever."""
+    ignore_in_worker()
+    parent = parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=wait, daemon=True).start()

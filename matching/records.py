@@ -1,0 +1,49 @@
+"""Files that the finished parts of a study are appended to, a line each with its checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+CHECKSUM = "sha256"  # key of a line's last entry: checksum of the line without it
+
+
+def append(record: Path, row: dict[str, Any]) -> None:
+    """Append a row of plain values and force it to the disk."""
+    record.parent.mkdir(parents=True, exist_ok=True)
+    with record.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row | {CHECKSUM: _checksum(row)}, allow_nan=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def rows(record: Path) -> list[dict[str, Any]]:
+    """The rows of a record; a line that is damaged, or that a kill left half written, counts as not written."""
+    whole = []
+    for line in whole_lines(record):
+        try:
+            row = json.loads(line)
+            if row.pop(CHECKSUM) == _checksum(row):
+                whole.append(row)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            continue
+    return whole
+
+
+def whole_lines(record: Path) -> list[str]:
+    """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too."""
+    if not record.exists():
+        return []
+    text = record.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if len(whole) < len(text):
+        with record.open("r+b") as file:
+            file.truncate(len(whole))
+    return whole.decode("utf-8", "replace").split("\n")[:-1]
+
+
+def _checksum(row: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(row).encode()).hexdigest()[:32]
