@@ -164,6 +164,33 @@ def test_a_case_is_written_with_its_operating_point(tmp_path):
     assert read.limits == case.limits
 
 
+def test_manoeuvres_of_segments_and_of_a_record_are_written_again(tmp_path):
+    """A tip-in and a tip-out on the motor, a recorded push on the road; a record that is absolute starts at 0."""
+    at(tmp_path)
+    data = tomllib.loads((tmp_path / "case.toml").read_text())
+    data["manoeuvre"] = {
+        "motor_torque": [{"to": 120, "over": 0.05, "hold": 1}, {"to": 0, "over": 0.1, "hold": 1}],
+        "road_torque": {"file": "push.csv"},
+    }
+    (tmp_path / "push.csv").write_text("time [s],road_torque [N*m]\n0,0\n1,50\n2.5,50\n3.5,0\n")
+    (tmp_path / "case.toml").write_text(tomli_w.dumps(data))
+    case = load_case(tmp_path / "case.toml")
+    again = tmp_path / "again"
+    again.mkdir()
+    for name, text in case_files(case).items():
+        (again / name).write_text(text)
+    assert load_case(again / "case.toml").manoeuvre == case.manoeuvre
+    (chain, _) = demands(case).chains
+    speeds = PER_MINUTE * chain.speed
+    assert speeds.max() > 300  # over all of both manoeuvres, up to 3.5 s
+    held = torques_of(case.vehicle)["motor_torque"]
+    (tmp_path / "drive.csv").write_text(f"time [s],motor_torque [N*m]\n0,{held!r}\n1,{held + 50!r}\n")
+    data["manoeuvre"] = {"motor_torque": {"file": "drive.csv", "absolute": True}}
+    (tmp_path / "case.toml").write_text(tomli_w.dumps(data))
+    torque = load_case(tmp_path / "case.toml").manoeuvre["motor_torque"].torque(np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(torque, [0, 25, 50], atol=1e-9)
+
+
 def test_torque_that_falls_with_speed():
     """4 N·m at 5 rad/s where 10 N·m at rest fall to 2 N·m at 10 rad/s: two thirds of 6 N·m."""
     curve = TorqueCurve((0.0, 10.0), (10.0, 2.0))

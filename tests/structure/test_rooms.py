@@ -18,6 +18,7 @@ FLOORS = [
     ["modelling.modal", "modelling.measurement", "modelling.fidelity"],
     ["modelling.simulation.integrator"],
     ["modelling.simulation"],
+    ["modelling.bed.manoeuvres"],
     ["modelling.bed"],
     ["modelling.bed.structures"],
     ["modelling.controller"],

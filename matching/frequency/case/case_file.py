@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import tomli_w
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
+from modelling.bed.manoeuvres import Recorded
 from modelling.model.files import dumps
 
 _HEAD = """\
@@ -20,6 +20,9 @@ _HEAD = """\
 def case_files(case: Case) -> dict[str, str]:
     """Texts of ``case.toml``, ``vehicle.toml``, ``rig.toml`` and ``residual_vehicle.toml``, numbered if in parts."""
     files = {"case.toml": case_text(case), "vehicle.toml": dumps(case.vehicle), "rig.toml": dumps(case.rig)}
+    for name, torque in case.manoeuvre.items():
+        if isinstance(torque, Recorded):
+            files[_trace_file(name)] = torque.csv(name)
     parts = case.residual_vehicle.parts
     for number, part in enumerate(parts, 1):
         files["residual_vehicle.toml" if len(parts) == 1 else f"residual_vehicle_{number}.toml"] = dumps(part)
@@ -42,8 +45,8 @@ def case_text(case: Case) -> str:
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
     data["response"]["objective"] = case.objective
     data["manoeuvre"] = {
-        name: {"kind": own.kind} | {one.name: getattr(own, one.name) for one in dataclasses.fields(own)}
-        for name, own in case.manoeuvre.items()
+        name: {"file": _trace_file(name)} if isinstance(torque, Recorded) else torque.table()
+        for name, torque in case.manoeuvre.items()
     }
     if (point := case.vehicle.operating_point) is not None:
         data["operating_point"] = dict((*point.speeds, *point.torques))
@@ -53,6 +56,10 @@ def case_text(case: Case) -> str:
         data["limits"][TORQUE_OVER_SPEED] = [list(pair) for pair in curve]
     data["move"] = {move.name: _bounds(case, move) for move in case.moves}
     return _HEAD + tomli_w.dumps(data)
+
+
+def _trace_file(name: str) -> str:
+    return f"manoeuvre_{name}.csv"
 
 
 def value_of(case: Case, name: str) -> float:

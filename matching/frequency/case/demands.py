@@ -134,7 +134,7 @@ def demands(case: Case, points: int = 400) -> Demands:
     SimulationError
         If the vehicle's states do not stay finite.
     """
-    time = next(iter(case.manoeuvre.values())).time(1000.0)
+    time = max(case.manoeuvre.values(), key=lambda torque: torque.duration).time(1000.0)
     inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
     inputs |= {name: driven.torque(time) for name, driven in case.manoeuvre.items() if name in inputs}
     inputs = {name: torque + inputs[name] for name, torque in torques_of(case.vehicle).items()}

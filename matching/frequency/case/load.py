@@ -14,11 +14,12 @@ from matching.frequency.case.load_operating_point import at_operating_point, rig
 from matching.frequency.case.tables import table_of, text_of
 from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
-from modelling.bed.manoeuvres import Manoeuvre, from_table
+from modelling.bed.manoeuvres import Manoeuvre, read_manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.bed.shared_delays import without_shared_delays
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml, title
+from modelling.linear.reference_motion import torques_of
 from modelling.model.files import load
 from modelling.model.system import System
 from modelling.units import to_si
@@ -148,7 +149,11 @@ def _manoeuvre(
     for name in tables:
         if name not in known:
             raise unknown(name, known, f"{where}: manoeuvre")
-    return {name: from_table(table, f"{where}: manoeuvre.{name}") for name, table in tables.items()}
+    folder, held = Path(where).parent, torques_of(residual.vehicle)
+    return {
+        name: read_manoeuvre(entry, name, f"{where}: manoeuvre.{name}", folder, held.get(name, 0.0))
+        for name, entry in tables.items()
+    }
 
 
 def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:

@@ -194,7 +194,7 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
 
 
 def _manoeuvre(name: str, torque: Any) -> str:
-    return f"{torque.kind.replace('_', '-')} of {number(torque.amplitude)} N·m on {name.replace('_', ' ')}"
+    return f"{torque.words} of {number(torque.amplitude)} N·m on {name.replace('_', ' ')}"
 
 
 def _search(result: MatchResult) -> str:

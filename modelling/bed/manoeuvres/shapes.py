@@ -1,4 +1,4 @@
-"""Manoeuvres: torques over time, by name, as drivability is tested."""
+"""Shapes of a torque over time, by name, as drivability is tested."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from modelling.common.errors import InputError, unknown
-from modelling.units import to_si
+from modelling.common.errors import InputError
 
 UNITS = {
     "amplitude": "N*m", "offset": "N*m", "creep": "N*m", "at": "s", "rise_time": "s", "duration": "s",
@@ -61,9 +60,23 @@ class Manoeuvre:
         """Share of the amplitude at times since the beginning."""
         raise NotImplementedError
 
+    @property
+    def end(self) -> float:
+        """Torque at its end, N·m."""
+        return float(self.torque(np.array([self.duration]))[0])
+
     def time(self, rate: float = 1000.0) -> np.ndarray:
         """Time stamps (t,) in s at a rate in Hz."""
         return np.arange(round(self.duration * rate) + 1) / rate
+
+    @property
+    def words(self) -> str:
+        """What it is, before "of … N·m"."""
+        return self.kind.replace("_", "-")
+
+    def table(self) -> Any:
+        """As a case file holds it, SI."""
+        return {"kind": self.kind} | {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
 
     def inputs(self, time: np.ndarray, on: str, others: Mapping[str, float] | None = None) -> dict[str, np.ndarray]:
         """Torques by input: this one on the input ``on``, constant ones (N·m) on others."""
@@ -158,36 +171,6 @@ class Kick(TipIn):
 
 
 KINDS: dict[str, type[Manoeuvre]] = {cls.kind: cls for cls in (Step, TipIn, BackOut, DriveAway, Sweep, Kick)}
-
-
-def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
-    """A manoeuvre from a table of a case file: ``kind``, ``amplitude`` and what else the kind has.
-
-    Raises
-    ------
-    InputError
-        Naming the key that is wrong.
-    """
-    if not isinstance(table, Mapping):
-        raise InputError(
-            where, f"{type(table).__name__} where a table is expected", 'write kind = "tip_in", amplitude = 100, …'
-        )
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise unknown(str(kind), list(KINDS), f"{where}.kind")
-    cls = KINDS[kind]
-    known = {entry.name: entry for entry in dataclasses.fields(cls)}
-    for key in table:
-        if key != "kind" and key not in known:
-            raise unknown(str(key), list(known), f"{where} ({kind})")
-    for key, entry in known.items():
-        if entry.default is dataclasses.MISSING and key not in table:
-            raise InputError(f"{where} ({kind})", f"{key!r} is missing", f"give it in {UNITS[key]}")
-    values = {key: to_si(value, UNITS[key], f"{where}.{key}") for key, value in table.items() if key != "kind"}
-    try:
-        return cls(**values)
-    except InputError as fault:
-        raise InputError(f"{where}.{fault.where}", fault.wrong, fault.right) from None
 
 
 def _smooth(part: np.ndarray) -> np.ndarray:
