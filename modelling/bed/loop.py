@@ -82,6 +82,10 @@ class ControlStructure(ABC):
     def gives_torque(self, values: Mapping[str, float]) -> bool:
         """Whether the dynamometers ever give torque at these values."""
 
+    def integrators(self, values: Mapping[str, float]) -> int:
+        """Poles at s = 0 that the feedback law of one dynamometer has at these values."""
+        return 0
+
     @abstractmethod
     def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
         """Torque inputs that the feed-forward takes as measured.

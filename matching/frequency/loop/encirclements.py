@@ -65,8 +65,7 @@ def encirclements(parts: Parts, dead_time: float | None = None) -> Encirclements
         [np.linalg.eigvals(part.space.A) for part in parts.residual] + [np.linalg.eigvals(parts.rig.space.A)]
     )
     resting = int(np.sum(np.abs(open_loop) < ZERO))
-    if parts.case.loop["integral_gain"]:
-        resting += len(parts.dynamometers)
+    resting += parts.case.loop.structure.integrators(parts.case.loop.values) * len(parts.dynamometers)
     right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= ZERO)))
     corners = np.abs(open_loop[open_loop.imag > 0]) / (2 * np.pi)
     return count(loop.return_difference, right, resting, loop.dead_time, corners)

@@ -41,6 +41,10 @@ class PI(ControlStructure):
         """Unless every gain is 0."""
         return any(values[name] for name in GAINS)
 
+    def integrators(self, values: Mapping[str, float]) -> int:
+        """The integral of the speed error."""
+        return int(values["integral_gain"] != 0)
+
     def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
         """None: feedback reacts to what a torque does, not to the torque."""
         return ()
