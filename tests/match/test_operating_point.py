@@ -16,6 +16,9 @@ from matching.frequency.case.demands import Chain, Demands, demands
 from matching.frequency.case.load import load_case
 from matching.frequency.search.limits import limits
 from matching.frequency.search.match import _standstill
+from matching.frequency.search.question import Question
+from matching.frequency.search.relaxations import Relaxations
+from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.solver.task import Solution
 from matching.report.match.page import page
 from matching.report.match.text import content, operating_point, summary
@@ -230,6 +233,7 @@ def test_a_limit_over_speed_is_named(compact):
     assert 0.5 < used < 1
     name = "dynamometer_torque_over_speed"
     less = replace(compact.case, limits=compact.case.limits | {name: 0.9 * used})
-    solution = Solution({}, 0.0, (), True)
-    stands = limits(less, compact.tuned, verification, compact.targets, demands(less), solution, (None,))
+    question = Question(less, [], (None,), np.zeros(0), demands(less))
+    found = VerifiedSolution(None, Solution({}, 0.0, (), True), [], {}, compact.tuned, verification)
+    stands = limits(question, found, compact.targets, Relaxations())
     assert any(f"{used:.2g}"[:3] in sentence and "at its speed" in sentence for sentence in stands)

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from matching.frequency.case.case import Case
-from matching.frequency.case.demands import Demands
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from matching.frequency.search.infeasible_limits import DeadTimeTrial, Unkept
+from matching.frequency.search.infeasible_limits import Unkept
+from matching.frequency.search.question import Question
+from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.shared_components import differing_components
-from matching.frequency.solver.task import Solution
+from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.verification.peaks import Violation
-from matching.frequency.verification.verify import Verification
 from modelling.modal.modes import Mode, modes
 
 _WORDS = {
@@ -27,38 +27,44 @@ _WORDS = {
 
 
 def limits(
-    case: Case, tuned: Case, checked: Verification, targets: Sequence[TargetResult], asked: Demands, solution: Solution,
-    on_rig: Sequence[Mode | None], beyond: Sequence[Unkept] = (), trial: DeadTimeTrial | None = None,
-) -> list[str]:  # fmt: skip
+    question: Question, found: VerifiedSolution, targets: Sequence[TargetResult], relaxed: Relaxations
+) -> list[str]:
     """Sentences on what stands in the way; none if the match is good.
 
-    ``beyond`` are limits that no setting keeps, ``trial`` are shorter dead times that were solved, if any were.
+    What is said to help is what ``relaxed`` holds, which was solved.
     """
-    found = [*differing_components(case), *(_beyond(*one) for one in _worst(beyond))]
-    shared = len(differing_components(case))
+    case, checked, asked = question.case, found.checked, question.demands
+    shared = differing_components(case)
+    said = [*shared, *_beyond(found.beyond, relaxed)]
+    said += _loop(found, case)
+    missed = [target for target in targets if not target.met]
+    said += [_missed(case, target) for target in missed]
+    if missed:
+        said += _mechanics(question, missed)
+        said += _delay(question, missed, relaxed)
+    told = {name for _, name, _, _ in found.beyond}
+    said += [_violation(own) for own in checked.violations if own.limit not in told]
+    told |= {own.limit for own in checked.violations}
+    asking = asked.broken({f"rig.{name}": own.value for name, own in found.tuned.rig.parameters.items()})
+    said += [_asks(*one) for one in _worst(asking) if one[1] not in told]
+    return said if len(said) > len(shared) else []
+
+
+def _loop(found: VerifiedSolution, case: Case) -> list[str]:
+    """What is wrong with the loop as a whole."""
+    said, checked, solution = [], found.checked, found.solution
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         starts = f"none of {len(solution.starts)} starts ended in a stable loop within the bounds"
-        found.append(f"the closed loop is not stable ({failed}): {starts}")
-    found += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
-    missed = [target for target in targets if not target.met]
-    if checked.stable and not solution.feasible and (missed or checked.violations):
-        found.append(
-            f"no setting within the bounds was found that keeps a modulus margin of {case.limits['modulus_margin']:g}, "
-            f"a damping ratio of {case.limits['damping_ratio']:g} and the limits together; the values shown are where "
-            f"the search began, with a margin of {checked.modulus_margin:.2f}"
+        said.append(f"the closed loop is not stable ({failed})" + ("" if solution.feasible else f": {starts}"))
+    said += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
+    if checked.stable and not solution.feasible:
+        said.append(
+            f"the search found no setting within the bounds that keeps a modulus margin of "
+            f"{case.limits['modulus_margin']:g}, a damping ratio of {case.limits['damping_ratio']:g} and the limits "
+            f"together; the values shown are where it began, with a margin of {checked.modulus_margin:.2f}"
         )
-    for target in missed:
-        found.append(_missed(case, target))
-    if missed:
-        found += _mechanics(case, missed, on_rig, asked)
-        found += _dead_time(case, tuned, missed, trial)
-    told = {name for _, name, _, _ in beyond}
-    found += [_violation(own) for own in checked.violations if own.limit not in told]
-    told |= {own.limit for own in checked.violations}
-    asking = asked.broken({f"rig.{name}": own.value for name, own in tuned.rig.parameters.items()})
-    found += [_asks(*one) for one in _worst(asking) if one[1] not in told]
-    return found if len(found) > shared else []
+    return said
 
 
 def _worst(broken: Sequence[Unkept]) -> list[Unkept]:
@@ -68,16 +74,25 @@ def _worst(broken: Sequence[Unkept]) -> list[Unkept]:
     ]
 
 
-def _beyond(dyno: str, limit: str, demand: float, allowed: float) -> str:
-    """A limit that no setting keeps, with the least that would do."""
-    return _asks(dyno, limit, demand, allowed) + "; no setting within the bounds needs less"
+def _beyond(broken: Sequence[Unkept], relaxed: Relaxations) -> list[str]:
+    """Limits that no setting keeps, and the values with which the targets are met, if they are."""
+    said = []
+    for dyno, limit, demand, allowed in _worst(broken):
+        said.append(f"{_asks(dyno, limit, demand, allowed)}; no setting within the bounds needs less")
+        if limit in relaxed.limits:
+            value = relaxed.limits[limit]
+            said[-1] += (
+                f"; solved with {_with_unit(limit, value)}, {value / allowed:.2f} times as large, every target is met"
+            )
+    if len(relaxed.limits) > 1:
+        said[-1] += " (all of these together)"
+    return said
 
 
 def _asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
     return (
         f"to move as the vehicle does, the manoeuvre takes {_named(limit, dyno)} of {_with_unit(limit, demand)}, "
-        f"{_with_unit(limit, allowed)} is the limit: it would have to be {demand / allowed:.2f} times as large, "
-        f"or the manoeuvre {allowed / demand:.0%} of what it is"
+        f"{_with_unit(limit, allowed)} is the limit"
     )
 
 
@@ -119,8 +134,9 @@ def _violation(own: Violation) -> str:
     return f"{own.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
 
 
-def _mechanics(case: Case, missed: Sequence[TargetResult], on_rig: Sequence[Mode | None], asked: Demands) -> list[str]:
+def _mechanics(question: Question, missed: Sequence[TargetResult]) -> list[str]:
     """What adapters or inertias alone would have to be, where adapters are what may move."""
+    case, on_rig, asked = question.case, question.on_rig, question.demands
     if any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
@@ -177,25 +193,29 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     return float(10 ** brentq(off, *ends, xtol=1e-6))
 
 
-def _dead_time(case: Case, tuned: Case, missed: Sequence[TargetResult], trial: DeadTimeTrial | None) -> list[str]:
-    """The phase that dead time and lags take at the targets, and what shorter dead times did when they were solved."""
-    loop = tuned.loop
-    if loop.torqueless or not any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
-        return []
-    cure = ""
+def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:
+    """Dead time and lags where a shorter dead time meets the targets, else what else was seen to meet them."""
+    loop, trial, said = question.case.loop, relaxed.dead_time, []
     if trial is not None and trial.sufficient is not None:
-        cure = f"solved with {1e3 * trial.sufficient:.2g} ms, every target is met"
+        for target in missed:
+            omega = 2 * np.pi * target.vehicle
+            late = np.degrees(omega * loop["dead_time"])
+            lags = np.degrees(np.arctan(omega * loop["inverter_lag"]) + np.arctan(omega * loop["torque_sensor_lag"]))
+            delay = f"dead time {1e3 * loop['dead_time']:.3g} ms"
+            said.append(f"{delay} leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°")
+        said[-1] += f"; solved with {1e3 * trial.sufficient:.2g} ms, every target is met"
     elif trial is not None:
-        cure = f"solved with one sample, {1e3 * trial.shortest:.3g} ms, the targets are not met either"
-        if advice := loop.structure.cure(case.limits["modulus_margin"]):
-            cure += f": {advice}"
-    found = []
-    for target in missed:
-        omega = 2 * np.pi * target.vehicle
-        late = np.degrees(omega * loop["dead_time"])
-        lags = np.degrees(np.arctan(omega * loop["inverter_lag"]) + np.arctan(omega * loop["torque_sensor_lag"]))
-        delay = f"dead time {1e3 * loop['dead_time']:.3g} ms"
-        found.append(f"{delay} leaves {late:.0f}° at {target.vehicle:.2f} Hz and the lags {lags:.0f}°")
-    if cure:
-        found[-1] += f"; {cure}"
-    return found
+        said.append(
+            f"a shorter dead time alone does not help: solved with one sample, {1e3 * trial.shortest:.3g} ms, the "
+            "targets are not met either"
+        )
+    if relaxed.structure:
+        said.append(
+            f'with structure = "{relaxed.structure}" and every torque on the rig measured, the values shown meet every '
+            f"target (verified){_because(loop.structure.cure(question.case.limits['modulus_margin']))}"
+        )
+    return said
+
+
+def _because(reason: str) -> str:
+    return f": {reason}" if reason else ""

@@ -3,37 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
-from matching.frequency.case.demands import demands
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from matching.frequency.case.targets import target_modes
-from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight, counterparts, shares_of
+from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.errors import errors_with_bounds
-from matching.frequency.search.infeasible_limits import shorter_dead_times
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
-from matching.frequency.search.result import Curves, MatchResult, ParameterResult, TargetResult
+from matching.frequency.search.question import Effort, Progress, Question, question_of
+from matching.frequency.search.relaxations import Relaxations, relaxations
+from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.shared_components import differing_components
-from matching.frequency.search.solve_and_verify import solve_and_verify
+from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
+from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, Task
-from matching.frequency.verification.verify import Verification
 from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
-from modelling.modal.modes import Mode, modes
 
-SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
 CURVE_POINTS = 400
 COUNTED_FROM_STANDSTILL = ("dynamometer_speed", "dynamometer_power", TORQUE_OVER_SPEED)  # without an operating point
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
-
-Progress = Callable[[str], None]
 
 
 def match(
@@ -75,60 +71,52 @@ def match(
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
     check_sliding(case)
-    targets = target_modes(case)
-    on_rig = counterparts(case)
-    vehicle = modes(case.vehicle)
-    shares = shares_of(case, vehicle, on_rig)
-    asked = demands(case)
+    question = question_of(case)
     tell("vehicle, rig and manoeuvre")
-    found = solve_and_verify(case, shares, targets, asked, seed, starts, workers, tell, near)
-    task, solution, tuned, checked = found.task, found.solution, found.tuned, found.checked
-    results = tuple(
-        _target(case, checked, number, pair, mode)
-        for number, (pair, mode) in enumerate(zip(targets, on_rig, strict=True))
-    )
-    missed = any(not target.met for target in results)
-    trial = shorter_dead_times(task, solution, targets) if missed and _feedback_alone(case, solution) else None
-    stands = [
-        *limits(case, tuned, checked, results, asked, solution, on_rig, found.beyond, trial),
-        *unloaded_lashes(case),
-    ]
-    error = errors_with_bounds(tuned, checked.errors)
+    found = solve_and_verify(question, Effort(seed, starts, workers, tell, near))
+    targets = target_results(question, found.checked)
+    relaxed = Relaxations() if near else relaxations(question, found, targets)
+    stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(case)]
+    errors = errors_with_bounds(found.tuned, found.checked.errors)
     tell("bound and curves")
+    result = _result(question, found, targets, stands, errors)
+    return replace(result, seconds=time.perf_counter() - begin)
+
+
+def _result(
+    question: Question, found: VerifiedSolution, targets: tuple[TargetResult, ...], stands: list[str],
+    errors: ResponseError,
+) -> MatchResult:  # fmt: skip
+    case, solution, checked = question.case, found.solution, found.checked
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
         notes=(
+            *differing_components(case),
             *case.notes,
             *_standstill(case),
-            *opened_lashes(tuned, checked.traces),
-            *differing_components(case),
-            *_notes(task, solution, found.released, bool(stands)),
+            *opened_lashes(found.tuned, checked.traces),
+            *_notes(found.task, solution, found.released, bool(stands)),
             *checked.notes,
         ),
         case=case,
-        tuned=tuned,
+        tuned=found.tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
         rig_modes=tuple(damped_modes(case.rig)),
         matched_modes=tuple(mode.to_dict() for mode in checked.modes),
-        targets=results,
+        targets=targets,
         parameters=tuple(
-            _parameter(move, float(part), solution, move in task.moves)
-            for move, part in zip(case.moves, shares, strict=True)
+            _parameter(move, float(part), solution, move in found.task.moves)
+            for move, part in zip(case.moves, question.shares, strict=True)
         ),
-        response_error=error,
-        curves=_curves(case, tuned),
+        response_error=errors,
+        curves=_curves(case, found.tuned),
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,
         pairs=solution.pairs,
-        seconds=time.perf_counter() - begin,
+        seconds=0.0,
     )
-
-
-def _feedback_alone(case: Case, solution: Solution) -> bool:
-    """Whether a shorter dead time is worth a try: feedback has to show the targets, and there is a loop that works."""
-    return not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.feasible
 
 
 def _standstill(case: Case) -> list[str]:
@@ -160,45 +148,6 @@ def _parameter(move: Move, part: float, solution: Solution, free: bool) -> Param
     tuned = solution.values.get(move.name, move.start)
     return ParameterResult(
         move.name, move.start, tuned, move.unit, move.lower, move.upper, change_weight(part), part, not free
-    )
-
-
-def reached(
-    frequency: float, damping_ratio: float, wanted: Mode, frequency_tolerance: float, damping_tolerance: float
-) -> bool:
-    """Whether a mode lies within the tolerances, relative in frequency and absolute in damping ratio."""
-    return (
-        abs(frequency / wanted.frequency - 1) <= frequency_tolerance
-        and abs(damping_ratio - wanted.damping_ratio) <= damping_tolerance
-    )
-
-
-def _target(
-    case: Case, checked: Verification, number: int, pair: tuple[Mode, Mode], on_rig: Mode | None
-) -> TargetResult:
-    wanted, target = pair[1], case.targets[number]
-    mode = checked.targets[number][1]
-    seen = checked.seen[number].matched
-    matched = None if mode is None else mode.frequency
-    damping = None if mode is None else mode.damping_ratio
-    met = (
-        mode is not None and seen is not None
-        and reached(mode.frequency, mode.damping_ratio, wanted, target.frequency_tolerance, target.damping_tolerance)
-        and reached(
-            seen.frequency, seen.damping_ratio, wanted, SIMULATED_FREQUENCY_TOLERANCE, target.damping_tolerance
-        )
-    )  # fmt: skip
-    return TargetResult(
-        vehicle_mode=target.mode,
-        symmetry=wanted.symmetry,
-        vehicle=wanted.frequency,
-        vehicle_damping=wanted.damping_ratio,
-        rig=None if on_rig is None else on_rig.frequency,
-        matched=matched,
-        matched_damping=damping,
-        seen=None if seen is None else seen.frequency,
-        seen_damping=None if seen is None else seen.damping_ratio,
-        met=met,
     )
 
 

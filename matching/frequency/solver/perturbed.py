@@ -14,7 +14,7 @@ from matching.frequency.solver.continuation import follows_targets
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.task import AGREEMENT, Task
 
-STEPS = (0.1, 0.3, 0.2, 0.4)  # standard deviations, of each quantity's range; tried in turn
+STEPS = (0.2, 0.4, 0.3, 0.5, 0.25, 0.6)  # standard deviations, of each quantity's range; tried in turn
 MOST_SEARCHES = 12  # about one end after another, as far as they get better
 
 

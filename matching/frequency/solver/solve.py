@@ -15,6 +15,7 @@ from matching.frequency.solver.continuation import continued_starts, follows_tar
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.finish import finish, first_that_holds
 from matching.frequency.solver.given_point import from_given, given_end, never_worse
+from matching.frequency.solver.perturbed import improved
 from matching.frequency.solver.starts import gentler, numbered_start, start, start_at
 from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, Task
 from matching.studies import finished
@@ -31,6 +32,8 @@ def solve(
     near: Near | None = None,
 ) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
+
+    What starts agree on is left again by searches from about it, and given up for what is better.
 
     Parameters
     ----------
@@ -70,6 +73,8 @@ def solve(
     kept = [end for end in ends if end]
     if given and (end := from_given(problem, given)):
         kept.append(end)
+    if kept and not task.case.loop.torqueless:
+        kept.append(improved(task, problem, min(kept, key=lambda end: end.objective), seed))
     if not kept:
         nothing = Solution(problem.values(start(problem, None)), float("nan"), objectives, False, False)
         return never_worse(task, nothing, given)

@@ -92,9 +92,8 @@ class PI(ControlStructure):
         return StateSpace(A, B, C, D, (*signals, *residual.inputs[k:]), tuple(names))
 
     def cure(self, modulus_margin: float) -> str:
-        """What helps is to take measured torques out of the feedback."""
+        """Why feedback alone does not do it."""
         return (
             "the sensitivity of feedback peaks at an emulated mode the more the less it is damped, which a modulus "
-            f"margin of {modulus_margin:g} does not allow; "
-            'structure = "model_based" takes measured torques out of the feedback'
+            f"margin of {modulus_margin:g} does not allow"
         )

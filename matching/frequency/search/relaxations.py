@@ -1,0 +1,85 @@
+"""What would do: relaxations that were solved and verified. What is not found here is not named to anybody."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from matching.frequency.case.case import Case
+from matching.frequency.case.tuned import apply
+from matching.frequency.search.infeasible_limits import DeadTimeTrial, shorter_dead_times
+from matching.frequency.search.question import Question
+from matching.frequency.search.result import TargetResult
+from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
+from matching.frequency.search.targets_met import target_results
+from matching.frequency.solver.solve import warm
+from matching.frequency.verification.verify import verify
+from modelling.bed.structures.model_based import ModelBased
+
+LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
+
+
+@dataclass(frozen=True)
+class Relaxations:
+    """Relaxations with which the case was solved again.
+
+    Attributes
+    ----------
+    dead_time : DeadTimeTrial or None
+        None where no shorter one was tried.
+    limits : dict of str to float
+        Values, SI, of the limits that no setting keeps, with all of which together every target is met.
+    structure : str
+        Control structure with which the values as tuned meet every target, all torques on the rig measured.
+    """
+
+    dead_time: DeadTimeTrial | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+    structure: str = ""
+
+
+def relaxations(question: Question, found: VerifiedSolution, targets: Sequence[TargetResult]) -> Relaxations:
+    """Try what may help: larger limits where no setting keeps them, a shorter dead time, measured torques."""
+    case, missed = question.case, any(not target.met for target in targets)
+    by_feedback = not case.loop.structure.has_feed_forward and not case.loop.torqueless and found.solution.feasible
+    if not missed or not by_feedback:
+        return Relaxations(limits=_larger_limits(question, found))
+    trial = shorter_dead_times(found.task, found.solution, question.targets)
+    if trial is not None and trial.sufficient is not None and not _with_dead_time(question, found, trial.sufficient):
+        trial = DeadTimeTrial(trial.shortest, None)
+    return Relaxations(trial, _larger_limits(question, found), _with_feed_forward(question, found))
+
+
+def _meets_all(question: Question, tuned: Case) -> bool:
+    checked = verify(tuned, question.case.rig, deviations=False)
+    return (
+        checked.stable and not checked.violations
+        and all(target.met for target in target_results(question, checked))
+    )  # fmt: skip
+
+
+def _larger_limits(question: Question, found: VerifiedSolution) -> dict[str, float]:
+    """Limits that no setting keeps, as large as their least demand; none where the targets are missed even so."""
+    least: dict[str, float] = {}
+    for _, limit, demand, _ in found.beyond:
+        least[limit] = max(LIMIT_RESERVE * demand, least.get(limit, 0.0))
+    if not least:
+        return {}
+    case = replace(question.case, limits={**question.case.limits, **least})
+    demands = replace(question.demands, limits={**question.demands.limits, **least})
+    values = warm(task_of(replace(question, case=case, demands=demands), found.task.moves), found.solution)
+    return least if values is not None and _meets_all(question, apply(case, values)) else {}
+
+
+def _with_dead_time(question: Question, found: VerifiedSolution, dead_time: float) -> bool:
+    case = replace(question.case, loop=question.case.loop.with_values({"dead_time": dead_time}))
+    values = warm(replace(found.task, case=case), found.solution)
+    return values is not None and _meets_all(question, apply(case, values))
+
+
+def _with_feed_forward(question: Question, found: VerifiedSolution) -> str:
+    """The structure with a feed-forward, if the same values meet the targets with it."""
+    driven = {dynamometer.torque_input for dynamometer in question.case.loop.dynamometers}
+    measured = tuple(part.name for part in question.case.rig.inputs if part.name not in driven)
+    loop = replace(found.tuned.loop, structure=ModelBased(), measured=measured)
+    return ModelBased.name if _meets_all(question, replace(found.tuned, loop=loop)) else ""
