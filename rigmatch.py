@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 __all__ = [
     "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
-    "simulate", "tolerance", "uncertainty", "verify",
+    "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         modes,
         read_recording,
         response,
+        show,
         simulate,
         tolerance,
         uncertainty,

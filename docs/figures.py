@@ -34,6 +34,7 @@ unknown, the last commit that changed the file is given.
 def generators() -> dict[str, Callable[[str], None]]:
     """What makes each generated file, by the file's path; called with the commit."""
     makers: dict[str, Callable[[str], None]] = {
+        "examples/road_to_rig/drivetrain.png": make_drawing,
         "examples/road_to_rig/overview.png": make_overview,
         "examples/road_to_rig/map.png": make_map,
         "tests/campaign/latest.png": keep_campaign,
@@ -44,10 +45,21 @@ def generators() -> dict[str, Callable[[str], None]]:
 
 
 COMMANDS = {
+    "examples/road_to_rig/drivetrain.png": "`rigmatch show`",
     "examples/road_to_rig/overview.png": "`rm.match(case).plot()`, seed 0",
     "examples/road_to_rig/map.png": "`rigmatch map`, one start a point",
     "tests/campaign/latest.png": "`make campaign`",
 }
+
+
+def make_drawing(commit: str) -> None:
+    """Vehicle and rig of the reference case."""
+    import rigmatch as rm
+    from matching.report.common.style import image
+
+    folder = ROOT / "examples" / "road_to_rig"
+    figure = rm.show(folder / "case.toml")
+    (folder / "drivetrain.png").write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
 
 
 def make_overview(commit: str) -> None:

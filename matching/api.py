@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from matching.bed_test.result import BedVerification
     from matching.diagnosis.verdict.result import Diagnosis
@@ -50,6 +51,18 @@ def load_case(path: File) -> Case:
     from matching.frequency.case.load import load_case as read
 
     return read(Path(path))
+
+
+def show(file: System | Case | File) -> Figure:
+    """The drivetrain of a model, or vehicle and rig of a case, as a Matplotlib figure."""
+    from matching.frequency.case.case import Case
+    from matching.frequency.case.load import is_case
+    from matching.report.drawing.figures import case_figure, model_figure
+    from modelling.common.tables import read_toml
+
+    if isinstance(file, str | PathLike):
+        file = load_case(file) if is_case(read_toml(Path(file))) else load(file)
+    return case_figure(file) if isinstance(file, Case) else model_figure(file)
 
 
 def read_recording(path: File, model: System | File, channels: File | None = None) -> Recording:

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 
 ONE_LINE = {
     "modes": "modes of a model with energy shares and symmetry",
+    "show": "drawing of a drivetrain, or of vehicle and rig of a case",
     "match": "tune loop, residual vehicle and adapters until the rig reproduces the vehicle's response",
     "map": "response error that a match reaches, over two quantities",
     "simulate": "run a model on recorded inputs",

@@ -49,6 +49,7 @@ FLOORS = [
     ["matching.fmu"],
     ["matching.bed_test"],
     ["matching.report", "matching.report.common"],
+    ["matching.report.drawing"],
     ["matching.report.modes", "matching.report.simulation"],
     ["matching.report.match", "matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
     ["matching.report.map", "matching.report.diagnosis", "matching.report.bed_test"],

@@ -31,6 +31,11 @@ _TOP = {
 }  # fmt: skip
 
 
+def is_case(data: Mapping[str, Any]) -> bool:
+    """Whether the content of a file is that of a case: it names a vehicle or a rig, or has dynamometers."""
+    return not data.keys().isdisjoint({"vehicle", "rig", "dynamometers"})
+
+
 def load_case(path: str | Path) -> Case:
     """Read a case file and the model files it names.
 

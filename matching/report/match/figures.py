@@ -5,6 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.frequency.search.result import MatchResult
+from matching.report.drawing.figures import case_figure
+from matching.report.drawing.layout import MOST_INERTIAS
 from matching.report.match.checks import signals, wrong_values
 from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure
@@ -15,6 +17,7 @@ from matching.report.match.robustness_figure import robustness_figure
 from matching.report.match.trace_figure import trace_figure
 
 CAPTIONS = {
+    "drivetrain": "Vehicle and rig. Dashed: the cut; hatched: the residual vehicle, which the dynamometers emulate.",
     "overview": "Response, manoeuvre and target modes at a glance.",
     "modes": "Modes and their energy. In colour: the target modes, and on the rig without control those of the same "
     "symmetry. s symmetric, a antisymmetric left to right.",
@@ -43,6 +46,8 @@ def figures(result: MatchResult) -> dict[str, Figure]:
     if shown := signals(result):
         made["manoeuvre"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
     made["margin"] = margin_figure(result.tuned, modes)
+    if max(len(system.inertias) for system in (result.case.vehicle, result.case.rig)) <= MOST_INERTIAS:
+        made["drivetrain"] = case_figure(result.tuned)
     if result.parameters:
         made["quantities"] = quantity_figure(result)
     if wrong := wrong_values(result):

@@ -93,20 +93,28 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
     """
-    derivatives = _evaluate(budget, measurand)
+    with np.errstate(all="ignore"):  # values near 1e160 have no squares: judged by what comes out
+        return _propagated(budget, measurand, _evaluate(budget, measurand))
+
+
+def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives) -> Propagation:
     c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
-    with np.errstate(over="ignore", invalid="ignore"):
-        first = float(c @ covariance @ c)
-    if not math.isfinite(first):
-        raise _not_finite(budget, measurand)
-    if first < CANCELLED * float(np.sum(np.abs(c) * budget.standard_uncertainties)) ** 2:
+    first = float(c @ covariance @ c)
+    largest = np.sum(np.abs(c) * budget.standard_uncertainties) ** 2
+    if not np.isfinite(largest):
+        raise InputError(
+            f"{budget.where}: measurand {measurand.name}",
+            "its variance is too large for a number",
+            "give values or uncertainties in a larger unit",
+        )
+    if first < CANCELLED * largest:
         first = 0.0
     product = hessian @ covariance
     extra = 0.5 * np.trace(product @ product) + c @ covariance @ derivatives.weighted_third
     for i, one in enumerate(budget.inputs):
         if np.count_nonzero(budget.correlation[i]) == 1 and one.standard_uncertainty > 0:
             excess = one.distribution.kurtosis() - 3
-            u4 = one.standard_uncertainty**4
+            u4 = np.float64(one.standard_uncertainty) ** 4
             extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * derivatives.third[i] / 3)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
     smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)

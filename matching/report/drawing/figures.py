@@ -1,0 +1,70 @@
+"""Drawings of a model, and of a case with the vehicle above its rig and the cut marked in both."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from matching.frequency.case.case import Case
+from matching.report.common.style import RIG, VEHICLE, figure, styled
+from matching.report.drawing.drivetrain import Drawing, Emphasis, draw, drawing
+from modelling.model.system import System
+
+INCHES = 0.62  # of a unit of the drawing
+LEGEND = "height of a disc ~ J^(1/4), as of discs of one thickness; ↻ torque input; φ ω α M sensor; + effect"
+
+
+def model_figure(system: System) -> Figure:
+    """The drivetrain of a model.
+
+    Raises
+    ------
+    InputError
+        If it has too many inertias.
+    """
+    return _figure([(system.title, "#222222", drawing(system))])
+
+
+def case_figure(case: Case) -> Figure:
+    """Vehicle above rig: shared hardware in grey, what only one has in its colour, what is emulated hatched.
+
+    Raises
+    ------
+    InputError
+        If one of them has too many inertias.
+    """
+    vehicle, rig = ({part.name for part in system.inertias} for system in (case.vehicle, case.rig))
+    interfaces = case.residual_vehicle.interfaces
+    rotors = {source.name: source.on for source in case.rig.inputs}
+    machines = {rotors[machine.torque_input]: machine.name for machine in case.loop.dynamometers}
+    of_vehicle = Emphasis(
+        dict.fromkeys(vehicle - rig, VEHICLE),
+        frozenset(vehicle - rig),
+        cuts={interface.shaft: interface.vehicle_end for interface in interfaces},
+    )
+    of_rig = Emphasis(
+        dict.fromkeys(rig - vehicle, RIG),
+        machines=machines,
+        cuts={interface.shaft: interface.rig_end for interface in interfaces},
+    )
+    largest = max(part.J.value for system in (case.vehicle, case.rig) for part in system.inertias)
+    return _figure(
+        [
+            (f"Vehicle: {case.vehicle.title}", VEHICLE, drawing(case.vehicle, of_vehicle, largest)),
+            (f"Rig: {case.rig.title}", RIG, drawing(case.rig, of_rig, largest)),
+        ],
+        "dashed: the cut; hatched: residual vehicle, emulated by the dynamometers; grey: hardware that both have; ",
+    )
+
+
+def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figure:
+    width = max(drawn.width for _, _, drawn in drawings)
+    heights = [drawn.height for _, _, drawn in drawings]
+    with styled():
+        fig = figure(max(INCHES * width, 4.5), INCHES * (sum(heights) + 0.6) + 0.25 * len(drawings))
+        rows = fig.subplots(len(drawings), 1, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, (title, colour, drawn) in zip(rows, drawings, strict=True):
+            draw(axes, drawn)
+            axes.set_xlim(-1.0, width - 1.0)
+            axes.set_title(title, loc="left", color=colour, fontsize=9, parse_math=False)
+        fig.supxlabel(legend + LEGEND, fontsize=6, color="#555555", parse_math=False, wrap=True)
+    return fig

@@ -1,0 +1,100 @@
+"""Where the inertias of a drivetrain stand on paper: a tree from one end, branches in lanes of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from modelling.common.errors import InputError
+from modelling.model.system import System
+
+MOST_INERTIAS = 80  # more are no drawing any more
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A shaft, gear or differential: its table and name, the end nearer to the root, and the other ends."""
+
+    table: str
+    name: str
+    near: str
+    far: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Column and lane of every inertia, from 0, and the joints in the order in which they are met.
+
+    The first child of a branch stands above, the last below; lanes count downwards.
+    """
+
+    column: dict[str, int]
+    lane: dict[str, float]
+    joints: tuple[Joint, ...]
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return max(self.column.values()) + 1
+
+    @property
+    def lanes(self) -> float:
+        """Distance of the first and the last lane, plus one."""
+        return max(self.lane.values()) + 1
+
+
+def layout(system: System) -> Layout:
+    """Lay a drivetrain out, from the first inertia in the file that is an end of it.
+
+    Raises
+    ------
+    InputError
+        If it has too many inertias to be drawn.
+    """
+    if len(system.inertias) > MOST_INERTIAS:
+        raise InputError(
+            "inertias", f"{len(system.inertias)} are too many for a drawing", f"at most {MOST_INERTIAS} are drawn"
+        )
+    connections = _connections(system)
+    meeting: dict[str, list[int]] = {part.name: [] for part in system.inertias}
+    for number, (_, _, ends) in enumerate(connections):
+        for end in ends:
+            meeting[end].append(number)
+    root = next((name for name, joints in meeting.items() if len(joints) <= 1), system.inertias[0].name)
+    column, children, order, joints = {root: 0}, {root: list[str]()}, [root], list[Joint]()
+    drawn: set[int] = set()
+    for name in order:  # grows while it is worked through
+        for number in meeting[name]:
+            if number in drawn:
+                continue
+            drawn.add(number)
+            table, joint, ends = connections[number]
+            far = tuple(end for end in ends if end != name)
+            joints.append(Joint(table, joint, name, far))
+            for end in far:
+                if end not in column:
+                    column[end], children[end] = column[name] + 1, []
+                    children[name].append(end)
+                    order.append(end)
+    return Layout(column, _lanes(root, children, order), tuple(joints))
+
+
+def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
+    found = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
+    found += [("gears", part.name, tuple(part.between)) for part in system.gears]
+    return found + [("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials]
+
+
+def _lanes(root: str, children: dict[str, list[str]], order: list[str]) -> dict[str, float]:
+    """Ends of branches one below the other, every other inertia in the middle of what hangs on it."""
+    lane: dict[str, float] = {}
+    waiting, following = [root], 0
+    while waiting:
+        name = waiting.pop()
+        if not children[name]:
+            lane[name] = float(following)
+            following += 1
+        waiting.extend(reversed(children[name]))
+    for name in reversed(order):
+        if children[name]:
+            lane[name] = (lane[children[name][0]] + lane[children[name][-1]]) / 2
+    return lane

@@ -1,0 +1,123 @@
+"""Drawings of drivetrains: where parts stand, what is marked, and that texts of files stay texts."""
+
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import pytest
+from structure.imports import ROOT
+
+import rigmatch as rm
+from matching.cli import main
+from matching.report.common.style import image
+from matching.report.drawing.drivetrain import drawing
+from matching.report.drawing.figures import case_figure, model_figure
+from matching.report.drawing.layout import MOST_INERTIAS, layout
+from modelling.common.errors import InputError
+from modelling.model.files import from_dict
+
+REFERENCE = ROOT / "examples" / "road_to_rig"
+
+
+def chain(names, **more):
+    shafts = {f"{a}_{b}": {"between": [a, b], "stiffness": 1.0} for a, b in pairwise(names)}
+    return from_dict({"inertias": {name: {"J": 1.0} for name in names}, "shafts": shafts} | more)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return rm.load_case(REFERENCE / "case.toml")
+
+
+def texts(figure):
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_a_chain_stands_in_one_row_from_one_of_its_ends():
+    placed = layout(from_dict({
+        "inertias": {name: {"J": 1.0} for name in ("middle", "first", "last")},
+        "shafts": {"a": {"between": ["first", "middle"], "stiffness": 1.0},
+                   "b": {"between": ["middle", "last"], "stiffness": 1.0}},
+    }))  # fmt: skip
+    assert placed.column == {"first": 0, "middle": 1, "last": 2}
+    assert set(placed.lane.values()) == {0.0}
+
+
+def test_branches_have_lanes_and_the_stem_stands_between_them(case):
+    placed = layout(case.vehicle)
+    assert placed.lane["body_left"] == 0.0
+    assert placed.lane["body_right"] == 1.0
+    assert placed.lane["motor"] == placed.lane["differential"] == 0.5
+    assert [placed.column[name] for name in ("motor", "gearbox", "differential", "wheel_left", "body_right")] == [
+        0,
+        1,
+        2,
+        3,
+        5,
+    ]
+    assert len({(placed.column[name], placed.lane[name]) for name in placed.column}) == len(case.vehicle.inertias)
+
+
+def test_a_differential_and_gears_and_a_loop_are_joints_that_stand_once():
+    system = from_dict({
+        "inertias": {name: {"J": 1.0} for name in "abcde"},
+        "gears": {"g": {"between": ["a", "b"], "ratio": 2.0}},
+        "differentials": {"d": {"cage": "b", "left": "c", "right": "e"}},
+        "shafts": {"s": {"between": ["c", "d"], "stiffness": 1.0}, "t": {"between": ["d", "e"], "stiffness": 1.0}},
+    })  # fmt: skip
+    joints = layout(system).joints
+    assert sorted(f"{joint.table}.{joint.name}" for joint in joints) == [
+        "differentials.d",
+        "gears.g",
+        "shafts.s",
+        "shafts.t",
+    ]
+    assert image(model_figure(system), "png").startswith(b"\x89PNG")
+
+
+def test_discs_of_one_thickness_have_inertia_with_the_fourth_power_of_their_radius():
+    system = from_dict({
+        "inertias": {"small": {"J": 1.0}, "large": {"J": 16.0}},
+        "shafts": {"s": {"between": ["small", "large"], "stiffness": 1.0}},
+    })  # fmt: skip
+    drawn = drawing(system)
+    assert drawn.half("large") / drawn.half("small") == pytest.approx(2.0)
+
+
+def test_the_cut_the_dynamometers_and_what_is_emulated_are_marked(case):
+    figure = case_figure(case)
+    vehicle, rig = figure.axes
+    cuts = [
+        [line for line in axes.lines if not isinstance(line.get_linestyle(), str) or line.get_linestyle() == "--"]
+        for axes in (vehicle, rig)
+    ]
+    assert [len(found) for found in cuts] == [2, 2]
+    behind, before = layout(case.vehicle).column["wheel_left"], layout(case.vehicle).column["differential"]
+    place = cuts[0][0].get_xdata()[0] / 3.5
+    assert before + 0.5 < place < behind
+    hatched = [patch for patch in vehicle.patches if patch.get_hatch()]
+    assert len(hatched) == len(case.vehicle.inertias) - 3
+    assert not any(patch.get_hatch() for patch in rig.patches)
+    assert "rotor left\n(dynamometer left)" in texts(figure)
+    assert any("10920 N·m/rad" in text for text in texts(figure))
+
+
+def test_texts_of_files_are_neither_formulas_nor_markup():
+    system = chain(["a", "b"], title="<b>$\\frac{1}{0}$ & ]]>", sensors={"n": {"measures": "speed", "of": "a"}})
+    figure = model_figure(system)
+    root = ElementTree.fromstring(image(figure, "svg"))
+    assert root.tag.endswith("svg")
+    assert figure.axes[0].get_title(loc="left") == "<b>$\\frac{1}{0}$ & ]]>"
+    assert image(figure, "png").startswith(b"\x89PNG")
+
+
+def test_too_many_inertias_are_one_line():
+    with pytest.raises(InputError, match=f"at most {MOST_INERTIAS}"):
+        model_figure(chain([f"i{i}" for i in range(MOST_INERTIAS + 1)]))
+
+
+@pytest.mark.parametrize(("name", "said"), [("case.toml", "rig: 7 inertias"), ("vehicle.toml", "model: 9 inertias")])
+def test_the_command_draws_models_and_cases(name, said, tmp_path, capsys):
+    assert main(["show", str(REFERENCE / name), "--out", str(tmp_path)]) == 0
+    assert said in capsys.readouterr().out
+    assert (tmp_path / "drivetrain.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in (tmp_path / "drivetrain.svg").read_bytes()
