@@ -16,6 +16,7 @@ from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
 from modelling.equations.sympy_to_casadi import to_casadi
 
+LARGEST_SQUARE = 1e290  # of values and uncertainties: sums of a million squares are numbers still
 CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
 
 
@@ -101,10 +102,10 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
     c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
     first = float(c @ covariance @ c)
     largest = np.sum(np.abs(c) * budget.standard_uncertainties) ** 2
-    if not np.isfinite(largest):
+    if not largest + np.float64(derivatives.value) ** 2 < LARGEST_SQUARE:
         raise InputError(
             f"{budget.where}: measurand {measurand.name}",
-            "its variance is too large for a number",
+            "its value or variance is too large for a number",
             "give values or uncertainties in a larger unit",
         )
     if first < CANCELLED * largest:
