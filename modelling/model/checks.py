@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from modelling.common.errors import InputError, listed, unknown
 from modelling.effects import EFFECTS, Kind
@@ -168,19 +168,28 @@ def _connected(system: Components, inertias: Collection[str]) -> None:
         for end in (part.left, part.right):
             joined[part.cage].add(end)
             joined[end].add(part.cage)
-    start = next(iter(inertias))
+    groups: list[set[str]] = []
+    for name in inertias:
+        if not any(name in group for group in groups):
+            groups.append(_reached(name, joined))
+    driven = {source.on for source in system.inputs}
+    apart = [name for group in groups[1:] if not group & driven for name in inertias if name in group]
+    if apart or (len(groups) > 1 and not groups[0] & driven):
+        raise InputError(
+            "inertias",
+            f"{listed(apart or list(groups[1]))} are not connected to {next(iter(inertias))!r}",
+            "add the missing shaft or gear; parts that stand apart each need an input that drives them",
+        )
+
+
+def _reached(start: str, joined: Mapping[str, set[str]]) -> set[str]:
+    """All that is connected to an inertia, itself included."""
     reached, todo = {start}, [start]
     while todo:
         new = joined[todo.pop()] - reached
         reached |= new
         todo.extend(new)
-    if len(reached) < len(inertias):
-        apart = [name for name in inertias if name not in reached]
-        raise InputError(
-            "inertias",
-            f"{listed(apart)} are not connected to {start!r}",
-            "add the missing shaft or gear",
-        )
+    return reached
 
 
 def _operating_point(system: Components, inertias: Collection[str]) -> None:
