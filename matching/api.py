@@ -95,7 +95,12 @@ def response(model: System | File, frequencies: np.ndarray) -> Response:
 
 
 def simulate(
-    model: System | File, recording: Recording | File, *, channels: File | None = None, start: Any = "recorded"
+    model: System | File,
+    recording: Recording | File,
+    *,
+    channels: File | None = None,
+    start: Any = "recorded",
+    tolerance: float | None = None,
 ) -> Simulation:
     """The model's response to the inputs of a recording.
 
@@ -106,11 +111,14 @@ def simulate(
     start : "recorded", "rest", "steady", states by name or all states
         ``"recorded"``: estimated from the first quarter second of the recorded sensors, at rest if there are none;
         others as :func:`modelling.simulation.simulate.simulate` has them.
+    tolerance : float, optional
+        Largest error of the integration, as a share of each reading's range; by default 1e-4.
     """
     from modelling.equations.compiled import compiled
     from modelling.simulation.recorded_start import recorded_start
     from modelling.simulation.simulate import simulate as run
     from modelling.simulation.simulate import with_stick_speed
+    from modelling.simulation.step_control import TOLERANCE
 
     built = compiled(_system(model))
     measured = _recording(recording, built.system, channels)
@@ -118,7 +126,7 @@ def simulate(
     inputs = measured.inputs(built.system)
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
-    return run(built, measured.time, inputs, start=start)
+    return run(built, measured.time, inputs, start=start, tolerance=TOLERANCE if tolerance is None else tolerance)
 
 
 def match(

@@ -5,8 +5,10 @@ from typing import Any
 
 HELP = """Simulates a model on the inputs of a recording, all its effects included. Writes simulated.csv (time and every
 sensor of the model, SI) and simulated.svg. Where the recording has sensors, the root mean square of the difference is
-given for each, in the sensor's SI unit and as a share of its range."""
+given for each, in the sensor's SI unit and as a share of its range. The steps of the integration are chosen so that no
+reading is wrong by more than --tolerance of its range."""
 
+SMALLEST_TOLERANCE = 1e-9  # below, rounding decides
 STARTS = ("recorded", "rest", "steady")
 EXAMPLES = (
     "rigmatch simulate model.toml recording.csv --out out/simulated",
@@ -27,6 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="start state: estimated from the first quarter second of the recorded sensors (default; at rest if there "
         "are none), at rest, or in steady motion under the first inputs",
     )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="SHARE",
+        help="largest error of the integration, as a share of each reading's range (default: 1e-4)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -35,6 +43,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.report.common.style import image
     from matching.report.simulation.view import simulation_figure
+    from modelling.common.errors import InputError
     from modelling.common.output import write_all
     from modelling.equations.compiled import compiled
     from modelling.measurement.channels import read_channels
@@ -45,6 +54,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.simulation.simulate import simulate, with_stick_speed
     from modelling.simulation.step_control import TOLERANCE
 
+    tolerance = TOLERANCE if arguments.tolerance is None else arguments.tolerance
+    if not SMALLEST_TOLERANCE <= tolerance < 1:
+        raise InputError(
+            "--tolerance", f"{tolerance:g} is not possible", f"give a share of the range, {SMALLEST_TOLERANCE:g} to 1"
+        )
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
     recording = read_recording(arguments.recording, system, channels)
@@ -54,11 +68,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     if start == "recorded":
         p = with_stick_speed(model, recording.time, inputs, model.p0)
         start = recorded_start(model, recording, p)
-    done = simulate(model, recording.time, inputs, start=start)
+    done = simulate(model, recording.time, inputs, start=start, tolerance=tolerance)
     inaccurate = [
         f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
         for name, error in done.integration_error.items()
-        if error > TOLERANCE
+        if error > tolerance
     ]
     misfit = {}
     for name in recording.sensors(system):
@@ -78,6 +92,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "duration": float(done.time[-1] - done.time[0]),
         "start": {"from": arguments.start, "states": dict(zip(done.state_names, done.states[0].tolist(), strict=True))},
         "steps_per_second": done.steps_per_second,
+        "tolerance": tolerance,
         "integration_error": done.integration_error,
         "misfit": misfit,
         "notes": [*recording.notes, *inaccurate],
