@@ -118,11 +118,13 @@ def simulate(
     from modelling.simulation.recorded_start import recorded_start
     from modelling.simulation.simulate import simulate as run
     from modelling.simulation.simulate import with_stick_speed
+    from modelling.simulation.speed_units import check_speed_units
     from modelling.simulation.step_control import TOLERANCE
 
     built = compiled(_system(model))
     measured = _recording(recording, built.system, channels)
     measured.check_continuous()
+    check_speed_units(built, measured)
     inputs = measured.inputs(built.system)
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))

@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.model.files import load
     from modelling.simulation.recorded_start import recorded_start
     from modelling.simulation.simulate import simulate, with_stick_speed
+    from modelling.simulation.speed_units import check_speed_units
     from modelling.simulation.step_control import TOLERANCE
 
     tolerance = TOLERANCE if arguments.tolerance is None else arguments.tolerance
@@ -64,6 +65,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     recording = read_recording(arguments.recording, system, channels)
     recording.check_continuous()
     model = compiled(system)
+    check_speed_units(model, recording)
     inputs, start = recording.inputs(system), arguments.start
     if start == "recorded":
         p = with_stick_speed(model, recording.time, inputs, model.p0)

@@ -41,6 +41,7 @@ from matching.diagnosis.verdict.named_causes import (
 from matching.diagnosis.verdict.result import Diagnosis, PlotData
 from modelling.measurement.recording import Recording
 from modelling.model.system import System
+from modelling.simulation.speed_units import check_speed_units
 
 EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up to which causes count as explaining all
 
@@ -66,8 +67,10 @@ def diagnose(
     Raises
     ------
     InputError
-        If the recordings lack what is needed.
+        If the recordings lack what is needed, or have speeds without a unit that fit in 1/min only.
     """
+    for recording in [*recordings, *([holdout] if holdout else [])]:
+        check_speed_units(system, recording)
     whole, train, judge, notes = _data(system, recordings, holdout)
     progress("base model")
     compile_models([system])

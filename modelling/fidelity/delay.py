@@ -12,11 +12,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
+from scipy.fft import next_fast_len
 from scipy.interpolate import PPoly, make_interp_spline
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, correlate, find_peaks, sosfiltfilt
 
 SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
 RIVAL = 4.0  # standard deviations of the residual's variance beyond which another lag is no rival any more
+SMOOTHED = 4  # frequencies on either side over which a periodogram is averaged: some 18 degrees of freedom
 FLOOR = 1e-4  # unexplained part of the variance below which two lags cannot be told apart in practice
 
 
@@ -198,13 +202,22 @@ def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: fl
     freedom = max(4.0, len(places) * cutoff)
     # The reference's own noise has slope too, and no information: the residual's slope bounds what to take off.
     spoilt = float(np.sum(np.gradient(residual) ** 2))
-    return _Fit(shift, _sandwich(jacobian, residual, spoilt, cutoff), unexplained, freedom, cutoff)
+    return _Fit(shift, _standard_uncertainty(jacobian, residual, spoilt, cutoff), unexplained, freedom, cutoff)
 
 
-def _sandwich(jacobian: np.ndarray, residual: np.ndarray, spoilt: float, cutoff: float) -> float:
-    """Standard uncertainty of the first parameter with autocorrelated residuals (Newey and West).
+def _standard_uncertainty(jacobian: np.ndarray, residual: np.ndarray, spoilt: float, cutoff: float) -> float:
+    """Standard uncertainty of the first parameter of a fit with coloured residuals.
 
-    ``spoilt`` is taken off the first parameter's curvature; where it eats all of it, nothing is known.
+    The larger of two estimates: one for noise that is stationary, of any colour, and one for residuals that are larger
+    where the signal moves, as those of a model that does not fit (Newey and West 1987).
+
+    Parameters
+    ----------
+    jacobian, residual : ndarray (t, p), (t,)
+    spoilt : float
+        Taken off the first parameter's curvature; where it eats all of it, nothing is known.
+    cutoff : float
+        Of the low-pass, over half the sampling frequency.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
@@ -214,14 +227,41 @@ def _sandwich(jacobian: np.ndarray, residual: np.ndarray, spoilt: float, cutoff:
     if np.linalg.eigvalsh(curvature).min() < 1e-12:
         return math.inf
     bread = np.linalg.inv(curvature)
-    scores = (weighted @ bread[:, 0]) * residual
-    width = min(math.ceil(4 / cutoff), len(residual) // 4)
+    influence = weighted @ bread[:, 0]
+    # What the taper drops can make the sum too small or negative; white noise in the band is the least there is.
+    least = float(np.mean(residual**2)) * bread[0, 0] / cutoff
+    variance = max(_newey_west(influence * residual, cutoff), least, _stationary(influence, residual))
+    return math.sqrt(variance) / float(scale[0])
+
+
+def _newey_west(scores: np.ndarray, cutoff: float) -> float:
+    """Variance of the sum of scores (t,) that are correlated over a few periods of the cut-off frequency."""
+    width = min(math.ceil(4 / cutoff), len(scores) // 4)
     total = float(scores @ scores)
     for lag in range(1, width + 1):
         total += 2 * (1 - lag / (width + 1)) * float(scores[lag:] @ scores[:-lag])
-    # What the taper drops can make the sum too small or negative; white noise in the band is the least there is.
-    least = float(np.mean(residual**2)) * bread[0, 0] / cutoff
-    return math.sqrt(max(total, least, 0.0)) / float(scale[0])
+    return total
+
+
+def _stationary(influence: np.ndarray, residual: np.ndarray) -> float:
+    """Variance of influence @ noise, both (t,), for stationary noise with the residual's smoothed periodogram.
+
+    What so few frequencies leave uncertain of it widens it as Student's t is wider than the normal distribution at
+    95 %.
+    """
+    count = len(residual)
+    length = next_fast_len(2 * count, real=True)  # twice the length: no wrap-around
+    power = np.abs(np.fft.rfft(influence, length)) ** 2
+    periodogram = np.abs(np.fft.rfft(residual, length)) ** 2 / (count - 3)
+    width = 2 * SMOOTHED * length // count // 2 + 1  # bins of a periodogram of the double length lie closer
+    smooth = uniform_filter1d(power, width, mode="reflect")
+    parts = smooth * periodogram
+    total = float(parts.sum())
+    if total <= 0:
+        return 0.0
+    neighbours = length / count  # bins that tell the same
+    freedom = max(4 * total**2 / float(np.sum(parts**2)) / neighbours, 2.0)
+    return 2 * total / length * float((stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)) ** 2)
 
 
 def step_delay(time: np.ndarray, reference: np.ndarray, test: np.ndarray) -> Delay:
