@@ -7,8 +7,10 @@ import pytest
 from match import independent
 
 from matching.frequency.case.load import load_case
+from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
+from matching.frequency.search.adapters import feedback_error
 from matching.frequency.search.match import match
 
 
@@ -75,6 +77,25 @@ def test_weight_is_the_energy_share_of_the_target_modes(reference):
     own = next(one for one in reference.parameters if one.name == "residual_vehicle.inertias.body_left.J")
     assert own.share == pytest.approx(body, abs=0.01)
     assert own.weight < 1.1
+
+
+def test_adapters_with_what_they_gain_and_how_exactly_they_have_to_be_met(reference):
+    assert [own.name for own in reference.adapters] == [
+        own.name for own in reference.parameters if own.name.startswith("rig.") and own.share >= 0.01
+    ]
+    nodes = reference.verification.errors.nodes
+    for own in reference.adapters:
+        assert own.error_as_ordered == pytest.approx(reference.response_error.unmeasured, rel=1e-6)
+        low, high = own.acceptable
+        assert low <= own.ordered <= high
+        for value in {low, high} - {own.ordered}:
+            together = next(move.together for move in reference.case.moves if move.name == own.name)
+            there = apply(reference.tuned, dict.fromkeys(together, value))
+            assert feedback_error(there, nodes) <= 1.0201 * own.error_as_ordered
+        ordered = own.ordered != own.planned
+        if ordered and own.error_as_planned is not None:  # else nothing would be ordered
+            assert own.error_as_ordered < own.error_as_planned / 1.02
+        assert own.to_dict()["acceptable"] == [low, high]
 
 
 def test_poles_and_margin_by_other_means(reference):

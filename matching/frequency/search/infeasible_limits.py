@@ -94,10 +94,10 @@ def shorter_dead_times(task: Task, solution: Solution, targets: Sequence[tuple[M
 
 def _shows(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:
     case = replace(task.case, loop=task.case.loop.with_values({"dead_time": dead_time}))
-    values = warm(replace(task, case=case), solution)
-    if values is None:
+    solved = warm(replace(task, case=case), solution)
+    if solved is None:
         return False
-    parts = parts_of(apply(case, values))
+    parts = parts_of(apply(case, solved.values))
     winding = encirclements(parts)
     if winding.unstable or not winding.clear or winding.modulus_margin < case.limits["modulus_margin"]:
         return False

@@ -13,6 +13,7 @@ from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
+from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import errors_with_bounds
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
@@ -74,13 +75,14 @@ def match(
     question = question_of(case)
     tell("vehicle, rig and manoeuvre")
     found = solve_and_verify(question, Effort(seed, starts, workers, tell, near))
+    found, adapters = (found, ()) if near else settle_adapters(question, found)
     targets = target_results(question, found.checked)
     relaxed = Relaxations() if near else relaxations(question, found, targets)
     stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(case)]
     errors = errors_with_bounds(found.tuned, found.checked.errors)
     tell("bound and curves")
     result = _result(question, found, targets, stands, errors)
-    return replace(result, seconds=time.perf_counter() - begin)
+    return replace(result, adapters=adapters, seconds=time.perf_counter() - begin)
 
 
 def _result(

@@ -67,14 +67,14 @@ def _larger_limits(question: Question, found: VerifiedSolution) -> dict[str, flo
         return {}
     case = replace(question.case, limits={**question.case.limits, **least})
     demands = replace(question.demands, limits={**question.demands.limits, **least})
-    values = warm(task_of(replace(question, case=case, demands=demands), found.task.moves), found.solution)
-    return least if values is not None and _meets_all(question, apply(case, values)) else {}
+    solved = warm(task_of(replace(question, case=case, demands=demands), found.task.moves), found.solution)
+    return least if solved is not None and _meets_all(question, apply(case, solved.values)) else {}
 
 
 def _with_dead_time(question: Question, found: VerifiedSolution, dead_time: float) -> bool:
     case = replace(question.case, loop=question.case.loop.with_values({"dead_time": dead_time}))
-    values = warm(replace(found.task, case=case), found.solution)
-    return values is not None and _meets_all(question, apply(case, values))
+    solved = warm(replace(found.task, case=case), found.solution)
+    return solved is not None and _meets_all(question, apply(case, solved.values))
 
 
 def _with_feed_forward(question: Question, found: VerifiedSolution) -> str:

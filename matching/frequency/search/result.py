@@ -107,6 +107,36 @@ class ResponseError:
 
 
 @dataclass(frozen=True)
+class AdapterTrade:
+    """One adapter quantity, SI; errors are of the feedback, which alone depends on adapters beyond their model.
+
+    Attributes
+    ----------
+    ordered : float
+    acceptable : tuple of float
+        Between these, the rest as tuned, response error and modulus margin are as good within 2 %.
+    error_as_planned : float or None
+        Of the bed with every adapter as planned, tuned for it; None where no loop was found that keeps its limits.
+    error_as_ordered : float
+    curve : tuple of (float, float)
+        Values tried and the response error there, the rest as tuned.
+    """
+
+    name: str
+    unit: str
+    planned: float
+    ordered: float
+    acceptable: tuple[float, float]
+    error_as_planned: float | None
+    error_as_ordered: float
+    curve: tuple[tuple[float, float], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {**vars(self), "acceptable": list(self.acceptable), "curve": [list(point) for point in self.curve]}
+
+
+@dataclass(frozen=True)
 class Curves:
     """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
 
@@ -138,6 +168,8 @@ class MatchResult(Displayed):
     objective : float
         Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable); ``pairs`` as
         :class:`matching.frequency.solver.solve.Solution` has them.
+    adapters : tuple of AdapterTrade
+        What each adapter that may change gains, and how exactly it has to be what was ordered.
     """
 
     status: str
@@ -156,6 +188,7 @@ class MatchResult(Displayed):
     objective: float = float("nan")
     starts: tuple[float | None, ...] = ()
     pairs: tuple[float, ...] = ()
+    adapters: tuple[AdapterTrade, ...] = ()
     seconds: float = 0.0
 
     @cached_property
@@ -187,6 +220,7 @@ class MatchResult(Displayed):
             "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
             "verification": checks.to_dict(),
+            "adapters": [adapter.to_dict() for adapter in self.adapters],
             "objective": self.objective,
             "starts": list(self.starts),
             "seconds": self.seconds,

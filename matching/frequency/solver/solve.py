@@ -139,9 +139,10 @@ def _from(task: Task, near: Near) -> Solution:
     return found
 
 
-def warm(task: Task, near: Solution) -> dict[str, float] | None:
+def warm(task: Task, near: Solution) -> Solution | None:
     """Solve a programme from the solution of a neighbouring one and from gentler loops; None if all are unstable."""
     problem = task.build()
-    begin = start_at(problem, near.values)
-    good = list(stable_ends(problem, [start_at(problem, near.values, near.pairs), begin, *gentler(problem, begin)]))
-    return finish(task, min(good, key=lambda end: end.objective), ()).values if good else None
+    known = {move.name: near.values.get(move.name, move.start) for move in task.moves}
+    begin = start_at(problem, known)
+    good = list(stable_ends(problem, [start_at(problem, known, near.pairs), begin, *gentler(problem, begin)]))
+    return finish(task, min(good, key=lambda end: end.objective), ()) if good else None

@@ -69,6 +69,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "explanations": [*_explanations(result), DEAD_TIME],
         "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in _adapters(result)],
+        "trades": {trade.name: trade for trade in result.adapters},
         "to_order": _to_order(result),
         "to_watch": _to_watch(result),
         "needs": needs(result),
@@ -101,6 +102,12 @@ def _to_order(result: MatchResult) -> list[str]:
         + (" (at its bound)" if row.at_bound else "")
         for row in changed[:MOST_POINTS]
     ]
+    gain = next((trade for trade in result.adapters if trade.error_as_planned is not None), None)
+    if changed and gain is not None and gain.error_as_planned is not None:
+        orders.append(
+            f"for unmeasured torques the response error is then {number(gain.error_as_ordered, 2)} instead of "
+            f"{number(gain.error_as_planned, 2)} with the bed as planned"
+        )
     if adapters and not changed:
         orders = ["adapters as planned: no change of them helps"]
     return orders or ["adapters as planned: none was allowed to change"]

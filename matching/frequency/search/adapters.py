@@ -1,0 +1,106 @@
+"""What to order: what adapters gain over the bed as planned, and how exactly they have to be what was ordered.
+
+The bed as planned, loop and residual vehicle tuned for it, is solved like any other. Where it is as good, nothing is
+ordered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from matching.frequency.case.case import Case, Move
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.scaling import scaled, unscaled
+from matching.frequency.response.band import BandNodes
+from matching.frequency.response.response_error import log_squares, pooled
+from matching.frequency.response.responses import ComparedBed
+from matching.frequency.search.question import Question
+from matching.frequency.search.result import AdapterTrade
+from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
+from matching.frequency.search.targets_met import target_results
+from matching.frequency.solver.solve import warm
+from matching.frequency.verification.verify import verify
+
+AS_GOOD = 0.02  # relative, in the response error and in the modulus margin
+HALVINGS = 4  # of the way to a bound, in looking for the end of what is as good: to a sixteenth of it
+ADAPTERS = "rig."  # the names they begin with
+
+
+def settle_adapters(question: Question, found: VerifiedSolution) -> tuple[VerifiedSolution, tuple[AdapterTrade, ...]]:
+    """The match with nothing ordered that gains nothing, and the trade of every adapter that was allowed to move."""
+    moves = [move for move in found.task.moves if move.name.startswith(ADAPTERS)]
+    if not moves or found.beyond or not found.solution.feasible or not found.checked.stable:
+        return found, ()
+    nodes = found.checked.errors.nodes
+    planned, error_planned = _as_planned(question, found, nodes), None
+    error = found.checked.errors.unmeasured
+    if planned is not None:
+        error_planned = feedback_error(planned.tuned, nodes)
+        if error_planned <= (1 + AS_GOOD) * error:
+            checked = verify(planned.tuned, question.case.rig)
+            met = all(target.met for target in target_results(question, checked))
+            if met and checked.stable and not checked.violations:
+                found, error = replace(planned, checked=checked), checked.errors.unmeasured
+    return found, tuple(_trade(question.case, found, move, error_planned, error) for move in moves)
+
+
+def feedback_error(tuned: Case, nodes: BandNodes) -> float:
+    """Response error of the feedback alone, over the band."""
+    bed = ComparedBed(tuned).at(nodes.frequencies)
+    return pooled(nodes.root_mean(log_squares(bed.unmeasured, bed.vehicle)))
+
+
+def _as_planned(question: Question, found: VerifiedSolution, nodes: BandNodes) -> VerifiedSolution | None:
+    """The match with every adapter as planned; None where no loop keeps its limits."""
+    moves = [move for move in found.task.moves if not move.name.startswith(ADAPTERS)]
+    if not moves:
+        return None
+    task = task_of(question, moves)
+    solution = warm(task, found.solution)
+    if solution is None or not solution.holds:
+        return None
+    solution = replace(solution, starts=found.solution.starts)
+    return VerifiedSolution(task, solution, [], {}, apply(question.case, solution.values), found.checked)
+
+
+def _trade(
+    case: Case, found: VerifiedSolution, move: Move, error_planned: float | None, error: float
+) -> AdapterTrade:  # fmt: skip
+    nodes, tried = found.checked.errors.nodes, dict[float, float]()
+    ordered = found.solution.values.get(move.name, move.start)
+
+    def as_good(part: float) -> bool:
+        value = float(unscaled(part, move))
+        tuned = apply(found.tuned, dict.fromkeys(move.together, value))
+        winding = encirclements(parts_of(tuned))
+        if winding.unstable or not winding.clear:
+            return False
+        tried[value] = feedback_error(tuned, nodes)
+        kept = winding.modulus_margin >= (1 - AS_GOOD) * case.limits["modulus_margin"]
+        return kept and tried[value] <= (1 + AS_GOOD) * error
+
+    ends = [float(unscaled(part, move)) for part in as_good_between(as_good, scaled(ordered, move))]
+    tried[ordered] = error
+    return AdapterTrade(
+        move.name, move.unit, move.start, ordered, (ends[0], ends[1]), error_planned, error,
+        tuple(sorted(tried.items())),
+    )  # fmt: skip
+
+
+def as_good_between(as_good: Callable[[float], bool], at: float) -> tuple[float, float]:
+    """Ends of the range about ``at``, in parts 0 … 1, within which values are as good; each end is one that is."""
+    ends = []
+    for bound in (0.0, 1.0):
+        good, bad = at, bound
+        if at != bound and as_good(bound):
+            good = bound
+        for _ in range(HALVINGS if good != bound else 0):
+            middle = (good + bad) / 2
+            good, bad = (middle, bad) if as_good(middle) else (good, middle)
+        ends.append(float(np.clip(good, 0, 1)))
+    return ends[0], ends[1]
