@@ -10,6 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
+from matching.frequency.case.shared_components import differing_components
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
@@ -20,7 +21,6 @@ from matching.frequency.search.linearisation import check_sliding, opened_lashes
 from matching.frequency.search.question import Effort, Progress, Question, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.search.shared_components import differing_components
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, Task
