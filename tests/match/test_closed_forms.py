@@ -11,12 +11,11 @@ from match import drawn
 
 from matching.frequency.case.demands import Chain, Demands
 from matching.frequency.case.load import load_case
-from matching.frequency.case.shared_components import differing_components
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.feedback_loop import sensor_sign
 from matching.frequency.search.infeasible_limits import DeadTimeTrial
 from matching.frequency.search.limits import _delay
-from matching.frequency.search.question import question_of
+from matching.frequency.search.question import differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.targets_met import SIMULATED_FREQUENCY_TOLERANCE, reached
 from modelling.bed.residual_vehicle import cut

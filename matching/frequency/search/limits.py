@@ -9,9 +9,8 @@ from scipy.optimize import brentq
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from matching.frequency.case.shared_components import differing_components
 from matching.frequency.search.infeasible_limits import Unkept
-from matching.frequency.search.question import Question
+from matching.frequency.search.question import Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution

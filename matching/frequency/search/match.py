@@ -10,7 +10,6 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from matching.frequency.case.shared_components import differing_components
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
@@ -18,7 +17,7 @@ from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import errors_with_bounds
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
-from matching.frequency.search.question import Effort, Progress, Question, question_of
+from matching.frequency.search.question import Effort, Progress, Question, differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
