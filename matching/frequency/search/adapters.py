@@ -45,7 +45,7 @@ def settle_adapters(question: Question, found: VerifiedSolution) -> tuple[Verifi
             checked = verify(planned.tuned, question.case.rig)
             met = all(target.met for target in target_results(question, checked))
             if met and checked.stable and not checked.violations:
-                found, error = replace(planned, checked=checked), checked.errors.unmeasured
+                found, error = replace(planned, task=found.task, checked=checked), checked.errors.unmeasured
     return found, tuple(_trade(question.case, found, move, error_planned, error) for move in moves)
 
 
@@ -65,7 +65,8 @@ def _as_planned(question: Question, found: VerifiedSolution, nodes: BandNodes) -
     if solution is None or not solution.holds:
         return None
     solution = replace(solution, starts=found.solution.starts)
-    return VerifiedSolution(task, solution, [], {}, apply(question.case, solution.values), found.checked)
+    released = {name: limit for name, limit in found.released.items() if not name.startswith(ADAPTERS)}
+    return VerifiedSolution(task, solution, [], released, apply(question.case, solution.values), found.checked)
 
 
 def _trade(
