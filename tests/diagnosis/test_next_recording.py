@@ -59,9 +59,7 @@ def test_the_manoeuvre_with_the_largest_difference_is_proposed(one, other, best)
     found = propose_manoeuvre(hypothesis(*one), hypothesis(*other))
     assert found is not None
     largest = max(expected, key=lambda key: expected[key])
-    assert (
-        (found.waveform, found.amplitude / LARGEST) == pytest.approx(largest) if False else largest[0] == found.waveform
-    )
+    assert largest == (found.waveform, found.amplitude / LARGEST)
     assert found.waveform == best
     assert found.amplitude == pytest.approx(2 * LARGEST)
     assert found.separation == pytest.approx(expected[largest], rel=1e-3)

@@ -41,6 +41,15 @@ def test_a_spring_that_a_reading_fixes_has_no_equivalent() -> None:
     assert [one.values[NAME] for one in fits] == [100.0]
 
 
+def test_a_parameter_that_no_other_compensates_is_not_profiled() -> None:
+    """Uncertain by itself: the width that the Jacobian gives is the whole of it."""
+    problem = KnownProblem(
+        {"base": (1.0, 1e5), NAME: (1.0, 1e5)}, lambda v: np.array([v[0] - 100.0, (v[1] - 100.0) / 1000.0])
+    )
+    fits = equivalent_fits(fit_at(problem, np.array([100.0, 100.0]), np.diag([1.0, 1e-3])), (CAUSE,))
+    assert [one.values[NAME] for one in fits] == [100.0]
+
+
 def test_equivalent_up_to_three_standard_uncertainties() -> None:
     """A reading of weight w makes χ² rise by (w·Δ)²: the profile at 150 is in for w·50 < 3, out beyond."""
     for known, values in ((0.055, [100.0, 150.0]), (0.065, [100.0])):

@@ -17,7 +17,7 @@ from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.studies.distribution import quantile_intervals, spread
 from matching.frequency.studies.draws import Prepared, draw
 from matching.frequency.studies.map import Axis
-from matching.frequency.studies.tolerance import tolerance, tuned, varied_of
+from matching.frequency.studies.tolerance import tolerance, tuned, varied_of, yields
 from modelling.common.errors import InputError
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
@@ -148,6 +148,20 @@ def test_intervals_of_quantiles_cover_the_true_ones():
     assert few[0.01][0] is None  # so few draws say nothing about how low a hundredth of all beds lies
     assert few[0.99][1] is None
     assert few[0.5] == (17.0, 32.0)  # ranks 18 and 33 of 50
+
+
+def test_yields_of_draws_counted_by_hand():
+    """Frequencies within 1 % of 5 Hz, damping ratios within 0.02 of 0.5, a margin from 0.5 on of a stable loop."""
+    values = {
+        "stable": np.array([1.0, 1.0, 1.0, 0.0]),
+        "modulus_margin": np.array([0.5, 0.6, 0.49, 0.7]),
+        "target 1 frequency": np.array([5.04, 5.06, 4.96, 5.0]),  # 1.2 % off: the second
+        "target 1 damping ratio": np.array([0.515, 0.5, 0.49, 0.475]),  # 0.025 off: the last; 3 % off is within
+    }
+    nominal = {"modulus_margin": 0.55, "target 1 frequency": 5.0, "target 1 damping ratio": 0.5}
+    assert yields(values, nominal, 0.5) == {
+        "stable": 0.75, "modulus_margin": 0.5, "target 1 frequency": 0.75, "target 1 damping ratio": 0.75, "all": 0.25,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

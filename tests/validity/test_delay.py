@@ -132,6 +132,8 @@ def test_step_responses():
     assert step_delay(time, rise(0.8), 0 * time).value is None
     exact = step_delay(time, np.where(time >= 0.5, 1.0, 0.0), np.where(time >= 0.5135, 1.0, 0.0))
     assert exact.value == pytest.approx(0.0135, abs=1.1 * STEP)
+    raised = step_delay(time, 5 + np.where(time >= 0.5, 1.0, 0.0), np.where(time >= 0.5135, 1.0, 0.0) - 7)
+    assert raised.value == pytest.approx(exact.value, rel=1e-9)
 
 
 def test_a_slow_noisy_rise_reaches_the_bound_and_knows_its_uncertainty():

@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from matching.validity.fidelity.attribution import attribute
+from matching.validity.fidelity.result import xil_fidelity
 from matching.validity.fidelity.spectrum import bands
 from modelling.fidelity.assess import fidelity_of_signals
+from modelling.fidelity.delay import Delay
 from modelling.fidelity.distribution import fidelity_distribution, probability_better
-from modelling.fidelity.fidelity import SignalPair
+from modelling.fidelity.fidelity import Fidelity, FidelityMethod, SignalFidelity, SignalPair
 from modelling.fidelity.measures import delay_fidelity
 from modelling.fidelity.objective import SmoothFidelity
 
@@ -220,3 +222,39 @@ def test_smooth_objective_in_casadi_and_its_gradient():
     assert found[0] == pytest.approx(value(at), rel=1e-12)
     numeric = [(value(at + h) - value(at - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
     assert gradient == pytest.approx(numeric, rel=1e-5)
+
+
+def stated(nrmse_uncertainty=0.0, delay_uncertainty=None, step=None, form="definition", pair=None):
+    """R_NRMSE 0.9 and no delay, as a paper states them, or with signals (t,) of range 2 that are 0.2 apart."""
+    delay = Delay(0.0, delay_uncertainty)
+    dynamic = SignalFidelity("torque", 0.9, delay, 1.0, nrmse_uncertainty, pair, 0.04, 2.0)
+    total = float(np.sqrt((0.81 + 1) / 2))
+    domains, weights = {"system_dynamics": total}, {"system_dynamics": 1.0}
+    return Fidelity(
+        total, domains, weights, {"system_dynamics": (dynamic,)}, (), FidelityMethod(30.0, nrmse_form=form), step
+    )
+
+
+@pytest.mark.parametrize("step", [None, STEP])
+def test_a_stated_value_scatters_by_its_own_uncertainty_beside_recorded_signals_too(step):
+    drawn = fidelity_distribution(stated(0.02, step=step)).domains["system_dynamics"]
+    nrmse = np.sqrt(2 * drawn**2 - 1)
+    assert np.mean(nrmse) == pytest.approx(0.9, abs=5e-4)
+    assert np.std(nrmse) == pytest.approx(0.02, rel=0.02)
+
+
+@pytest.mark.parametrize(("form", "nrmse"), [("definition", 1 - 0.2 / 2), ("literal", 1 - np.sqrt(0.04 / 2))])
+def test_without_noise_and_uncertainty_every_draw_is_the_value_itself(form, nrmse):
+    reference = np.linspace(-1.0, 1.0, 50)
+    pair = SignalPair(reference, reference + 0.2, noise=(0.0, 0.0))
+    drawn = fidelity_distribution(stated(step=STEP, form=form, pair=pair), draws=10).domains["system_dynamics"]
+    np.testing.assert_allclose(drawn, np.sqrt((nrmse**2 + 1) / 2), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("fidelity", "said"),
+    [(stated(), True), (stated(0.02), False), (stated(0.0, 1e-3), False), (stated(step=STEP), False)],
+)
+def test_only_values_without_any_uncertainty_are_said_to_have_none(fidelity, said):
+    notes = xil_fidelity("paper", fidelity, draws=10).notes
+    assert any("stated without uncertainty" in note for note in notes) == said

@@ -16,6 +16,7 @@ from matching.validity.uncertainty.inverse import required
 from matching.validity.uncertainty.montecarlo import monte_carlo
 from matching.validity.uncertainty.propagate import coverage_factor, propagate
 from matching.validity.uncertainty.rounding import numerical_tolerance, written
+from modelling.common.errors import InputError
 
 
 def single(formula, correlations=(), **inputs):
@@ -340,3 +341,24 @@ def test_derivatives_against_differences_of_the_formula():
     third = slope(1, 0) * (slope(3, 0) + slope(1, 2)) + slope(0, 1) * (slope(2, 1) + slope(0, 3))
     assert found.sensitivities == pytest.approx([slope(1, 0), slope(0, 1)], rel=1e-9)
     assert found.second_order**2 == pytest.approx(first + 0.5 * u**2 * np.trace(H @ H) + u**2 * third, rel=1e-8)
+
+
+def test_an_input_without_uncertainty_is_exact_in_the_budget():
+    budget, _ = single("x*y", x={"value": 2.0, "uncertainty": 0.1}, y={"value": 3.0, "uncertainty": 0.0})
+    rows = {row.name: row for row in evaluate(budget, draws=1000).measurands[0].rows}
+    assert {name: row.distribution for name, row in rows.items()} == {"x": "normal", "y": "exact"}
+
+
+@pytest.mark.parametrize(("r", "possible"), [(-0.48, True), (-0.5, False)])
+def test_correlations_that_no_copula_of_these_shapes_has_are_refused(r, possible):
+    """Three rectangular inputs with r each: the normals behind have 2·sin(π·r/6), of which three cannot be < −1/2."""
+    assert (2 * math.sin(math.pi * r / 6) >= -0.5) == possible
+    inputs = {name: {"value": 1.0, "half_width": 0.1} for name in "xyz"}
+    pairs = [{"between": list(pair), "r": r} for pair in ("xy", "yz", "xz")]
+    budget, _ = single("x+y+z", pairs, **inputs)
+    if possible:
+        drawn = sampler(budget)(np.random.default_rng(0), 20_000)
+        assert np.corrcoef(drawn)[0, 1] == pytest.approx(r, abs=0.03)
+    else:
+        with pytest.raises(InputError, match="cannot have these correlations together"):
+            sampler(budget)

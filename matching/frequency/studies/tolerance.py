@@ -32,7 +32,8 @@ from modelling.common.version import VERSION
 
 CHUNK = 1000  # draws
 RESPONSES = 400  # draws whose response errors are worked out
-SAME = (0.01, 0.02)  # of a target: relative in frequency, absolute in damping ratio
+TARGET_FREQUENCY_TOLERANCE = 0.01  # relative, about the nominal value; as a target's own default
+TARGET_DAMPING_TOLERANCE = 0.02  # of the damping ratio, absolute
 
 
 @dataclass(frozen=True)
@@ -164,12 +165,28 @@ def tolerance(
         drawn = x[first] if len(values[name]) < len(x) else x
         spreads.append(spread(name, unit, nominal[name], values[name], names, drawn))
     asked = case.limits["modulus_margin"]
+    shares = yields(values, nominal, asked)
+    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked)
+
+
+def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked: float) -> dict[str, float]:
+    """Shares of draws that keep each demand, and all of them; see :class:`Tolerance`.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray (b,)
+        ``stable`` (1 or 0), ``modulus_margin``, and by target ``target … frequency`` in Hz and its damping ratio.
+    nominal : mapping of str to float
+        The same without tolerances.
+    asked : float
+        Modulus margin.
+    """
     kept = {"stable": values["stable"] > 0.5}
     kept["modulus_margin"] = kept["stable"] & (values["modulus_margin"] >= asked)
     for name in nominal:
-        if name.startswith("target"):
-            own = values[name] / nominal[name] - 1 if name.endswith("frequency") else values[name] - nominal[name]
-            kept[name] = np.abs(own) <= SAME[0 if name.endswith("frequency") else 1]
+        if name.startswith("target") and name.endswith("frequency"):
+            kept[name] = np.abs(values[name] / nominal[name] - 1) <= TARGET_FREQUENCY_TOLERANCE
+        elif name.startswith("target"):
+            kept[name] = np.abs(values[name] - nominal[name]) <= TARGET_DAMPING_TOLERANCE
     kept["all"] = np.logical_and.reduce(list(kept.values()))
-    shares = {name: float(own.mean()) for name, own in kept.items()}
-    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked)
+    return {name: float(one.mean()) for name, one in kept.items()}
