@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long fuzz mutants bench campaign lock clean figures
+.PHONY: help run test test-long fuzz mutants faults bench campaign lock clean figures
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -47,6 +47,9 @@ fuzz: .venv/test.stamp  ## set up, then try 100 000 changed inputs of every kind
 
 mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
 	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)
+
+faults: .venv/test.stamp  ## set up, then end commands at random moments and take from them what they need (an hour; FAULTS="--moments 5 --quick": minutes)
+	$(BIN)/python -m tests.faults $(FAULTS)
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks

@@ -82,7 +82,8 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         raise InputError(
             "--scheduler", "Dask is not installed", "in rigmatch's folder: pip install -e '.[dask]'"
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a scheduler that goes is said in one line of ours
+    for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # a scheduler that goes is one line, of ours
     try:
         client = Client(scheduler, timeout=SCHEDULER_SECONDS)
     except (OSError, ValueError, TypeError) as fault:

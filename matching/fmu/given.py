@@ -13,6 +13,7 @@ from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.common.errors import InputError, unknown
+from modelling.common.staging import unfinished
 from modelling.common.tables import read_toml
 from modelling.fmu.block import Block, block
 from modelling.model.components import Sensor
@@ -89,6 +90,9 @@ def tuned_case(path: str | Path) -> TunedCase:
         case = load_case(path)
         note = "a case, not a match: everything stands at its start value"
         return TunedCase(case, {move.name: move.start for move in case.moves}, (note,))
+    if unfinished(path.parent):
+        wrong = "a run was killed while it moved its results there: some are older than others"
+        raise InputError(str(path.parent), wrong, "run the match again")
     result = _json(path)
     case_file = path.with_name("case.toml")
     if not case_file.exists():

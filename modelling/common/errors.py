@@ -10,6 +10,7 @@ _MACHINE = {
     errno.ENOSPC: _NO_SPACE,
     errno.EDQUOT: _NO_SPACE,
     errno.EROFS: ("the disk is read-only", "write to another one"),
+    errno.EFBIG: ("the file is larger than this machine allows", "raise the limit (ulimit -f)"),
     errno.EIO: ("the disk fails (input/output error)", "check it, or write to another one"),
     errno.EMFILE: _TOO_MANY_FILES,
     errno.ENFILE: _TOO_MANY_FILES,

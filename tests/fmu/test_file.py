@@ -112,6 +112,13 @@ def result_folder(reference_case, folder, status, **tuned):
     return folder
 
 
+def test_results_of_two_runs_mixed_by_a_kill_are_refused(reference_case, tmp_path, capsys):
+    given = result_folder(reference_case, tmp_path, "matched", **{"inertias.body_left.J": 77.0})
+    (given / "unfinished-abc").mkdir()
+    assert main(["export", str(given), "--fmu", str(tmp_path / "a.fmu")]) == 2
+    assert "some are older than others; run the match again" in capsys.readouterr().err
+
+
 def test_result_of_a_match(reference_case, tmp_path, capsys):
     given = result_folder(reference_case, tmp_path, "limited", **{"inertias.body_left.J": 77.0})
     for name in (given, given / "result.json"):
