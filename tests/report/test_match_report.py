@@ -77,6 +77,12 @@ def test_page_says_what_to_order_enter_and_know(html, hand_made):
     assert "nan" not in re.sub(r"data:image[^\"]*", "", html).lower().replace("dominan", "")
 
 
+def test_files_do_not_depend_on_how_long_the_search_took(html, drawn, hand_made):
+    later = replace(hand_made, seconds=hand_made.seconds + 7.0)
+    assert content(later) | {"made_by": None} == content(hand_made) | {"made_by": None}
+    assert page(later, drawn) == html
+
+
 def test_text_is_short(hand_made):
     result = content(hand_made)
     lines = summary(result).splitlines()

@@ -223,5 +223,4 @@ class MatchResult(Displayed):
             "adapters": [adapter.to_dict() for adapter in self.adapters],
             "objective": self.objective,
             "starts": list(self.starts),
-            "seconds": self.seconds,
         }

@@ -207,13 +207,10 @@ def _manoeuvre(name: str, torque: Any) -> str:
 def _search(result: MatchResult) -> str:
     stable = [value for value in result.starts if value is not None]
     if not stable:
-        return f"The search took {number(result.seconds, 2)} s."
+        return f"None of {len(result.starts)} starts ended in a stable loop."
     best = min(stable)
     agreeing = sum(value <= best * (1 + NEAR_BEST) + 1e-12 for value in stable)
-    return (
-        f"The search took {number(result.seconds, 2)} s and {len(result.starts)} starts, of which {len(stable)} ended "
-        f"in a stable loop and {agreeing} within 1 % of the best."
-    )
+    return f"Of {len(result.starts)} starts {len(stable)} ended in a stable loop and {agreeing} within 1 % of the best."
 
 
 def _equations(result: MatchResult) -> dict[str, Any]:
