@@ -13,9 +13,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
+from matching import dry_run
 from matching.commands import available
 from modelling.common.errors import InputError, of_the_machine
 from modelling.common.interruption import Interrupted
+from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
 
 ANSWERED, FAULT, BAD_INPUT = 0, 1, 2
@@ -58,7 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help, --version and wrong arguments
         return int(end.code or 0)
     except InputError as error:
-        return _say(str(error), BAD_INPUT)
+        number = line_of(error.where)
+        return _say(f"{error} (line {number})" if number else str(error), BAD_INPUT)
     except KeyboardInterrupt as interrupt:
         stop = interrupt if isinstance(interrupt, Interrupted) else Interrupted()
         return _say(str(stop), stop.exit_code)
@@ -100,7 +103,19 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
             command.description = modules[name].HELP
             command.epilog = "examples:\n" + "".join(f"  {example}\n" for example in modules[name].EXAMPLES)
             modules[name].add_arguments(command)
+            if name not in dry_run.WITHOUT:
+                _add_check(command, words)
     return parser, modules
+
+
+def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """The dry run, which needs no place to write to."""
+    command.add_argument(
+        "--check", action="store_true", help="only read and check the input files; nothing is calculated or written"
+    )
+    if "--check" in words:
+        for action in command._actions:
+            action.required = action.required and action.dest != "out"
 
 
 def _run(words: Sequence[str]) -> None:
@@ -108,6 +123,8 @@ def _run(words: Sequence[str]) -> None:
     _offer_completion(parser)
     arguments = parser.parse_args(words)
     command = modules[arguments.command]
+    if getattr(arguments, "check", False):
+        command, arguments.out = dry_run, None
     with _reserved(arguments):
         text = _answer(command, arguments)
     if text:
@@ -130,7 +147,7 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
 
 def _reserved(arguments: argparse.Namespace) -> AbstractContextManager[None]:
     """The folder that a command writes to is this run's alone."""
-    if "out" not in arguments:
+    if getattr(arguments, "out", None) is None:
         return nullcontext()
     from modelling.common.reservation import reserved
 

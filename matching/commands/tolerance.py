@@ -16,18 +16,28 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case file, place to write to, what varies, and how many draws."""
-    from matching.arguments import count, scale_out
+    from matching.arguments import completed, count, scale_out
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), as a match wrote it")
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
     parser.add_argument("-n", "--draws", metavar="N", type=count(100), default=10_000, help="draws (default: 10000)")
-    parser.add_argument(
+    added = parser.add_argument(
         "--tolerance", metavar="NAME=SHARE", action="append", default=[],
         help="a further quantity of rig or loop and its relative tolerance, e.g. loop.dead_time=0.2, or many by "
         "a quoted pattern, e.g. 'rig.*.stiffness=0.05'; repeatable",
     )  # fmt: skip
+    completed(added, _quantities)
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the draws (default: 0)")
     scale_out(parser)
+
+
+def _quantities(arguments: argparse.Namespace) -> list[str]:
+    """Quantities of rig and loop that may vary, as the command line names them."""
+    from matching.frequency.case.load import load_case
+    from matching.frequency.studies.map_axis import quantities
+
+    names = quantities(load_case(arguments.case))
+    return [f"{name}=" for name in names if name.startswith(("rig.", "loop."))]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -30,6 +30,11 @@ def test_quantities_of_a_case(option, tmp_path):
     assert found == {"loop.dead_time"}
 
 
+def test_quantities_that_may_have_a_tolerance(tmp_path):
+    found = completions(f"rigmatch tolerance {ROAD_TO_RIG / 'case.toml'} --tolerance loop.de", tmp_path)
+    assert found == {"loop.dead_time="}
+
+
 def test_parameters_of_a_model(tmp_path):
     found = completions(f"rigmatch modes {ROAD_TO_RIG / 'rig.toml'} --change inertias.motor.", tmp_path)
     assert found == {"inertias.motor.J=", "inertias.motor.drag="}

@@ -1,0 +1,75 @@
+"""``--check``: every command with input files reads and checks them, calculates nothing and writes nothing."""
+
+import json
+
+import pytest
+from structure.imports import ROOT
+
+from matching.cli import main
+from matching.commands import available
+from matching.dry_run import WITHOUT
+
+REFERENCE = ROOT / "examples" / "road_to_rig"
+MODEL = """[inertias.motor]
+J = 0.05
+[inertias.load]
+J = 0.2
+[shafts.link]
+between = ["motor", "load"]
+stiffness = 500
+[inputs.torque]
+on = "motor"
+[sensors.speed]
+measures = "speed"
+of = "motor"
+"""
+DRIVE = "time [s],torque [N*m],speed [rad/s]\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(50))
+CALLS = {
+    "modes": (["model.toml"], "a model: 2 inertias, 1 shaft, 1 input, 1 sensor"),
+    "show": (["model.toml"], "a model: 2 inertias"),
+    "simulate": (["model.toml", "drive.csv"], "a recording: 50 samples over 0.49 s, inputs torque, sensors speed"),
+    "diagnose": (["model.toml", "drive.csv", "--holdout", "drive.csv"], "a recording: 50 samples"),
+    "match": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers, 2 target modes"),
+    "tolerance": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers"),
+    "map": ([str(REFERENCE / "case.toml"), "--x", "loop.dead_time", "--y", "loop.inverter_lag"], "a case: "),
+    "uncertainty": ([str(ROOT / "examples" / "gum" / "mass.toml")], "a budget: 1 measurand, "),
+    "fidelity": ([str(ROOT / "examples" / "fidelity" / "tab2.toml")], "a fidelity case: Drive-away, Tab. 2"),
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "model.toml").write_text(MODEL)
+    (tmp_path / "drive.csv").write_text(DRIVE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_command_that_reads_files_can_check_them():
+    assert set(CALLS) | set(WITHOUT) | {"verify"} == set(available())
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_a_dry_run_says_what_the_files_hold_and_writes_nothing(command, folder, capsys):
+    words, said = CALLS[command]
+    assert main([command, *words, "--check"]) == 0
+    assert said in capsys.readouterr().out
+    assert sorted(path.name for path in folder.iterdir()) == ["drive.csv", "model.toml"]
+
+
+def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):
+    (folder / "model.toml").write_text(MODEL.replace("J = 0.2", "J = -0.2"))
+    assert main(["simulate", "model.toml", "drive.csv", "--check"]) == 2
+    said = capsys.readouterr().err
+    assert "inertias.load.J" in said
+    assert said.count("\n") == 1
+
+
+def test_a_dry_run_as_json(folder, capsys):
+    assert main(["modes", "model.toml", "--check", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["checked"]["model.toml"].startswith("a model: 2 inertias")
+
+
+def test_without_a_dry_run_the_place_to_write_to_is_still_needed(folder, capsys):
+    assert main(["match", "case.toml"]) == 2
+    assert "--out" in capsys.readouterr().err
