@@ -50,6 +50,14 @@ def test_gap_makes_two_segments() -> None:
     assert [len(segment.time) for segment in data.segments] == [1000, 1000]
 
 
+def test_slow_recording_is_one_segment_and_one_missing_sample_is_no_gap() -> None:
+    """At 8 Hz a step is longer than 0.1 s: gaps are those that a reader does not bridge either."""
+    time = np.delete(np.arange(200) * 0.125, 77)
+    data, notes = prepare_data(system(), [recording(time, noisy(199))])
+    assert [len(segment.time) for segment in data.segments] == [199]
+    assert not notes
+
+
 def test_coarse_steps_of_a_reading_are_not_stuck() -> None:
     time = np.arange(2000) * 1e-3
     data, notes = prepare_data(system(), [recording(time, np.round(np.sin(time), 2))])

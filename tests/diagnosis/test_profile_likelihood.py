@@ -62,7 +62,8 @@ def test_estimates_reach_as_far_as_equivalent_fits() -> None:
     best.v[:] = 100.0, 100.0
     same.v[:] = 70.0, 100.0
     higher = fit_at(higher.problem, np.array([100.0, 180.0]), higher.jacobian)
-    object.__setattr__(higher, "cost", best.cost + 4.0)
+    for one, cost in ((best, 5.0), (same, 5.0), (higher, 9.0)):
+        object.__setattr__(one, "cost", cost)
     estimates = {"base": Estimate(100.0, 1.0), NAME: Estimate(100.0, 50.0)}
     found = widened(estimates, [best, same, higher])
     assert found["base"].standard_uncertainty == 30.0  # |70 − 100|, χ² as low

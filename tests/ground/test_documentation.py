@@ -53,6 +53,18 @@ def test_every_path_named_in_the_docs_exists():
         assert (page.name, missing) == (page.name, [])
 
 
+def test_where_is_names_files_and_what_stands_in_them():
+    """In docs/structure.md: `file.py`, `name` → the file defines that name."""
+    files = [str(path.relative_to(ROOT)) for room in ("modelling", "matching") for path in (ROOT / room).rglob("*.py")]
+    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    for name in re.findall(r"`([\w/]+\.py)`", text):
+        assert "NAME" in name or any(f"/{path}".endswith(f"/{name}") for path in files), name
+    for file, names in re.findall(r"`([\w/]+\.py)`((?:,? (?:and )?`\w+`)+)", text):
+        (path,) = [path for path in files if f"/{path}".endswith(f"/{file}")]
+        for name in re.findall(r"`(\w+)`", names):
+            assert re.search(rf"^(def|class) {name}\b|^{name} =", (ROOT / path).read_text(encoding="utf-8"), re.M), name
+
+
 def test_the_changelog_knows_the_version():
     release = VERSION.partition(".dev")[0]
     assert f"## {release}" in (text := (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) or f"({release})" in text

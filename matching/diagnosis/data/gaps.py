@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from modelling.common.errors import InputError
+from modelling.measurement.gaps import longest_bridge
 
-LONGEST_GAP = 0.1  # s between two samples; over a longer time inputs cannot be taken as linear
 FEWEST_SAMPLES = 64  # of a segment; a start state of its own costs as much as fewer samples tell
 
 
 def segments_between_gaps(time: np.ndarray, source: str) -> tuple[list[slice], list[str]]:
-    """Samples between gaps of more than ``LONGEST_GAP``, and notes on those left out.
+    """Samples between gaps too long to bridge (:mod:`modelling.measurement.gaps`), and notes on those left out.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def segments_between_gaps(time: np.ndarray, source: str) -> tuple[list[slice], l
     InputError
         If a recording without a gap has fewer than ``FEWEST_SAMPLES`` samples.
     """
-    edges = [0, *(np.flatnonzero(np.diff(time) > LONGEST_GAP) + 1), len(time)]
+    edges = [0, *(np.flatnonzero(np.diff(time) > longest_bridge(time)) + 1), len(time)]
     kept, notes = [], []
     for first, last in pairwise(int(edge) for edge in edges):
         if last - first >= FEWEST_SAMPLES:

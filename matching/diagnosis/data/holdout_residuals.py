@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from matching.diagnosis.data.gaps import LONGEST_GAP
 from matching.diagnosis.data.segments import Segment
+from modelling.measurement.gaps import longest_bridge
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def holdout_data(noise: np.ndarray, base: ModelResiduals, extended: ModelResidua
     measured = np.concatenate([segment.readings for segment in base.segments])[order]
     before = np.concatenate(base.residuals)[order] * noise
     after = np.concatenate(extended.residuals)[extended_order] * noise
-    starts = np.flatnonzero((names[1:] != names[:-1]) | (np.diff(time) > LONGEST_GAP)) + 1
+    starts = np.flatnonzero((names[1:] != names[:-1]) | (np.diff(time) > longest_bridge(time))) + 1
     edges = [0, *(int(start) for start in starts), len(time)]
     return HoldoutData(time, tuple(slice(a, b) for a, b in pairwise(edges)), measured, before, after, noise)
 
