@@ -15,6 +15,7 @@ from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
 from modelling.linear.response import response
+from modelling.model.components import OperatingPoint
 from modelling.model.files import from_dict
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -110,6 +111,40 @@ def test_responses_of_a_model_are_those_of_its_equations(effects):
     for j, sensor in enumerate(BRANCHED["sensors"]):
         own = plain_response(Chain(system), 2j * np.pi * f, "torque", sensor)
         np.testing.assert_allclose(own, derived.values[:, j, 0], rtol=1e-7)
+
+
+MOVING = [
+    [{"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.3}],
+    [{"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.3},
+     {"kind": "slip", "at": "shafts.side", "coefficient": 40.0},
+     {"kind": "slip", "at": "shafts.other", "coefficient": 50.0}],
+    [{"kind": "coulomb_friction", "at": "inertias.left", "torque": 3.0},
+     {"kind": "stribeck_friction", "at": "inertias.body", "torque": 2.0, "breakaway": 4.0, "speed": 8.0}],
+    [{"kind": "backlash", "at": "shafts.side", "gap": 0.02}, {"kind": "hardening", "at": "shafts.side", "cubic": 3e6},
+     {"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.5}],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("effects", MOVING, ids=lambda effects: "+".join(effect["kind"] for effect in effects))
+@pytest.mark.parametrize("point", [OperatingPoint((("body", 12.0),)), OperatingPoint((), (("torque", 15.0),))])
+def test_responses_in_steady_motion_are_those_of_the_equations(effects, point):
+    """About a speed, and about the speed that a torque holds."""
+    system = replace(from_dict({**BRANCHED, "effects": effects}), operating_point=point)
+    f = np.geomspace(0.05, 80, 12)
+    derived = response(system, f)
+    for j, sensor in enumerate(BRANCHED["sensors"]):
+        values = plain_response(Chain(system), 2j * np.pi * f, "torque", sensor)
+        np.testing.assert_allclose(values, derived.values[:, j, 0], rtol=1e-6)
+
+
+def test_the_drag_of_the_speed_counts():
+    """0.3·ω² at 12 rad/s is a drag of 7.2 N·m·s/rad more, which slows the drive at 0.05 Hz."""
+    system = from_dict({**BRANCHED, "effects": MOVING[0]})
+    moving = replace(system, operating_point=OperatingPoint((("body", 12.0),)))
+    drag = system.parameters["inertias.body.drag"].value + 2 * 0.3 * 12.0
+    s = 2j * np.pi * np.array([0.05, 3.0])
+    wanted = plain_response(Chain(system.with_values({"inertias.body.drag": drag})), s, "torque", "speed")
+    np.testing.assert_allclose(plain_response(Chain(moving), s, "torque", "speed"), wanted, rtol=1e-9)
 
 
 def test_two_masses_in_closed_form():

@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
+from matching.frequency.independent.steady import RESISTS, Balance
 from modelling.model.components import Effect
 from modelling.model.system import System
 
 Parameters = Mapping[str, float]
-# What an effect adds to the complex stiffness of its shaft for small oscillations about rest
+# What an effect adds to the complex stiffness of its shaft for small oscillations about rest or steady motion
 _PARALLEL: dict[str, Callable[[Parameters], float]] = {
     "hysteresis": lambda p: p["torque"] / p["angle"],  # a Dahl element that has not slipped yet
     "hardening": lambda p: 0.0,
@@ -25,6 +26,7 @@ _PARALLEL: dict[str, Callable[[Parameters], float]] = {
 }
 _NOTHING_AT_REST = {"quadratic_drag", "constant_torque", "wrong_parameter"}  # no torque that changes with the motion
 _SHAFTS = {"slip", "compliance", *_PARALLEL}
+_BENT = {"hysteresis", "hardening", "backlash"}
 
 
 class NotCovered(Exception):
@@ -45,9 +47,13 @@ class Chain:
         self.nodes = [part.name for part in system.inertias]
         self._value = {name: quantity.value for name, quantity in system.parameters.items()}
         self._on_shaft: dict[str, dict[str, dict[str, float]]] = {}
+        self._resists: list[tuple[int, str, dict[str, float]]] = []
         for effect in system.effects:
             self._take(effect)
         self.nodes += [f"{shaft} compliance" for shaft, effects in self._on_shaft.items() if "compliance" in effects]
+        self._slope = np.array([self._value.get(f"inertias.{name}.drag", 0.0) for name in self.nodes])
+        if system.operating_point is not None and (self._resists or self._bent()):
+            self._move()
 
     def _take(self, effect: Effect) -> None:
         parameters = {key: quantity.value for key, quantity in effect.parameters}
@@ -55,19 +61,77 @@ class Chain:
             self._value[effect.at] = parameters["value"]
         elif effect.kind in _SHAFTS:
             self._on_shaft.setdefault(effect.at.removeprefix("shafts."), {})[effect.kind] = parameters
+        elif effect.kind in RESISTS and self.system.operating_point is not None:
+            self._resists.append((self.nodes.index(effect.at.removeprefix("inertias.")), effect.kind, parameters))
         elif effect.kind not in _NOTHING_AT_REST:
             raise NotCovered(f"{effect.kind} at {effect.at}")
+
+    def _bent(self) -> list[str]:
+        """Shafts whose stiffness depends on the torque that they carry."""
+        return [name for name, effects in self._on_shaft.items() if effects.keys() & _BENT]
+
+    def _move(self) -> None:
+        """Drag and stiffness as they are in steady motion at the operating point."""
+        point = self.system.operating_point
+        assert point is not None
+        speeds, torques = dict(point.speeds), dict(point.torques)
+        springs, slips = [], []
+        for shaft in self.system.shafts:
+            effects = self._on_shaft.get(shaft.name, {})
+            springs.append(self._twist(shaft.name))
+            slips.append(1 / effects["slip"]["coefficient"] if "slip" in effects else 0.0)
+            if "compliance" in effects:
+                springs.append(self.unit(f"{shaft.name} compliance") - self.unit(shaft.between[1]))
+                slips.append(0.0)
+        balance = Balance(
+            np.array(springs).reshape(-1, len(self.nodes)),
+            self._rigid,
+            np.array([self.unit(source.on) for source in self.system.inputs]).reshape(-1, len(self.nodes)),
+            np.array(slips),
+            self._slope,
+            tuple(self._resists),
+            np.array([torques.get(source.name, np.nan) for source in self.system.inputs]),
+            np.array([speeds.get(node, np.nan) for node in self.nodes]),
+        )
+        motion = balance.solve()
+        if motion is None or balance.sticking(motion[0]):
+            raise NotCovered("this operating point")
+        self._slope = balance.resistance(motion[0])[1]
+        for name in self._bent():
+            row = next(i for i, spring in enumerate(springs) if np.array_equal(spring, self._twist(name)))
+            self._bend(name, abs(float(motion[1][row])))
+
+    def _bend(self, name: str, torque: float) -> None:
+        """Stiffness of a shaft that carries a torque, and that its lash is closed."""
+        effects = self._on_shaft[name]
+        if "hysteresis" in effects or torque < 1e-6:
+            raise NotCovered(f"{' and '.join(effects)} at shafts.{name} at this operating point")
+        cubic, stiffness = effects.get("hardening", {}).get("cubic", 0.0), self._value[f"shafts.{name}.stiffness"]
+        roots = np.roots([cubic, 0.0, stiffness, -torque]) if cubic else np.array([torque / stiffness])
+        twist = min(root.real for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0)
+        self._value[f"shafts.{name}.stiffness"] = stiffness + 3 * cubic * twist**2
+
+    def _twist(self, name: str) -> np.ndarray:
+        """Twist (nodes,) of a shaft for unit angles."""
+        shaft = next(shaft for shaft in self.system.shafts if shaft.name == name)
+        second = f"{name} compliance" if "compliance" in self._on_shaft.get(name, {}) else shaft.between[1]
+        return self.unit(shaft.between[0]) / self._value.get(f"shafts.{name}.ratio", 1.0) - self.unit(second)
 
     @cached_property
     def basis(self) -> np.ndarray:
         """Angles of the nodes (nodes, n) for unit coordinates."""
+        return null_space(self._rigid) if len(self._rigid) else np.eye(len(self.nodes))
+
+    @property
+    def _rigid(self) -> np.ndarray:
+        """Rows (c, nodes) that are 0 for angles that rigid gears and differentials allow."""
         rows = []
         for gear in self.system.gears:
             first, second = (self.unit(end) for end in gear.between)
             rows.append(first - self._value[f"gears.{gear.name}.ratio"] * second)
         for part in self.system.differentials:
             rows.append(self.unit(part.cage) - (self.unit(part.left) + self.unit(part.right)) / 2)
-        return null_space(np.array(rows)) if rows else np.eye(len(self.nodes))
+        return np.array(rows).reshape(-1, len(self.nodes))
 
     def unit(self, node: str) -> np.ndarray:
         """1 at a node (nodes,)."""
@@ -77,7 +141,7 @@ class Chain:
         """Z (f, n, n) in the independent coordinates, N·m/rad, at complex s (f,), rad/s."""
         whole = np.zeros((len(s), len(self.nodes), len(self.nodes)), complex)
         for i, name in enumerate(part.name for part in self.system.inertias):
-            whole[:, i, i] = s**2 * self._value[f"inertias.{name}.J"] + s * self._value[f"inertias.{name}.drag"]
+            whole[:, i, i] = s**2 * self._value[f"inertias.{name}.J"] + s * self._slope[i]
         for shaft in self.system.shafts:
             complex_stiffness, twist = self.shaft(shaft.name, s)
             whole += complex_stiffness[:, None, None] * np.outer(twist, twist)
@@ -91,8 +155,7 @@ class Chain:
 
     def shaft(self, name: str, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Complex stiffness (f,) of a shaft, on its second end's side, and its twist (nodes,) for unit angles."""
-        shaft = self.system[f"shafts.{name}"]
-        effects, ratio = self._on_shaft.get(name, {}), self._value.get(f"shafts.{name}.ratio", 1.0)
+        effects = self._on_shaft.get(name, {})
         own = self._value[f"shafts.{name}.stiffness"] + s * self._value[f"shafts.{name}.damping"]
         parallel = sum(_PARALLEL[kind](p) for kind, p in effects.items() if kind in _PARALLEL)
         if "slip" in effects:  # spring and damper in series with a further damper
@@ -100,8 +163,7 @@ class Chain:
             if parallel:
                 raise NotCovered(f"slip beside another effect at shafts.{name}")
             own = own * series / (own + series)
-        second = f"{name} compliance" if "compliance" in effects else shaft.between[1]  # type: ignore[union-attr]
-        return own + parallel, self.unit(shaft.between[0]) / ratio - self.unit(second)  # type: ignore[union-attr]
+        return own + parallel, self._twist(name)
 
     def drive(self, inputs: list[str]) -> np.ndarray:
         """Generalised torques (n, u) of unit torques at inputs of the system."""
