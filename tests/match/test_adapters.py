@@ -6,7 +6,7 @@ from matching.frequency.search.adapters import HALVINGS, as_good_between
 
 
 @pytest.mark.parametrize(("low", "high", "at"), [(0.3, 0.8, 0.5), (-1.0, 2.0, 0.5), (0.45, 3.0, 0.5), (0.0, 0.02, 0.0)])
-def test_the_range_that_is_as_good_is_found_to_a_sixteenth_of_the_way_to_its_bound(low, high, at):
+def test_the_range_that_is_as_good_is_found_to_a_part_of_the_way_to_its_bound(low, high, at):
     tried = []
 
     def as_good(part):

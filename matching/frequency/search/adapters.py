@@ -27,18 +27,24 @@ from matching.frequency.solver.solve import warm
 from matching.frequency.verification.verify import verify
 
 AS_GOOD = 0.02  # relative, in the response error and in the modulus margin
-HALVINGS = 4  # of the way to a bound, in looking for the end of what is as good: to a sixteenth of it
+HALVINGS = 3  # of the way to a bound, in looking for the end of what is as good: to an eighth of it
 ADAPTERS = "rig."  # the names they begin with
 
 
 def settle_adapters(question: Question, found: VerifiedSolution) -> tuple[VerifiedSolution, tuple[AdapterTrade, ...]]:
-    """The match with nothing ordered that gains nothing, and the trade of every adapter that was allowed to move."""
+    """The match with nothing ordered that gains nothing, and the trade of every adapter that was allowed to move.
+
+    Where targets or limits are missed there is nothing to order yet, and no trade.
+    """
     moves = [move for move in found.task.moves if move.name.startswith(ADAPTERS)]
-    if not moves or found.beyond or not found.solution.feasible or not found.checked.stable:
+    checked = found.checked
+    matched = (
+        checked.stable and not checked.violations and all(target.met for target in target_results(question, checked))
+    )
+    if not moves or found.beyond or not found.solution.feasible or not matched:
         return found, ()
-    nodes = found.checked.errors.nodes
-    planned, error_planned = _as_planned(question, found, nodes), None
-    error = found.checked.errors.unmeasured
+    nodes, error = checked.errors.nodes, checked.errors.unmeasured
+    planned, error_planned = _as_planned(question, found), None
     if planned is not None:
         error_planned = feedback_error(planned.tuned, nodes)
         if error_planned <= (1 + AS_GOOD) * error:
@@ -55,7 +61,7 @@ def feedback_error(tuned: Case, nodes: BandNodes) -> float:
     return pooled(nodes.root_mean(log_squares(bed.unmeasured, bed.vehicle)))
 
 
-def _as_planned(question: Question, found: VerifiedSolution, nodes: BandNodes) -> VerifiedSolution | None:
+def _as_planned(question: Question, found: VerifiedSolution) -> VerifiedSolution | None:
     """The match with every adapter as planned; None where no loop keeps its limits."""
     moves = [move for move in found.task.moves if not move.name.startswith(ADAPTERS)]
     if not moves:
