@@ -20,7 +20,7 @@ from scipy.signal import butter, correlate, find_peaks, sosfiltfilt
 
 SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
 RIVAL = 4.0  # standard deviations of the residual's variance beyond which another lag is no rival any more
-SMOOTHED = 4  # frequencies on either side over which a periodogram is averaged: some 18 degrees of freedom
+SMOOTHED = 2  # frequencies on either side over which a periodogram is averaged: some ten degrees of freedom
 FLOOR = 1e-4  # unexplained part of the variance below which two lags cannot be told apart in practice
 
 
@@ -253,7 +253,7 @@ def _stationary(influence: np.ndarray, residual: np.ndarray) -> float:
     length = next_fast_len(2 * count, real=True)  # twice the length: no wrap-around
     power = np.abs(np.fft.rfft(influence, length)) ** 2
     periodogram = np.abs(np.fft.rfft(residual, length)) ** 2 / (count - 3)
-    width = 2 * SMOOTHED * length // count // 2 + 1  # bins of a periodogram of the double length lie closer
+    width = 2 * SMOOTHED * length // count + 1  # in bins of the longer transform
     smooth = uniform_filter1d(power, width, mode="reflect")
     parts = smooth * periodogram
     total = float(parts.sum())

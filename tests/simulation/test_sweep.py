@@ -1,0 +1,90 @@
+"""Random draws over every kind of effect, alone and in pairs, light and stiff, against an adaptive reference.
+
+The reference is LSODA of SciPy with a tolerance of 1e-8: same equations, another integrator.
+"""
+
+import itertools
+import tomllib
+
+import numpy as np
+import pytest
+
+from modelling.common.errors import InputError
+from modelling.effects import EFFECTS as KINDS
+from modelling.equations.assembly import STICK_SPEED
+from modelling.equations.compiled import compiled
+from modelling.model.files import from_dict
+from modelling.simulation.simulate import simulate
+from tests.simulation.adaptive import simulate_adaptive
+from tests.simulation.drives import EFFECTS, TWO_MASS
+
+RANGE_SHARE = 1e-3  # largest error allowed, of a reading's range
+SPREAD = 3.0  # parameters are drawn from a third of to three times the usual value
+METHOD = "LSODA"  # changes between an explicit and an implicit method of up to order twelve and five
+OUTLIERS = 0.02  # of the samples: those within a step in which a torque jumps lie on either side of the jump
+BODIES = {"plain": {}, "light": {"motor": 0.05}, "stiff": {"stiffness": 30.0}}  # factors
+PLACES = EFFECTS | {"quadratic_damping": ("shafts.link", {"coefficient": 0.05})}
+TIME = np.arange(101) * 1e-3
+ONE_AND_TWO = [(kind,) for kind in PLACES] + list(itertools.combinations(PLACES, 2))
+
+
+def drawn(kinds, body, seed):
+    """The two-mass drive with effects of drawn parameters, and drawn torques (t,) that reverse and jump."""
+    generator = np.random.default_rng([seed, *map(ord, "".join(kinds) + body)])
+    tables = tomllib.loads(TWO_MASS)
+    tables["inertias"]["motor"]["J"] *= BODIES[body].get("motor", 1.0)
+    tables["shafts"]["link"]["stiffness"] *= BODIES[body].get("stiffness", 1.0)
+    tables["effects"] = [
+        {"kind": kind, "at": PLACES[kind][0]}
+        | {name: value * SPREAD ** generator.uniform(-1, 1) for name, value in PLACES[kind][1].items()}
+        for kind in kinds
+    ]
+    motor = 6 * np.sin(2 * np.pi * generator.uniform(3, 12) * TIME + generator.uniform(0, 6))
+    motor += 3 * np.sign(np.sin(2 * np.pi * generator.uniform(5, 9) * TIME + 0.3))
+    brake = 2 * np.sin(2 * np.pi * generator.uniform(2, 6) * TIME)
+    return from_dict(tables, "drawn"), {"motor_torque": motor, "brake_torque": brake}
+
+
+def check(kinds, body, seed):
+    """Whether the readings keep the tolerance; None where the two effects exclude each other."""
+    try:
+        system, inputs = drawn(kinds, body, seed)
+    except InputError:
+        return None
+    model = compiled(system)
+    start = {"speed(motor)": 3.0, "speed(load)": 3.0}
+    got = simulate(model, TIME, inputs, start=start)
+    fixed = {STICK_SPEED: got.stick_speed} if STICK_SPEED in model.parameters else None
+    reference = simulate_adaptive(model, TIME, inputs, fixed, start, method=METHOD, tolerance=1e-8)
+    jumps = "backlash" in kinds
+    for name, reading in got.readings.items():
+        error = np.abs(reading - reference[name]) / np.ptp(reference[name])
+        if jumps and name in ("link_torque", "load_acceleration"):
+            error = np.sort(error)[: -int(OUTLIERS * len(TIME)) - 1]
+        assert error.max() < RANGE_SHARE, (kinds, body, seed, name, error.max())
+    return got
+
+
+def test_every_kind_takes_part():
+    assert set(PLACES) == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "body"),
+    [
+        (("quadratic_damping", "lag"), "light"),
+        (("hysteresis", "torque_ripple"), "stiff"),
+        (("slip", "coulomb_friction"), "plain"),
+        (("backlash", "dead_time"), "light"),
+    ],
+)
+def test_drawn_pairs(kinds, body):
+    assert check(kinds, body, 1) is not None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("kinds", ONE_AND_TWO, ids=" and ".join)
+def test_every_kind_alone_and_in_pairs(kinds, body):
+    if check(kinds, body, 0) is None:
+        assert {PLACES[kind][0] for kind in kinds} == {"shafts.link"}  # only laws of one shaft exclude each other
