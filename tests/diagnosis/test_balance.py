@@ -63,6 +63,26 @@ def test_a_torque_that_the_model_lacks_is_found_where_it_acts(place: str, size: 
     assert max(abs(share) for share in shares.values()) < 0.1
 
 
+def test_unknown_torques_are_stationary_with_a_fifth_of_the_scale(monkeypatch) -> None:
+    """An Ornstein-Uhlenbeck process: variance Q/(1 − f²), f its factor from sample to sample."""
+    asked = []
+
+    def smoother(*matrices):
+        asked.append(matrices)
+        return stationary_smoother(*matrices)
+
+    monkeypatch.setattr("matching.diagnosis.candidates.balance.stationary_smoother", smoother)
+    time = np.arange(100) * 1e-3
+    data = FitData((Segment(time, np.zeros((100, 1)), np.zeros((100, 3)), "made"),), np.array([1e-3, 2e-3, 3e-3]))
+    value = {name: quantity.value for name, quantity in DRIVE.parameters.items()}
+    torque_balance(solve(*base_problem(DRIVE, data)), DRIVE, value, 20.0)
+    ((F, _, Q, R),) = asked
+    np.testing.assert_allclose(np.diag(F)[4:], np.exp(-1e-3 / 0.01), rtol=1e-9)
+    np.testing.assert_allclose(np.diag(Q)[4:] / (1 - np.diag(F)[4:] ** 2), (0.2 * 20.0) ** 2, rtol=1e-9)
+    assert not np.diag(Q)[:4].any()
+    np.testing.assert_allclose(R, [1e-6, 4e-6, 9e-6, 1.0, 1.0], rtol=1e-12)
+
+
 def _simulated(model, time: np.ndarray, torques: np.ndarray, columns: list[int]) -> np.ndarray:
     """Readings (t, y) of the linear model from rest: matrix exponential, torques linear between samples."""
     B, D = model.B[:, columns], model.D[:, columns]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, gumbel_r
 
-from matching.diagnosis.candidates.noise_threshold import DRAWS, PASSED_BY_NOISE, NoiseDraws
+from matching.diagnosis.candidates.noise_threshold import DRAWS, PASSED_BY_NOISE, NoiseDraws, best_of
 
 
 def draws(decreases: list[np.ndarray], samples: int = 8) -> NoiseDraws:
@@ -42,3 +42,11 @@ def test_noise_stands_where_there_are_readings_and_base_parameters_take_their_sh
 
 def test_nothing_offered_is_no_threshold() -> None:
     assert draws([]).threshold() == 0.0
+
+
+@pytest.mark.parametrize("count", [1.0, 3.0, 50.0])
+def test_the_best_of_several_guesses_in_closed_form(count: float) -> None:
+    """χ² with two degrees of freedom exceeds d with exp(−d/2); the largest of n with 1 − (1 − exp(−d/2))^n."""
+    alone = np.array([0.3, 2.0, 9.0, 25.0])
+    expected = -2 * np.log(-np.expm1(np.log1p(-np.exp(-alone / 2)) / count))
+    np.testing.assert_allclose(best_of(count, alone, 2), expected, rtol=1e-9)
