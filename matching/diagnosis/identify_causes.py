@@ -8,25 +8,29 @@ import numpy as np
 
 from matching.diagnosis.candidates.refit import fit_extended
 from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.data.segments import FitData
+from matching.diagnosis.fitting.balance import balanced
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import Holdout, OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.search.greedy_search import search_causes
-from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
 from matching.diagnosis.search.refinement import with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.search_window import first_readings, search_window
 from matching.diagnosis.search.state import SearchState
+from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.confidence import (
     RatedCause,
     chi_square_inflation,
-    holdout_chi_square,
     rate_rivals,
 )
 from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
 from matching.diagnosis.verdict.result import FittedCandidate
 from modelling.model.system import System
+
+FAR_FROM_NOISE = 200.0  # times the noise; an error of that size is first of all one of the model
 
 
 @dataclass(frozen=True)
@@ -44,11 +48,12 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
     the residual of all data is not noise though that of the window is, they are searched for in all data.
     """
+    base = _balanced_if_far_from_noise(base)
     window = search_window(base)
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         judge = OtherRecordings(first_readings(holdout.data))
-        identified = _search_and_rate(system, solve(*base_problem(system, window)), judge, progress)
+        identified = _search_and_rate(system, _solved_as(base, system, window), judge, progress)
         state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
@@ -58,11 +63,29 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     return _search_and_rate(system, base, holdout, progress)
 
 
+def _balanced_if_far_from_noise(base: Fit) -> Fit:
+    """A base fit whose sensors are weighted by what it leaves of them, where that is far more than noise.
+
+    With one sensor there is nothing to weigh: the error of its free simulation is what counts.
+    """
+    count = base.problem.data.readings_by_sensor
+    squares = np.sum([np.sum(part**2, axis=0) for part in base.by_sensor()], axis=0)
+    far = np.sqrt(squares / np.maximum(count, 1)).max(initial=0.0) > FAR_FROM_NOISE
+    return balanced(base) if far and (count > 0).sum() > 1 else base
+
+
+def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
+    """A base fit of other data, weighted as another is."""
+    problem, v = base_problem(system, data)
+    return solve(replace(problem, weighting=base.problem.weighting), v)
+
+
 def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
-    state = search_causes(system, base, progress)
+    unseen = UnseenData(holdout)
+    state = search_causes(system, base, unseen, progress)
     progress("final fit")
     if not at_noise(state.best):
-        _drop_worse_on_holdout(state, holdout)
+        _drop_without_gain_unseen(state, unseen)
     state.best = final_fit(state.best)
     _drop_not_needed(state)
     rated = []
@@ -72,15 +95,13 @@ def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Prog
     return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
 
 
-def _drop_worse_on_holdout(state: SearchState, holdout: Holdout) -> None:
-    """Drop the causes found last while held-out data are met better without: they fitted what does not repeat."""
-    while state.best.causes:
-        last = len(state.best.causes) - 1
-        rest = best_without(state, last)
-        if holdout_chi_square(rest, holdout) >= holdout_chi_square(state.best, holdout):
-            break
-        state.best = rest
-        state.rivals = state.rivals[:last]
+def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
+    """Drop each cause, the last first, without which unseen data are met as well: it fitted what does not repeat."""
+    for index in reversed(range(len(state.best.causes))):
+        rest = with_balanced_sensors(best_without(state, index))
+        if not unseen.earns_place(state.best, rest):
+            state.best = rest
+            del state.rivals[index : index + 1]
     if len(state.best.causes) == 1 and state.best is not state.with_one_cause[0]:
         others = [one for one in state.with_one_cause if one.places != state.best.places]
         state.rivals = [[state.best, *others]]

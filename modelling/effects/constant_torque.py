@@ -9,6 +9,7 @@ import numpy as np
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import RecordedRange
 
 
 class ConstantTorque(Kind):
@@ -25,3 +26,7 @@ class ConstantTorque(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield Guess(({at: -np.ones_like(motion.time)},), lambda a: {"torque": float(a[0])})
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return -largest, largest

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from modelling.effects.first_guess import FittedMotion, Guess, if_positive, smooth_sign
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import RecordedRange
 
 
 class CoulombFriction(Kind):
@@ -35,3 +36,7 @@ class CoulombFriction(Kind):
                 ({at: -forward}, {at: reverse}),
                 lambda a: {"torque": float(a[0]), "torque_reverse": float(a[1])} if min(a) > 0 else None,
             )
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return -largest, largest

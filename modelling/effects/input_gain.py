@@ -16,6 +16,7 @@ class InputGain(Kind):
     words = "acts with {factor} times the recorded value"
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
+    shareable = True
     linear = True
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:

@@ -9,6 +9,8 @@ from typing import ClassVar
 
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+from modelling.effects.place import members, shared_place
+from modelling.effects.recorded_range import RecordedRange
 from modelling.units import QUANTITY_UNITS
 
 
@@ -67,6 +69,8 @@ class Kind:
         The torque or its derivative jumps: a fit needs finer steps.
     sticks : bool
         Dry friction between an inertia and ground, whose sign changes over the stick speed.
+    shareable : bool
+        Several inputs or sensors may share it: one filter on two channels, one clock for a logger.
     replaces_quantity : bool
         Its parameter ``value`` replaces the quantity at its place; it adds nothing else to the equations.
     free_play : str
@@ -88,6 +92,7 @@ class Kind:
     state_dependent: ClassVar[bool] = False
     abrupt: ClassVar[bool] = False
     sticks: ClassVar[bool] = False
+    shareable: ClassVar[bool] = False
     replaces_quantity: ClassVar[bool] = False
     free_play: ClassVar[str] = ""
     speed_exponent: ClassVar[int | None] = None
@@ -114,6 +119,15 @@ class Kind:
         """First guesses of this effect at a place, from a motion without it; for screening and as starts of a fit."""
         raise NotImplementedError
 
+    def shared_guesses(self, motion: FittedMotion, at: str) -> Iterable[Guess]:
+        """First guesses at one place or at several that share the effect: the same amplitude at each of them."""
+        for guesses in zip(*(self.guesses(motion, place) for place in members(at)), strict=True):
+            additions = tuple(
+                {place: signal for addition in parts for place, signal in addition.items()}
+                for parts in zip(*(guess.additions for guess in guesses), strict=True)
+            )
+            yield Guess(additions, guesses[0].parameters, max(guess.chosen_from for guess in guesses))
+
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterable[Guess]:
         """Further guesses near the best one, where a fit would not move from one to the other; by default none."""
         return ()
@@ -138,6 +152,14 @@ class Kind:
             return max(parameter.lower, guess / 20), min(parameter.upper, guess * 20)
         return parameter.lower, parameter.upper
 
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        """Bounds of a parameter from what a recording has shown; by default none."""
+        return -math.inf, math.inf
+
+    def possible(self, parameters: Mapping[str, float]) -> bool:
+        """Whether parameters within their bounds make sense together."""
+        return True
+
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
         """The same effect with its parameters in their usual range, e.g. a phase within ±π."""
         return parameters
@@ -148,7 +170,7 @@ class Kind:
         if unit == "quantity":
             return QUANTITY_UNITS[at.rsplit(".", 1)[1]]
         if unit.startswith("sensor"):
-            reading = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at)
+            reading = next(sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" in members(at))
             return reading + unit.removeprefix("sensor")
         return unit
 
@@ -163,8 +185,20 @@ class Kind:
         assert self.state is not None
         if self.state.unit != "signal":
             return self.state.unit
-        return next((sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" == at), "N*m")
+        return next((sensor.unit for sensor in system.sensors if f"sensors.{sensor.name}" in members(at)), "N*m")
 
     def places(self, system: Drivetrain) -> list[str]:
-        """Every place of a system where this kind can sit."""
+        """Every place of a system where this kind can sit by itself."""
         return [place for place in system.places() if place.split(".")[0] in self.tables]
+
+    def shared_places(self, system: Drivetrain) -> list[str]:
+        """Groups of sensors that may share it, as far as a diagnosis tries them: all that measure the same quantity.
+
+        A group of all sensors is left out: whatever all of them have is the same at the inputs.
+        """
+        if not self.shareable or "sensors" not in self.tables:
+            return []
+        groups: dict[str, list[str]] = {}
+        for sensor in system.sensors:
+            groups.setdefault(sensor.measures, []).append(f"sensors.{sensor.name}")
+        return [shared_place(group) for group in groups.values() if len(group) > 1] if len(groups) > 1 else []

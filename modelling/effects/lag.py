@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter, State
+from modelling.effects.recorded_range import RecordedRange
 
 
 class Lag(Kind):
@@ -16,6 +17,7 @@ class Lag(Kind):
     words = "follows with a first-order lag of {time_constant}"
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
+    shareable = True
     state = State("signal", "{place} behind its lag", settles=True)
     linear = True
 
@@ -42,3 +44,6 @@ class Lag(Kind):
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.25 * step, max(20 * guess, step))
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        return 0.0, recorded.longest_memory

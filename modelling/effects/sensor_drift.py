@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import RecordedRange
 
 
 class SensorDrift(Kind):
@@ -22,3 +23,7 @@ class SensorDrift(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield Guess(({at: motion.time},), lambda a: {"rate": float(a[0])})
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        fastest = recorded.width[at.split(".")[1]] / recorded.duration
+        return -fastest, fastest

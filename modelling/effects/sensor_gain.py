@@ -16,6 +16,7 @@ class SensorGain(Kind):
     words = "reads {factor} times the true value"
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
+    shareable = True
     linear = True
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import RecordedRange
 
 
 class SensorOffset(Kind):
@@ -22,3 +23,7 @@ class SensorOffset(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield Guess(({at: motion.time * 0 + 1.0},), lambda a: {"offset": float(a[0])})
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.largest_reading[at.split(".")[1]]
+        return -largest, largest

@@ -11,6 +11,7 @@ from sympy import exp
 from modelling.effects.first_guess import FittedMotion, Guess, smooth_sign
 from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import RecordedRange
 
 
 class StribeckFriction(Kind):
@@ -46,6 +47,13 @@ class StribeckFriction(Kind):
                 ({at: -sign}, {at: -sign * np.exp(-((speed / scale) ** 2))}),
                 partial(_friction, scale),
             )
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return (-largest, largest) if key != "speed" else super().recorded_bounds(key, at, recorded)
+
+    def possible(self, parameters: Mapping[str, float]) -> bool:
+        return parameters["breakaway"] >= parameters["torque"]
 
 
 def _friction(speed: float, a: np.ndarray) -> dict[str, float] | None:

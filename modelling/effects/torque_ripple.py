@@ -13,6 +13,7 @@ from sympy import sin
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
+from modelling.effects.recorded_range import FEWEST_PERIODS, RecordedRange
 
 MOST_ORDERS = 4  # that are tried from one spectrum
 HIGHEST_ORDER = 24.0  # per turn, that is searched for: above those of cogging and joints
@@ -51,6 +52,12 @@ class TorqueRipple(Kind):
         shift = math.pi if parameters["amplitude"] < 0 else 0.0
         phase = math.remainder(parameters["phase"] + shift, 2 * math.pi)
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        name = at.split(".")[1]
+        if key == "order":
+            return FEWEST_PERIODS / max(recorded.turns[name], 1e-9), math.inf
+        return (-math.inf, recorded.torque[name]) if key == "amplitude" else (-math.inf, math.inf)
 
 
 def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:

@@ -117,7 +117,8 @@ class Assembly:
         by_place: dict[str, list[tuple[Kind, dict[str, sm.Symbol]]]] = {}
         for effect in system.effects:
             p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
-            by_place.setdefault(effect.at, []).append((effect.law, p))
+            for place in effect.places:
+                by_place.setdefault(place, []).append((effect.law, p))
         self.motions = eliminate(system, self)
         for shaft in system.shafts:
             law = self.shafts[shaft.name] = shaft_law.begin(shaft, self)

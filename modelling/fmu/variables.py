@@ -79,6 +79,7 @@ def states(model: Model) -> list[Variable]:
 
 def _further(system: System, name: str) -> tuple[str, str]:
     """Unit and meaning of a state that an effect brings along."""
-    effect = next(own for own in system.effects if own.name == name)
+    place, _, kind = name.rpartition(".")
+    effect = next(own for own in system.effects if own.kind == kind and place in own.places)
     assert effect.law.state is not None
-    return effect.law.state_unit(effect.at, system), effect.law.state.meaning.format(place=effect.at)
+    return effect.law.state_unit(place, system), effect.law.state.meaning.format(place=place)

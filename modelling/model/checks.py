@@ -114,7 +114,7 @@ def _sensor(part: Sensor, known: Collection[str]) -> None:
 
 
 def _effects(system: Components) -> None:
-    names = set()
+    names = set[tuple[str, str]]()
     places: dict[str, dict[str, None]] = {}
     for number, effect in enumerate(system.effects, 1):
         where = f"effects[{number}]"
@@ -123,12 +123,33 @@ def _effects(system: Components) -> None:
         kind = EFFECTS[effect.kind]
         if effect.kind not in places:
             places[effect.kind] = dict.fromkeys(kind.places(system))
-        if effect.at not in places[effect.kind]:
-            raise unknown(effect.at, list(places[effect.kind]), f"{where}.at")
+        for place in effect.places:
+            if place not in places[effect.kind]:
+                raise unknown(place, list(places[effect.kind]), f"{where}.at")
+        if len(effect.places) > 1:
+            _shared(kind, effect, where)
         _effect(kind, effect, system, where)
-        if effect.name in names:
-            raise InputError(where, f"{effect.kind} stands twice at {effect.at}", "one of a kind at a place")
-        names.add(effect.name)
+        for place in effect.places:
+            if (effect.kind, place) in names:
+                raise InputError(where, f"{effect.kind} stands twice at {place}", "one of a kind at a place")
+            names.add((effect.kind, place))
+
+
+def _shared(kind: Kind, effect: Effect, where: str) -> None:
+    """Check that several places can share an effect.
+
+    Raises
+    ------
+    InputError
+        If the kind cannot be shared, or a place stands twice.
+    """
+    if not kind.shareable:
+        shareable = listed(sorted(name for name, other in EFFECTS.items() if other.shareable))
+        raise InputError(
+            f"{where}.at", f"{effect.kind} cannot be shared by several places", f"one place; {shareable} can"
+        )
+    if len(set(effect.places)) < len(effect.places):
+        raise InputError(f"{where}.at", "names a place twice", "each place once")
 
 
 def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:

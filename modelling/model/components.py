@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from modelling.effects import EFFECTS, Kind
+from modelling.effects.place import members
 from modelling.model.quantity import Quantity
 from modelling.units import QUANTITY_UNITS, SENSOR_UNITS
 
@@ -84,7 +85,10 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect beyond the linear chain: its ``kind``, the place ``at`` which it acts, and its parameters by key."""
+    """One effect beyond the linear chain: its ``kind``, the place ``at`` which it acts, and its parameters by key.
+
+    Several inputs or sensors share it where ``at`` is of :func:`modelling.effects.place.shared_place`.
+    """
 
     kind: str
     at: str
@@ -94,6 +98,11 @@ class Effect:
     def name(self) -> str:
         """How its parameters begin in reports: ``shafts.link.backlash``."""
         return f"{self.at}.{self.kind}"
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The inputs or sensors that share it; of any other effect the place at which it acts."""
+        return members(self.at)
 
     @property
     def law(self) -> Kind:

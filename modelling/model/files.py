@@ -12,6 +12,7 @@ import tomli_w
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import check_keys, read_toml, text, title
 from modelling.effects import EFFECTS
+from modelling.effects.place import place_in_file, shared_place
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
@@ -138,14 +139,13 @@ def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
 
 
 def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]], place: str) -> Effect:
-    kind, at = (text(table, key, place) for key in ("kind", "at"))
+    kind = text(table, "kind", place)
     if kind not in EFFECTS:
         raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
     law = EFFECTS[kind]
     if kind not in places_by_kind:
         places_by_kind[kind] = dict.fromkeys(law.places(base))
-    if at not in places_by_kind[kind]:
-        raise unknown(at, list(places_by_kind[kind]), f"{place}.at")
+    at = _effect_place(table, places_by_kind[kind], place)
     parameters = {key: value for key, value in table.items() if key not in ("kind", "at")}
     for key in parameters:
         if key not in law.parameters:
@@ -154,6 +154,16 @@ def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]
         (key, quantity(value, law.unit(key, at, base), f"{place}.{key}")) for key, value in parameters.items()
     )
     return Effect(kind, at, tuple(quantities))
+
+
+def _effect_place(table: dict, possible: Collection[str], place: str) -> str:
+    """The place of an effect; a list of inputs or sensors shares it."""
+    several = table.get("at")
+    names = several if isinstance(several, list) and several else [text(table, "at", place)]
+    for name in names:
+        if name not in possible:
+            raise unknown(str(name), list(possible), f"{place}.at")
+    return shared_place(names)
 
 
 def quantity(value: Any, si: str, where: str) -> Quantity:
@@ -231,7 +241,8 @@ def to_dict(system: System) -> dict[str, Any]:
         data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
     if system.effects:
         data["effects"] = [
-            {"kind": effect.kind, "at": effect.at} | {key: _written(value) for key, value in effect.parameters}
+            {"kind": effect.kind, "at": place_in_file(effect.at)}
+            | {key: _written(value) for key, value in effect.parameters}
             for effect in system.effects
         ]
     return data

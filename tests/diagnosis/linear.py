@@ -21,6 +21,7 @@ class KnownProblem:
     steps_per_second: float = 1.0
     stick_speed: float = np.nan
     sensors: int = 1
+    weighting: None = None
     data: FitData = field(init=False)
 
     def __post_init__(self) -> None:

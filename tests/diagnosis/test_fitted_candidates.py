@@ -30,7 +30,7 @@ class Judge:
 
     def simulate(self, fit):
         parts = [np.full((100, 1), np.sqrt(self.squares[id(fit)]))]
-        return [SimpleNamespace(residual=None, parts=lambda residual: parts)]
+        return [SimpleNamespace(errors=None, parts=lambda residual: parts)]
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ NOISE, LARGEST = 0.02, 3.0
 STEP = 2e-3
 
 
-def hypothesis(J: float, drag: float) -> Hypothesis:
-    """An inertia with drag, recorded with torques between −1 and 3 N·m."""
+def hypothesis(J: float, drag: float, fastest: float = 1e3) -> Hypothesis:
+    """An inertia with drag, recorded with torques between −1 and 3 N·m, at speeds up to a limit."""
     system = from_dict({
         "inertias": {"rotor": {"J": {"value": J, "tolerance": 0.5}, "drag": {"value": drag, "tolerance": 0.5}}},
         "inputs": {"motor": {"on": "rotor"}},
@@ -27,22 +27,20 @@ def hypothesis(J: float, drag: float) -> Hypothesis:
     })  # fmt: skip
     time = np.arange(200) * STEP
     torque = np.linspace(-1.0, LARGEST, 200)[:, None]
-    data = FitData((Segment(time, torque, np.zeros((200, 1))),), np.array([NOISE]))
+    data = FitData((Segment(time, torque, np.linspace(0.0, fastest, 200)[:, None]),), np.array([NOISE]))
     problem, v = base_problem(system, data)
     residual = problem.residuals(v[None])[0]
     fit = Fit(problem, v, residual, np.zeros((len(residual), len(v))), float(residual @ residual))
     return Hypothesis(ExtendedModel(system, (), problem.bounds, fit.values), fit)
 
 
-def separations(one: tuple[float, float], other: tuple[float, float]) -> dict[tuple[str, float], float]:
-    """Root mean square difference in times the noise, by waveform and factor, J·ω̇ + b·ω = M from rest."""
+def separations(one: tuple[float, float], other: tuple[float, float]) -> dict[str, float]:
+    """Root mean square difference in times the noise, by waveform, J·ω̇ + b·ω = M from rest."""
     time = STEP * np.arange(round(8.0 / STEP))
     out = {}
     for name, shape in waveforms(time).items():
-        for factor in (1.0, 2.0):
-            torque = factor * LARGEST * shape
-            speeds = [lsim(([-b / J], [1 / J], [1.0], [0.0]), torque, time)[1] for J, b in (one, other)]
-            out[name, factor] = float(np.sqrt(np.mean((speeds[0] - speeds[1]) ** 2))) / NOISE
+        speeds = [lsim(([-b / J], [1 / J], [1.0], [0.0]), LARGEST * shape, time)[1] for J, b in (one, other)]
+        out[name] = float(np.sqrt(np.mean((speeds[0] - speeds[1]) ** 2))) / NOISE
     return out
 
 
@@ -59,11 +57,18 @@ def test_the_manoeuvre_with_the_largest_difference_is_proposed(one, other, best)
     found = propose_manoeuvre(hypothesis(*one), hypothesis(*other))
     assert found is not None
     largest = max(expected, key=lambda key: expected[key])
-    assert largest == (found.waveform, found.amplitude / LARGEST)
-    assert found.waveform == best
-    assert found.amplitude == pytest.approx(2 * LARGEST)
+    assert found.waveform == largest == best
+    assert found.amplitude == pytest.approx(LARGEST)  # never more than was recorded
     assert found.separation == pytest.approx(expected[largest], rel=1e-3)
     assert (found.input, found.sensor, found.duration) == ("motor", "speed", 8.0)
+
+
+def test_no_speed_beyond_the_recorded_ones_is_proposed() -> None:
+    """Of a step, a speed of M/b·(1 − exp(−b·t/J)) remains: half of it fits below the largest recorded one."""
+    steady = LARGEST / 3.0  # within 8 s: b/J is 6 1/s
+    found = propose_manoeuvre(hypothesis(0.5, 3.0, fastest=0.7 * steady), hypothesis(0.5, 3.6))
+    assert found is not None
+    assert (found.waveform, found.amplitude) == ("a step", LARGEST / 2)
 
 
 def test_rivals_that_no_torque_separates_ask_for_a_sensor() -> None:

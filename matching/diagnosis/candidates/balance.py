@@ -110,7 +110,7 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
     H = np.vstack([np.hstack([linear.C, linear.D]), angles])
     smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
     parts = []
-    for residual, segment in zip(fit.by_sensor(), data.segments, strict=True):
+    for residual, segment in zip(fit.errors, data.segments, strict=True):
         deviation = np.where(segment.measured, residual * data.noise, 0.0)
         parts.append(smoother.smooth(np.hstack([deviation, np.zeros((len(deviation), n))])))
     states, unknown = np.split(np.concatenate(parts), [x], axis=1)

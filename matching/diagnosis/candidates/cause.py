@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,14 @@ from matching.diagnosis.fitting.batch_simulation import compile_models
 from matching.diagnosis.fitting.fit import Fit
 from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
+from modelling.effects.place import members
+from modelling.effects.recorded_range import RecordedRange
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
+
+AT_BOUND_SHARE = 1e-6  # of the width of the recorded range
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class ExtendedModel:
         First values of these, SI.
     starts : tuple of ndarray (x,)
         First start states of the segments; empty where those of the parent fit are taken.
+    recorded : RecordedRange, optional
+        What the recording has shown; further causes lie within it.
     """
 
     base: System
@@ -56,6 +62,7 @@ class ExtendedModel:
     bounds: dict[str, tuple[float, float]]
     values: dict[str, float]
     starts: tuple[np.ndarray, ...] = ()
+    recorded: RecordedRange | None = None
 
     def system(self) -> System:
         """The system that is simulated: every cause but wrong parameters is an effect of it."""
@@ -73,16 +80,38 @@ class ExtendedModel:
         bounds, values = dict(self.bounds), dict(self.values)
         for key, name in cause.names().items():
             low, high = EFFECTS[kind].fit_bounds(key, parameters[key], sampling_interval)
+            recorded_low, recorded_high = self._recorded_bounds(cause, key)
+            if max(low, recorded_low) < min(high, recorded_high):
+                low, high = max(low, recorded_low), min(high, recorded_high)
             values[name] = float(np.clip(parameters[key], low, high))
             bounds[name] = (low, high)
-        return ExtendedModel(self.base, (*self.causes, cause), bounds, values)
+        return replace(self, causes=(*self.causes, cause), bounds=bounds, values=values, starts=())
 
     def without_cause(self, index: int, fit: Fit) -> ExtendedModel:
         """The same without one of its causes, to begin where a fit of it ended."""
         removed = set(self.causes[index].names().values())
         kept = tuple(cause for i, cause in enumerate(self.causes) if i != index)
         bounds = {name: bound for name, bound in fit.problem.bounds.items() if name not in removed}
-        return ExtendedModel(self.base, kept, bounds, {name: fit.values[name] for name in bounds})
+        return replace(self, causes=kept, bounds=bounds, values={n: fit.values[n] for n in bounds}, starts=())
+
+    def not_taken(self, fit: Fit) -> str:
+        """Why the fit of a cause cannot be meant: ``not_physical`` or ``beyond_recording``; empty where it can."""
+        for cause in self.causes:
+            values = {key: fit.values[name] for key, name in cause.names().items()}
+            if not EFFECTS[cause.kind].possible(values):
+                return "not_physical"
+            for key, value in values.items():
+                low, high = self._recorded_bounds(cause, key)
+                near = AT_BOUND_SHARE * (high - low) if np.isfinite(high - low) else AT_BOUND_SHARE * abs(value)
+                if (value > high - near) or (np.isfinite(low) and low != 0 and value < low + near):
+                    return "beyond_recording"
+        return ""
+
+    def _recorded_bounds(self, cause: Cause, key: str) -> tuple[float, float]:
+        """Bounds of a parameter by what the recording has shown; of a shared effect, those of its first place."""
+        if self.recorded is None or cause.replaces_quantity:
+            return -np.inf, np.inf
+        return EFFECTS[cause.kind].recorded_bounds(key, members(cause.at)[0], self.recorded)
 
 
 def compilable(models: Sequence[ExtendedModel]) -> list[ExtendedModel]:

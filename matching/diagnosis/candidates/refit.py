@@ -54,4 +54,4 @@ def extended_problem(
     )
     held = parent.problem.held_states
     held = None if held is None else states_from(held, equations.states, parent)
-    return FitProblem(system, data, model.bounds, steps, stick_speed, held), p
+    return FitProblem(system, data, model.bounds, steps, stick_speed, held, parent.problem.weighting), p

@@ -17,6 +17,7 @@ from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from matching.diagnosis.fitting.fit import Fit
 from modelling.effects import EFFECTS
 from modelling.effects.first_guess import Guess
+from modelling.effects.place import members
 from modelling.model.system import System
 
 WORTHWHILE, WORTHWHILE_SHARE = 100.0, 0.5  # decrease of χ², absolute and of a kind's best, to look at nearby guesses
@@ -64,7 +65,7 @@ class Screening:
         self.response = TorqueResponse(fit, motion.segments)
         torques = [float(np.std(torque)) for torque in (*motion.torque.values(), *motion.input.values())]
         self.balance = torque_balance(fit, without_effects(self.system), dict(motion.value), max(torques, default=1.0))
-        weights = self.residual.reshape(-1, len(self.noise)) / self.noise
+        weights = self._gradient_by_readings() / self.noise
         self.motion = replace(simulated_motion(fit, self.balance), torque_gradient=self.response.correlation(weights))
 
     def free(self, signal: np.ndarray) -> np.ndarray:
@@ -90,7 +91,7 @@ class Screening:
                 torques[inertia] = torques.get(inertia, 0.0) + np.asarray(what)
         total = (self.response.readings(torques) + direct) / self.noise
         total[~self.mask] = 0.0
-        return total.ravel() + column
+        return self._weighted(total) + column
 
     def _add_shaft_torque(
         self, name: str, torque: np.ndarray, torques: dict[str, np.ndarray], direct: np.ndarray
@@ -119,8 +120,23 @@ class Screening:
         for segment, y in zip(segments, simulated, strict=True):
             difference = (y[0] - y[1]) / step / self.noise
             difference[~segment.measured] = 0.0
-            out.append(difference.ravel())
-        return np.concatenate(out)
+            out.append(difference)
+        return self._weighted(np.concatenate(out))
+
+    def _weighted(self, errors: np.ndarray) -> np.ndarray:
+        """Errors (t, y) of all segments, in times the noise, as they count, (r,)."""
+        parts = [
+            self.fit.problem.counted(errors[part][None], i)[0].ravel() for i, part in enumerate(self.response.parts)
+        ]
+        return np.concatenate(parts)
+
+    def _gradient_by_readings(self) -> np.ndarray:
+        """(t, y) −½·∂χ²/∂reading, in times the noise."""
+        weighted = self.residual.reshape(-1, len(self.noise))
+        weighting = self.fit.problem.weighting
+        if weighting is None:
+            return weighted
+        return np.concatenate([weighting.weigh_transposed(weighted[p], self.mask[p]) for p in self.response.parts])
 
     def candidates(self, system: System | None = None) -> Iterator[ScreenedCandidate]:
         """Every kind at every place that can lower χ², each guess by itself, unsorted.
@@ -131,14 +147,16 @@ class Screening:
             Effects that it has are not repeated; the fit's system if not given.
         """
         system = system or self.system
-        present = {(effect.kind, effect.at) for effect in system.effects}
+        present = {(effect.kind, place) for effect in system.effects for place in effect.places}
         for kind, effect in EFFECTS.items():
             places = [
                 at
-                for at in effect.places(system)
-                if (kind, at) not in present and not (effect.replaces_quantity and system.parameters[at].uncertain)
+                for at in (*effect.places(system), *effect.shared_places(system))
+                if not any((kind, place) in present for place in members(at))
+                and not (effect.replaces_quantity and system.parameters[at].uncertain)
             ]
-            screened = list(self._screened(kind, ((at, g) for at in places for g in effect.guesses(self.motion, at))))
+            guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))
+            screened = list(self._screened(kind, guesses))
             yield from screened
             best: dict[str, ScreenedCandidate] = {}
             for candidate in sorted(screened, key=lambda one: -one.reduction):

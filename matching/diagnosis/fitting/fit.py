@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Fit:
     v : ndarray (v,)
         Variables.
     residual : ndarray (r,)
-        (measured − simulated)/noise of all segments, sample by sample, sensor by sensor.
+        (measured − simulated)/noise, weighted, of all segments, sample by sample, sensor by sensor.
     jacobian : ndarray (r, v)
         Derivatives of the residual.
     cost : float
@@ -61,8 +62,13 @@ class Fit:
         return self.problem.unpack(self.v)[1]
 
     def by_sensor(self) -> list[np.ndarray]:
-        """Residual (t, y) of every segment."""
+        """Weighted residual (t, y) of every segment."""
         return self.problem.by_sensor(self.residual)
+
+    @cached_property
+    def errors(self) -> list[np.ndarray]:
+        """(measured − simulated)/noise (t, y) of every segment, not weighted."""
+        return self.by_sensor() if self.problem.weighting is None else self.problem.errors(self.v)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
 
@@ -28,7 +29,7 @@ class HoldoutRun:
     v : ndarray (v,)
         Its parameters are those of the fit.
     residual : ndarray (r,)
-        In times the noise.
+        Weighted as those of the fit, but without memory: the whole error of a free simulation counts.
     fitted_samples : tuple of int
         How many samples of each segment the fit used; only those after them count.
     continued : bool
@@ -47,6 +48,13 @@ class HoldoutRun:
         for values, count in zip(measured, self.fitted_samples, strict=True):
             values[:count] = False
         return np.concatenate([values.ravel() for values in measured])
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """(r,) (measured − simulated)/noise, not weighted."""
+        if self.problem.weighting is None:
+            return self.residual
+        return np.concatenate([part.ravel() for part in self.problem.errors(self.v)])
 
     def parts(self, residual: np.ndarray) -> list[np.ndarray]:
         """Residuals (r,) → (t, y) of what was held out of each segment; NaN where nothing was measured."""
@@ -98,9 +106,9 @@ class RestOfRecordings:
             return simulate_other(fit, replace(self.whole, segments=tuple(self._windows(fit))))
         fitted = [i for i, count in enumerate(self.counts) if count]
         data = replace(self.whole, segments=tuple(self.whole.segments[i] for i in fitted))
-        problem = replace(fit.problem, data=data, held_states=None)
-        v = problem.pack(fit.values, fit.starts)
         counts = tuple(self.counts[i] for i in fitted)
+        problem = replace(_without_memory(fit.problem), data=data, held_states=None, zero_samples=counts)
+        v = problem.pack(fit.values, fit.starts)
         run = HoldoutRun(problem, v, problem.residuals(v[None])[0], counts, continued=True)
         rest = tuple(s for s, count in zip(self.whole.segments, self.counts, strict=True) if not count)
         return [run, *(simulate_other(fit, replace(self.whole, segments=rest)) if rest else [])]
@@ -145,16 +153,16 @@ class OtherRecordings:
 
 
 def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
-    """Residuals (t, y), in times the noise, of all simulations."""
-    return [part for run in runs for part in run.parts(run.residual)]
+    """Errors (t, y), in times the noise, of all simulations."""
+    return [part for run in runs for part in run.parts(run.errors)]
 
 
 def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
     """Other data: parameters as fitted, only the start states are fitted to them."""
-    problem = fit.problem
+    problem = _without_memory(fit.problem)
     known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
     system = problem.system.with_values(known)
-    fixed = FitProblem(system, data, {}, problem.steps_per_second, problem.stick_speed)
+    fixed = FitProblem(system, data, {}, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
     starts = [first_state(system, fixed.model, segment) for segment in data.segments]
     fits = [
         solve(fixed, fixed.pack({}, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
@@ -166,6 +174,11 @@ def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
     same = replace(problem, data=data, held_states=None)
     none_used = (0,) * len(data.segments)
     return [HoldoutRun(same, same.pack(fit.values, starts), residual, none_used, False)]
+
+
+def _without_memory(problem: FitProblem) -> FitProblem:
+    """A problem in which the whole error of a free simulation counts."""
+    return problem if problem.weighting is None else replace(problem, weighting=problem.weighting.without_memory)
 
 
 def rms_by_sensor(residuals: list[np.ndarray]) -> np.ndarray:

@@ -6,9 +6,25 @@ import numpy as np
 
 from matching.diagnosis.data.segments import Segment
 from modelling.equations.compiled import Model
+from modelling.model.components import Gear, Shaft
 from modelling.model.system import System
 
 FIRST_SAMPLES = 20  # that are averaged for the speed at the start
+
+
+def sensors_with_zero(system: System) -> list[int]:
+    """Angle sensors whose zero is fitted, by index: all but the first of every connected part of the drivetrain.
+
+    Encoders start anywhere. The zero of the first is the angle at the start, which is fitted anyway; the difference
+    between two says nothing about the twist of what is between them.
+    """
+    connected, reached, with_zero = _connected_inertias(system), set[str](), []
+    for j, sensor in enumerate(system.sensors):
+        if sensor.measures == "angle":
+            if sensor.of in reached:
+                with_zero.append(j)
+            reached |= connected[sensor.of]
+    return with_zero
 
 
 def angles_without_reading(system: System, model: Model) -> set[int]:
@@ -55,17 +71,21 @@ def flank_shifts(system: System, model: Model) -> list[np.ndarray]:
     return shifts
 
 
-def _turns_with(system: System, inertia: str, without_shaft: str) -> dict[str, float]:
-    """By inertia: its angle when one turns by 1 rad and all that is connected follows without twist, a shaft left
-    out."""
+def _turns_with(system: System, inertia: str, without_shaft: str = "") -> dict[str, float]:
+    """By inertia: its angle when one turns by 1 rad and all that shafts and gears connect follows without twist, a
+    shaft left out."""
     angles, reached = {inertia: 1.0}, [inertia]
+    joints: dict[str, Shaft | Gear] = {
+        f"shafts.{shaft.name}": shaft for shaft in system.shafts if shaft.name != without_shaft
+    }
+    joints |= {f"gears.{gear.name}": gear for gear in system.gears}
     while reached:
         name = reached.pop()
-        for shaft in system.shafts:
-            if name not in shaft.between or shaft.name == without_shaft:
+        for place, joint in joints.items():
+            if name not in joint.between:
                 continue
-            first, second = shaft.between
-            ratio = system.parameters.get(f"shafts.{shaft.name}.ratio")
+            first, second = joint.between
+            ratio = system.parameters.get(f"{place}.ratio")
             factor = ratio.value if ratio is not None else 1.0
             other, angle = (second, angles[name] / factor) if name == first else (first, angles[name] * factor)
             if other not in angles:
@@ -77,19 +97,23 @@ def _turns_with(system: System, inertia: str, without_shaft: str) -> dict[str, f
 def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     """A state (x,) from which a fit of the start state begins.
 
-    Speeds and angles as measured; other inertias turn with the mean of the measured speeds, where there is no gear.
+    Speeds as measured; other inertias turn with the mean of the measured speeds, where there is no gear. The first
+    angle sensor of a connected part gives its angle; the rest of the part stands without twist.
     """
     x, n = np.zeros(len(model.states)), model.n
+    with_zero = sensors_with_zero(system)
     speeds: dict[int, float] = {}
     for j, sensor in enumerate(system.sensors):
         values = segment.readings[:FIRST_SAMPLES, j]
         values = values[np.isfinite(values)]
-        if sensor.of in model.coordinates and len(values):
-            i = model.coordinates.index(sensor.of)
-            if sensor.measures == "speed":
-                speeds[i] = float(values.mean())
-            elif sensor.measures == "angle":
-                x[i] = float(values[0])
+        if not len(values):
+            continue
+        if sensor.measures == "speed" and sensor.of in model.coordinates:
+            speeds[model.coordinates.index(sensor.of)] = float(values.mean())
+        elif sensor.measures == "angle" and j not in with_zero:
+            for name, share in _turns_with(system, sensor.of).items():
+                if name in model.coordinates:
+                    x[model.coordinates.index(name)] = share * float(values[0])
     common = float(np.mean(list(speeds.values()))) if speeds and not system.gears else 0.0
     for i in range(n):
         x[n + i] = speeds.get(i, common)

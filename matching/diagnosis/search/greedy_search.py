@@ -8,9 +8,10 @@ import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.candidates.noise_threshold import NoiseDraws
+from matching.diagnosis.candidates.recorded import recorded_range
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained, with_balanced_sensors
 from matching.diagnosis.search.prune import drop_and_exchange
 from matching.diagnosis.search.refinement import RefitBudget
 from matching.diagnosis.search.refit_candidates import (
@@ -21,12 +22,14 @@ from matching.diagnosis.search.refit_candidates import (
     refit_candidates,
 )
 from matching.diagnosis.search.state import SearchState, chi_square_per_reading, distinct
+from matching.diagnosis.search.unseen_data import UnseenData
 from modelling.model.system import System
 
 MOST_CAUSES = 3
 FURTHER_REFITS, SIDE_REFITS = 9, 5  # candidates refitted from the best hypothesis with causes, and from its rivals
 BEAM = 3  # hypotheses with one cause from which a second is searched for
 BEAM_RATIO = 2.0  # χ² of these, in times the best's
+MOST_JUDGED = 6  # hypotheses that are compared on unseen data before the search gives up
 SLIGHT = 0.1  # of the misfit beyond noise: what explains less is no cause of it; the vocabulary lacks the cause
 
 
@@ -53,10 +56,17 @@ class _Screenings:
         return self.known[hypothesis.causes]
 
 
-def search_causes(system: System, base_fit: Fit, progress: Progress = lambda _: None) -> SearchState:
-    """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can."""
-    base = Hypothesis(ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values), base_fit)
+def search_causes(
+    system: System, base_fit: Fit, unseen: UnseenData, progress: Progress = lambda _: None
+) -> SearchState:
+    """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can.
+
+    A cause that leaves more than noise has to lower the error of unseen data too.
+    """
     screening = Screening(base_fit)
+    recorded = recorded_range(system, base_fit.problem.data, screening.motion)
+    model = ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values, recorded=recorded)
+    base = Hypothesis(model, base_fit)
     draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
     candidates = best_by_candidate(list(screening.candidates()))
     screening.draws = None
@@ -68,15 +78,28 @@ def search_causes(system: System, base_fit: Fit, progress: Progress = lambda _: 
         grown = _grow(beam, screenings, state.noise_threshold, budget, progress)
         if state.best is base:
             state.with_one_cause = grown
-        if not grown or not _worthwhile(state, grown[0]):
+        grown = _from_first_accepted(state, grown, unseen)
+        if not grown:
             break
         state.best = grown[0]
         width = BEAM if len(state.best.causes) == 1 else 1
-        beam = [one for one in grown[:width] if one.fit.cost < BEAM_RATIO * grown[0].fit.cost]
+        beam = [one for one in grown[:width] if one.chi_square < BEAM_RATIO * grown[0].chi_square]
         if len(state.best.causes) == 1:
             state.rivals = [grown]
-    drop_and_exchange(state, budget, progress)
+    drop_and_exchange(state, unseen, budget, progress)
     return state
+
+
+def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: UnseenData) -> list[Hypothesis]:
+    """Hypotheses, best first, from the first on that is worth its cause; that one weighted as it leaves the sensors."""
+    for index, one in enumerate(grown[:MOST_JUDGED]):
+        if not _worthwhile(state, one):
+            break
+        if one.model.not_taken(one.fit):
+            continue
+        if at_noise(one) or unseen.promises(one, state.best):
+            return [with_balanced_sensors(one), *grown[index + 1 :]]
+    return []
 
 
 def _grow(
@@ -107,7 +130,7 @@ def _worthwhile(state: SearchState, child: Hypothesis) -> bool:
     """Whether a further cause explains more than noise would, more than its parameters cost, and more than a slight
     part of the misfit."""
     least = max(state.noise_threshold, _price(child) - _price(state.best))
-    if child.fit.cost > state.best.fit.cost - least * chi_square_per_reading(child):
+    if child.chi_square > state.best.chi_square - least * chi_square_per_reading(child):
         return False
     return share_explained(state.best, child) >= SLIGHT
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.fitting.balance import balanced, discrepancy
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, whiteness
 from modelling.effects import EFFECTS
@@ -45,9 +46,36 @@ class Hypothesis:
         return {(cause.kind, cause.at) for cause in self.causes}
 
     @property
+    def mean_squares(self) -> np.ndarray:
+        """(y,) mean square of each sensor's error in times its noise; NaN without readings."""
+        square = np.sum([np.sum(part**2, axis=0) for part in self.fit.errors], axis=0)
+        count = self.fit.problem.data.readings_by_sensor
+        return np.where(count, square / np.maximum(count, 1), np.nan)
+
+    @property
+    def chi_square(self) -> float:
+        """How much the fit leaves, in times the noise: χ².
+
+        Where sensors are weighted by what the model leaves of them: the number of readings times the geometric mean of
+        their squared innovations, the likelihood with memory and scale of each estimated. It does not depend on the
+        weights that the fit had.
+        """
+        data = self.fit.problem.data
+        if self.fit.problem.weighting is None:
+            return self.fit.cost
+        logarithms = np.log(discrepancy(self.fit).scale ** 2)
+        return data.readings_count * float(np.exp(logarithms @ data.readings_by_sensor / data.readings_count))
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of all errors in times the noise."""
+        count = self.fit.problem.data.readings_by_sensor
+        return float(np.sqrt(np.nansum(self.mean_squares * count) / count.sum()))
+
+    @property
     def cost(self) -> float:
         """χ² and ln of the number of readings for each variable (Schwarz, Annals of Statistics 6, 1978)."""
-        return self.fit.cost + len(self.fit.v) * float(np.log(self.fit.problem.data.readings_count))
+        return self.chi_square + len(self.fit.v) * float(np.log(self.fit.problem.data.readings_count))
 
     def at_fit(self) -> ExtendedModel:
         """The model at fitted values and bounds, to begin another fit."""
@@ -55,12 +83,19 @@ class Hypothesis:
         return replace(self.model, bounds=self.fit.problem.bounds, values=values, starts=())
 
     def whiteness(self) -> list[WhitenessTest]:
-        """The residual of each sensor against white noise."""
+        """The error of each sensor against white noise of its stated uncertainty."""
         parts = [
-            np.where(segment.measured, residual, np.nan)
-            for residual, segment in zip(self.fit.by_sensor(), self.fit.problem.data.segments, strict=True)
+            np.where(segment.measured, errors, np.nan)
+            for errors, segment in zip(self.fit.errors, self.fit.problem.data.segments, strict=True)
         ]
         return [whiteness([part[:, j] for part in parts]) for j in range(len(self.fit.problem.data.noise))]
+
+
+def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them."""
+    if hypothesis.fit.problem.weighting is None:
+        return hypothesis
+    return replace(hypothesis, fit=balanced(hypothesis.fit))
 
 
 def at_noise(hypothesis: Hypothesis) -> bool:
@@ -88,6 +123,6 @@ def _beyond_noise(fit: Fit, tests: Sequence[WhitenessTest]) -> list[np.ndarray]:
 
 def share_explained(parent: Hypothesis, child: Hypothesis) -> float:
     """Share of the misfit beyond noise that a further cause explains; 1 where there is hardly any misfit."""
-    excess = parent.fit.cost - parent.fit.problem.data.readings_count
-    decrease = parent.fit.cost - child.fit.cost
+    excess = parent.chi_square - parent.fit.problem.data.readings_count
+    decrease = parent.chi_square - child.chi_square
     return min(decrease / excess, 1.0) if excess > max(decrease, 0.0) else float(decrease > 0)

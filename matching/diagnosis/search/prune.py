@@ -10,12 +10,13 @@ from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.refinement import RefitBudget, with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress, RefitPlan, best_by_candidate, refit_candidates
 from matching.diagnosis.search.state import SearchState, chi_square_per_reading, distinct
+from matching.diagnosis.search.unseen_data import UnseenData
 
 ROUNDS = 2
 EXCHANGE_REFITS = 4  # candidates refitted in the place of each cause
 
 
-def drop_and_exchange(state: SearchState, budget: RefitBudget, progress: Progress) -> None:
+def drop_and_exchange(state: SearchState, unseen: UnseenData, budget: RefitBudget, progress: Progress) -> None:
     """Drop causes that are not needed, exchange those for which there is a better one, and collect rivals of the rest;
     changes ``state.best`` and ``state.rivals``."""
     for _ in range(ROUNDS):
@@ -25,7 +26,7 @@ def drop_and_exchange(state: SearchState, budget: RefitBudget, progress: Progres
         rivals: list[list[Hypothesis]] = []
         for index in range(len(state.best.causes)):
             better = _better_without(state, index, budget, progress, rivals)
-            if better is not None:
+            if better is not None and (at_noise(better) or unseen.promises(better, state.best)):
                 state.best = better
                 break
         else:
@@ -46,7 +47,7 @@ def _better_without(
     except (FloatingPointError, np.linalg.LinAlgError):  # it does not even simulate without this cause
         rivals.append([best])
         return None
-    if rest.fit.cost < best.fit.cost + state.noise_threshold * chi_square_per_reading(best):
+    if rest.chi_square < best.chi_square + state.noise_threshold * chi_square_per_reading(best):
         return rest
     screening = Screening(rest.fit)
     candidates = best_by_candidate(list(screening.candidates(model.system())))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from matching.diagnosis.candidates.cause import Cause, ExtendedModel, compilable
+from matching.diagnosis.candidates.cause import Cause, compilable
 from matching.diagnosis.candidates.refit import fit_extended
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import FitOptions
@@ -97,7 +97,7 @@ def _refit_batch(
 ) -> None:
     """Refit some candidates and append what can be fitted to the hypotheses."""
     step = parent.fit.problem.data.sampling_interval
-    start = ExtendedModel(parent.model.base, parent.causes, parent.fit.problem.bounds, parent.fit.values)
+    start = replace(parent.model, bounds=parent.fit.problem.bounds, values=parent.fit.values, starts=())
     models = {}
     for one in batch:
         model = start.with_cause(one.kind, one.at, one.parameters, step)

@@ -37,7 +37,7 @@ class SearchState:
 
 def chi_square_per_reading(hypothesis: Hypothesis) -> float:
     """Mean square of the residual, at least 1: no gain counts that is small beside what remains."""
-    return max(1.0, hypothesis.fit.cost / max(hypothesis.fit.problem.data.readings_count, 1))
+    return max(1.0, hypothesis.chi_square / max(hypothesis.fit.problem.data.readings_count, 1))
 
 
 def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:

@@ -8,11 +8,13 @@ count its error as if it were noise, thousands of times over.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.diagnosis.fitting.holdout import Holdout, holdout_residuals
+from matching.diagnosis.fitting.balance import discrepancy, reweighted
+from matching.diagnosis.fitting.holdout import Holdout
 from matching.diagnosis.fitting.prediction import Prediction, prediction
 from matching.diagnosis.fitting.residual_statistics import effective_share
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
@@ -60,9 +62,10 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
     Rivals near a best fit at the noise are refitted as finely as it. A cause gives way to a rival with more evidence.
     """
     best, cause = state.best, state.best.causes[index]
-    others = _rivals(state, index)
+    others = [_weighted_as(best, one) for one in _rivals(state, index)]
     inflation = chi_square_inflation(best)
-    near = [one for one in others if one.cost - best.cost < OUT_OF_QUESTION * inflation][:MOST_RIVALS]
+    scores = fitted_scores([best, *others], inflation)
+    near = [one for one, s in zip(others, scores[1:], strict=True) if s - scores[0] < OUT_OF_QUESTION][:MOST_RIVALS]
     hypotheses = [best, *([final_fit(one) for one in near] if at_noise(best) else near)]
     names = [(cause.kind, cause.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in hypotheses[1:]]
     shares = evidence_shares(_scores(hypotheses, holdout, inflation)) if near else np.ones(1)
@@ -91,7 +94,35 @@ def _scores(hypotheses: list[Hypothesis], holdout: Holdout, inflation: float) ->
     predictions = [_predicted(one, holdout, inflation) for one in hypotheses]
     variance = min((residual_inflation(own.updated) for own in predictions if own), default=1.0)
     unseen = [own.score(variance) if own else NOT_SIMULATED for own in predictions]
-    return np.array([one.cost / inflation + score for one, score in zip(hypotheses, unseen, strict=True)])
+    return fitted_scores(hypotheses, inflation) + np.array(unseen)
+
+
+def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndarray:
+    """(h,) −2 ln of the evidence of fitted data, but for a constant, the first hypothesis being the best.
+
+    Where sensors are weighted by what the model leaves of them, memory and scale are estimated: n·ln of the
+    squared innovation of each, n the number of independent samples in what the best leaves.
+    """
+    best = hypotheses[0]
+    if best.fit.problem.weighting is None:
+        return np.array([one.cost / inflation for one in hypotheses])
+    segments, residuals = best.fit.problem.data.segments, best.fit.by_sensor()
+    count = np.array([
+        sum(
+            effective_share(r[s.measured[:, j], j]) * s.measured[:, j].sum()
+            for s, r in zip(segments, residuals, strict=True) if s.measured[:, j].any()
+        )
+        for j in range(len(best.fit.problem.data.noise))
+    ])  # fmt: skip
+    logarithms = [np.log(discrepancy(one.fit).scale ** 2) for one in hypotheses]
+    price = [len(one.fit.v) * np.log(max(count.sum(), 2.0)) for one in hypotheses]
+    return np.array([float(count @ part) + own for part, own in zip(logarithms, price, strict=True)])
+
+
+def _weighted_as(best: Hypothesis, other: Hypothesis) -> Hypothesis:
+    """A hypothesis with its sensors weighted as those of the best."""
+    weighting = best.fit.problem.weighting
+    return other if weighting is None else replace(other, fit=reweighted(other.fit, weighting))
 
 
 def evidence_shares(scores: np.ndarray) -> np.ndarray:
@@ -113,15 +144,6 @@ def _predicted(hypothesis: Hypothesis, holdout: Holdout, factor: float) -> Predi
         return prediction(hypothesis.fit, holdout.simulate(hypothesis.fit), factor)
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
-
-
-def holdout_chi_square(hypothesis: Hypothesis, holdout: Holdout) -> float:
-    """χ² of a hypothesis on held-out data; huge where it does not simulate."""
-    try:
-        residuals = holdout_residuals(holdout.simulate(hypothesis.fit))
-    except (FloatingPointError, np.linalg.LinAlgError):
-        return NOT_SIMULATED
-    return float(sum(np.nansum(part**2) for part in residuals)) if residuals else NOT_SIMULATED
 
 
 def chi_square_inflation(hypothesis: Hypothesis) -> float:

@@ -83,7 +83,8 @@ def remaining_errors(final: Hypothesis) -> list[RemainingError]:
         then = slice(part.start + worst.first, min(part.start + worst.last, part.stop))
         out.append(
             RemainingError(
-                problem.model.sensors[j], tests[j].ratio, float(np.sqrt(worst.square)),
+                problem.model.sensors[j], tests[j].ratio,
+                float(np.sqrt(worst.square)),
                 float(time[worst.first]), float(time[min(worst.last, len(time) - 1)]),
                 float(samples * np.median(np.diff(time))), _ranges(motion.speed, then), _ranges(motion.torque, then),
             )
@@ -94,7 +95,7 @@ def remaining_errors(final: Hypothesis) -> list[RemainingError]:
 def _worst_time(final: Hypothesis, j: int) -> _Worst:
     """When the residual of a sensor is largest."""
     times = []
-    for i, residual in enumerate(final.fit.by_sensor()):
+    for i, residual in enumerate(final.fit.errors):
         length = max(len(residual) // WORST_TIME_SHARE, WORST_TIME_SAMPLES)
         starts = range(0, max(len(residual) - length, 1), length)
         times += [_Worst(float(np.mean(residual[a : a + length, j] ** 2)), i, a, a + length) for a in starts]
@@ -109,7 +110,7 @@ def residual_once(final: Hypothesis) -> np.ndarray:
     """Residual (t, y), in times the noise, with every sample once: windows share the last of one and the first of the
     next."""
     segments, parts = final.fit.problem.data.segments, []
-    for i, residual in enumerate(final.fit.by_sensor()):
+    for i, residual in enumerate(final.fit.errors):
         shared = i + 1 < len(segments) and segments[i + 1].name == segments[i].name
         shared = shared and segments[i + 1].time[0] == segments[i].time[-1]
         parts.append(residual[:-1] if shared else residual)

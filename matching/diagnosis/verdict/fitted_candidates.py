@@ -23,8 +23,7 @@ def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandid
         misfit_holdout = holdout_misfit(one, holdout)
         taken = (cause.kind, cause.at) in state.best.places
         reason = "" if taken else _reason(state, one, misfit_holdout, base_holdout)
-        misfit = float(np.sqrt(one.fit.cost / one.fit.problem.data.readings_count))
-        out.append(FittedCandidate(cause.kind, cause.at, misfit, misfit_holdout, one.fit.cost, reason))
+        out.append(FittedCandidate(cause.kind, cause.at, one.misfit, misfit_holdout, one.chi_square, reason))
     return out
 
 
@@ -43,8 +42,11 @@ def holdout_misfit(hypothesis: Hypothesis, holdout: Holdout) -> float:
 def _reason(state: SearchState, hypothesis: Hypothesis, misfit_holdout: float, base_holdout: float) -> str:
     """Why a candidate was not taken, in the words of ``diagnosis.json``."""
     least = state.noise_threshold * chi_square_per_reading(hypothesis)
-    if hypothesis.fit.cost > state.base.fit.cost - least:
+    if hypothesis.chi_square > state.base.chi_square - least:
         return "not_better"
+    impossible = hypothesis.model.not_taken(hypothesis.fit)
+    if impossible:
+        return impossible
     if misfit_holdout > base_holdout:
         return "worse_unseen"
     (cause,) = hypothesis.causes

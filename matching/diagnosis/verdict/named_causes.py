@@ -14,9 +14,11 @@ from matching.diagnosis.verdict.confidence import RatedCause, confidence
 from matching.diagnosis.verdict.next_recording import propose_manoeuvre
 from matching.diagnosis.verdict.result import Alternative, Candidate, CauseParameter, NamedCause
 from modelling.effects import EFFECTS
+from modelling.effects.place import place_in_words
 from modelling.model.system import System
 
 WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
+RISES = 1.05  # ratio of errors from which one is said to rise
 SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
 
 
@@ -65,7 +67,7 @@ def named_causes(
                 cause.kind, cause.at, _parameters(system, cause, estimates), confidence(own.share, explained, part),
                 _evidence(system, one.without, final, rivals[0].hypothesis if rivals else None),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
-                one.without.fit.cost / final.fit.cost,
+                one.without.chi_square / final.chi_square,
             )
         )  # fmt: skip
     return sorted(causes, key=lambda cause: -cause.gain)
@@ -73,8 +75,8 @@ def named_causes(
 
 def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
     """Share of the misfit beyond noise that the final hypothesis explains more than one without a cause."""
-    excess = without.fit.cost - final.fit.problem.data.readings_count
-    return (without.fit.cost - final.fit.cost) / max(excess, 1.0)
+    excess = without.chi_square - final.fit.problem.data.readings_count
+    return (without.chi_square - final.chi_square) / max(excess, 1.0)
 
 
 def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], explained: bool) -> str | None:
@@ -86,7 +88,7 @@ def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], e
         if rival and confidence(rival.share, explained, part) > WORTH_RECORDING:
             manoeuvre = propose_manoeuvre(final, rival.hypothesis)
             if manoeuvre:
-                names = f"{one.cause.kind} at {one.cause.at}", f"{rival.kind} at {rival.at}"
+                names = (f"{named.kind} at {place_in_words(named.at)}" for named in (one.cause, rival))
                 proposals.append((confidence(rival.share, explained, part), manoeuvre.sentence(*names)))
     return max(proposals)[1] if proposals else None
 
@@ -96,10 +98,9 @@ def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
     out = []
     for one in judged:
         for rated in one.rated:
-            fit = rated.hypothesis.fit
-            misfit = float(np.sqrt(fit.cost / fit.problem.data.readings_count))
-            instead_of = f"{one.cause.kind} at {one.cause.at}"
-            out.append(Candidate(rated.kind, rated.at, instead_of, misfit, fit.cost, rated.share))
+            misfit, chi_square = rated.hypothesis.misfit, rated.hypothesis.chi_square
+            instead_of = f"{one.cause.kind} at {place_in_words(one.cause.at)}"
+            out.append(Candidate(rated.kind, rated.at, instead_of, misfit, chi_square, rated.share))
     return out
 
 
@@ -123,10 +124,13 @@ def _evidence(system: System, without: Hypothesis, final: Hypothesis, next_best:
     before, after = (np.array([test.ratio for test in one.whiteness()]) for one in (without, final))
     j = int(np.nanargmax(before - after))
     text = f"with it the error of {system.sensors[j].name} falls from {before[j]:.3g} to {after[j]:.3g} times the noise"
+    i = int(np.nanargmax(after / np.maximum(before, 1.0)))
+    if after[i] > RISES * max(before[i], 1.0):
+        text += f", that of {system.sensors[i].name} rises from {before[i]:.3g} to {after[i]:.3g}"
     if next_best:
         left = np.array([test.ratio for test in next_best.whiteness()])
         i = int(np.nanargmax(left))
         cause = next_best.causes[-1]
-        text += f"; the next best, {cause.kind} at {cause.at}, leaves {left[i]:.3g} times the noise"
+        text += f"; the next best, {cause.kind} at {place_in_words(cause.at)}, leaves {left[i]:.3g} times the noise"
         text += f" in {system.sensors[i].name}"
     return text

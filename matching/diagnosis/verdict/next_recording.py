@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.diagnosis.data.segments import Segment
+from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from matching.diagnosis.search.hypothesis import Hypothesis
+from modelling.model.system import System
 
 DURATION = 8.0  # s
 STEP_TIME = 0.5  # s
 STEPS_PER_RUN = 4.0  # periods of the alternating steps
 SLOW_HZ, SWEEP_HZ = 0.5, (0.5, 30.0)  # the band of drivability
-FACTORS = (1.0, 2.0)  # of the largest recorded torque
+FACTORS = (1.0, 0.5, 0.25, 0.1)  # of the largest recorded torque: a bed is only known to bear what was recorded
+BEYOND_RECORDED = 1.05  # of the largest reading; a manoeuvre that drives a sensor further is not proposed
 CLEARLY_BETTER = 1.2  # times the separation for a later manoeuvre to be preferred
 
 
@@ -71,26 +73,38 @@ def waveforms(time: np.ndarray) -> dict[str, np.ndarray]:
 def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> Manoeuvre | None:
     """The manoeuvre in which two hypotheses differ most, from rest; None if nothing could be simulated.
 
-    Simpler waveforms and smaller amplitudes come first and are kept unless a later one is clearly better.
+    Simpler waveforms come first and are kept unless a later one is clearly better. Each has the largest amplitude that
+    drives no speed, acceleration or shaft torque beyond what was recorded.
     """
     data, model = hypothesis.fit.problem.data, hypothesis.fit.problem.model
     time = data.sampling_interval * np.arange(round(DURATION / data.sampling_interval))
     largest = np.max([np.abs(segment.inputs).max(axis=0) for segment in data.segments], axis=0)
+    recorded = _largest_readings(data, model.system)
     best: Manoeuvre | None = None
     for i, name in enumerate(model.inputs):
         for waveform, shape in waveforms(time).items():
             for factor in FACTORS:
-                amplitude = factor * float(largest[i]) or 1.0
+                amplitude = factor * float(largest[i])
                 torque = np.zeros((len(time), len(model.inputs)))
                 torque[:, i] = amplitude * shape
-                difference = _readings(hypothesis, time, torque) - _readings(rival, time, torque)
+                readings = _readings(hypothesis, time, torque)
+                difference = readings - _readings(rival, time, torque)
                 separation = np.sqrt(np.mean((difference / data.noise) ** 2, axis=0))
-                if not np.isfinite(separation).all():
+                if not np.isfinite(separation).all() or np.any(np.abs(readings).max(axis=0) > recorded):
                     continue
                 j = int(np.argmax(separation))
                 if best is None or separation[j] > CLEARLY_BETTER * best.separation:
                     best = Manoeuvre(name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j])
+                break
     return best
+
+
+def _largest_readings(data: FitData, system: System) -> np.ndarray:
+    """(y,) largest magnitudes that may be reached; infinite for angles, and for sensors that were not recorded."""
+    readings = np.abs(np.concatenate([segment.readings for segment in data.segments]))
+    largest = BEYOND_RECORDED * np.max(np.where(np.isfinite(readings), readings, 0.0), axis=0)
+    free = [sensor.measures == "angle" for sensor in system.sensors]
+    return np.where(free | (largest == 0), np.inf, largest)
 
 
 def _readings(hypothesis: Hypothesis, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:

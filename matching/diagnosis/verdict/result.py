@@ -13,6 +13,7 @@ from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import FittedMotion
+from modelling.effects.place import place_in_file, place_in_words
 from modelling.model.system import System
 
 
@@ -67,9 +68,10 @@ class NamedCause:
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
-            "kind": self.kind, "at": self.at, "confidence": self.confidence, "evidence": self.evidence,
+            "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
             "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
-            "alternatives": [vars(one) for one in self.alternatives], "gain": finite(self.gain),
+            "alternatives": [vars(one) | {"at": place_in_file(one.at)} for one in self.alternatives],
+            "gain": finite(self.gain),
         }  # fmt: skip
 
 
@@ -139,7 +141,8 @@ class FittedCandidate:
     chi_square : float
         On fitted data.
     not_taken : str
-        Why it was not taken: ``not_better``, ``worse_unseen``, ``at_bound`` or ``rival``; empty if it was.
+        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound`` or
+        ``rival``; empty if it was.
     """
 
     kind: str
@@ -152,7 +155,7 @@ class FittedCandidate:
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
-            "kind": self.kind, "at": self.at, "instead_of": None, "misfit": self.misfit,
+            "kind": self.kind, "at": place_in_file(self.at), "instead_of": None, "misfit": self.misfit,
             "misfit_holdout": finite(self.misfit_holdout), "chi_square": self.chi_square, "confidence": 0.0,
             "not_taken": self.not_taken or None,
         }  # fmt: skip
@@ -276,9 +279,11 @@ class Diagnosis(Displayed):
         rows = []
         for one in self.candidates:
             own = fitted.pop((one.kind, one.at), {"misfit_holdout": None})
-            is_cause = one.instead_of == f"{one.kind} at {one.at}"
+            is_cause = one.instead_of == f"{one.kind} at {place_in_words(one.at)}"
             reason = None if is_cause else own.get("not_taken") or "rival"
-            rows.append(vars(one) | {"misfit_holdout": own["misfit_holdout"], "not_taken": reason})
+            rows.append(
+                vars(one) | {"at": place_in_file(one.at), "misfit_holdout": own["misfit_holdout"], "not_taken": reason}
+            )
         return rows + list(fitted.values())
 
 

@@ -9,7 +9,7 @@ from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.environment import embedded, environment
 from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.figures import CAPTIONS
-from matching.report.diagnosis.sentences import answer, measured, not_identifiable
+from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place
 
 MEANING = {
     "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
@@ -96,7 +96,7 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
     estimates = cause["parameters"].items()
     return {
         "kind": spaced(cause["kind"]),
-        "at": cause["at"],
+        "at": place(cause["at"]),
         "values": [(spaced(key), measured(estimate)) for key, estimate in estimates],
         "confidence": f"{cause['confidence']:.2f}",
         "gain": number(cause["gain"], 3),
@@ -119,7 +119,7 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for cause, rows in groups.items():
         named = next(row["chi_square"] for row in rows if _label(row) == cause)
         table = [
-            row | {"kind": spaced(row["kind"]), "margin": row["chi_square"] - named,
+            row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "margin": row["chi_square"] - named,
                    "confidence": f"{row['confidence']:.2g}"}
             for row in rows
         ]  # fmt: skip
@@ -128,7 +128,7 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if others:
             second = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
             words = (
-                f"Second best: {spaced(second['kind'])} at {second['at']}, whose residual is "
+                f"Second best: {spaced(second['kind'])} at {place(second['at'])}, whose residual is "
                 f"{number(second['misfit'], 3)} times the noise; the χ² of its fit minus that of the cause is "
                 f"{number(second['chi_square'] - named, 3)}."
             )
@@ -137,7 +137,7 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _label(candidate: Mapping[str, Any]) -> str:
-    return f"{candidate['kind']} at {candidate['at']}"
+    return kind_and_place(candidate)
 
 
 def _fidelity(fidelity: Mapping[str, Any]) -> dict[str, Any]:

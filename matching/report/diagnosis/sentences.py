@@ -9,6 +9,7 @@ from typing import Any
 
 from matching.report.common.wording import number, percent, spaced, unit
 from modelling.effects import EFFECTS
+from modelling.effects.place import place_in_words, shared_place
 
 PLACES = {"shafts": "the shaft", "inertias": "the inertia", "inputs": "the input", "sensors": "the sensor"}
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
@@ -33,28 +34,56 @@ def answer(result: Mapping[str, Any]) -> str:
     text = text[:1].upper() + text[1:] if text.startswith("the ") else text
     if worst is not None:
         name, before, after = worst
-        text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {name} falls from {number(before, 3)}"
-        text += f" to {number(after, 3)} times the noise on held-out data"
+        text += f"; with {'it' if len(causes) == 1 else 'them'} {_pooled(result)}the error of {name} "
+        text += (
+            f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
+        )
+        text += " on held-out data"
     return text + ("." if result["verdict"] == "explained" else ", and an unexplained error remains.")
+
+
+def _pooled(result: Mapping[str, Any]) -> str:
+    """The error of all sensors together on held-out data, over their ranges; empty for a single sensor."""
+    gain = result.get("gain", {})
+    before, after = gain.get("nrmse_before"), gain.get("nrmse_after")
+    if len(result["errors"]) < 2 or before is None or after is None:
+        return ""
+    falls = "rises" if after > before else "falls"
+    return f"the error of all sensors {falls} from {percent(before)} to {percent(after)} of their range; the worst, "
 
 
 def clause(cause: Mapping[str, Any]) -> str:
     """A cause as a clause: the shaft link has 0.0210 ± 0.0010 rad of free play."""
-    table, name = cause["at"].split(".", 1)
-    place = f"{PLACES[table]} {name}" if "." not in name else cause["at"]
+    subject = _subject(cause["at"])
     kind, values = cause["kind"], {key: measured(estimate) for key, estimate in cause["parameters"].items()}
     words = EFFECTS[kind].words or "has " + spaced(kind)
     in_words = {key for _, key, _, _ in Formatter().parse(words) if key}
     further = [f"{spaced(key)} {value}" for key, value in values.items() if key not in in_words]
-    return f"{place} {words.format_map(values)}" + (f" ({', '.join(further)})" if further else "")
+    return f"{subject} {words.format_map(values)}" + (f" ({', '.join(further)})" if further else "")
+
+
+def _subject(at: str | list[str]) -> str:
+    """A place with its article: the shaft link; of several that share an effect: the sensors a and b together."""
+    places = [at] if isinstance(at, str) else at
+    table, name = places[0].split(".", 1)
+    if len(places) > 1:
+        names = [place.split(".", 1)[1] for place in places]
+        return f"{PLACES[table]}s {', '.join(names[:-1])} and {names[-1]} together"
+    return f"{PLACES[table]} {name}" if "." not in name else places[0]
+
+
+def kind_and_place(cause: Mapping[str, Any]) -> str:
+    """A cause or candidate by kind and place: backlash at shafts.link."""
+    return f"{cause['kind']} at {place(cause['at'])}"
+
+
+def place(at: str | list[str]) -> str:
+    """A place of ``diagnosis.json`` for a sentence or a table."""
+    return place_in_words(at if isinstance(at, str) else shared_place(at))
 
 
 def _rivals(cause: Mapping[str, Any]) -> str:
-    rivals = [
-        f"{rival['kind']} at {rival['at']}"
-        for rival in cause["alternatives"]
-        if rival["confidence"] > LEAST_RIVAL_CONFIDENCE
-    ]
+    rivals = [kind_and_place(rival) for rival in cause["alternatives"] if rival["confidence"] > LEAST_RIVAL_CONFIDENCE]
     return f" (these data do not rule out {' or '.join(rivals)} instead)" if rivals else ""
 
 
@@ -83,12 +112,12 @@ def _in_noise(error: Mapping[str, float | None], key: str) -> float | None:
 
 
 def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float, float] | None:
-    """The sensor with the largest error of the base model on held-out data; before and after in times its noise."""
+    """The sensor with the largest error that is left on held-out data; before and after in times its noise."""
     rows = [
         (name, _in_noise(error, "before_holdout"), _in_noise(error, "after_holdout")) for name, error in errors.items()
     ]
     known = [(name, before, after) for name, before, after in rows if before is not None and after is not None]
-    return max(known, key=lambda row: row[1], default=None)
+    return max(known, key=lambda row: row[2], default=None)
 
 
 def summary(result: Mapping[str, Any]) -> str:
@@ -112,6 +141,9 @@ def summary(result: Mapping[str, Any]) -> str:
             f"  remaining error of {row['sensor']}: largest from {row['from']:g} to {row['to']:g} s, "
             f"{number(row['worst_ratio'], 3)} times the noise"
         )
+    at_bound = [name for name, own in result["parameters"].items() if "at the bound" in own.get("note", "")]
+    if at_bound:
+        lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
     unidentified = not_identifiable(result)
     if unidentified:
         lines.append(f"  not identifiable from these data: {', '.join(unidentified)}")
@@ -119,13 +151,13 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _evidence(cause: Mapping[str, Any]) -> list[str]:
-    lines = [f"  {cause['kind']} at {cause['at']}, confidence {cause['confidence']:.2f}: {cause['evidence']}"]
+    lines = [f"  {kind_and_place(cause)}, confidence {cause['confidence']:.2f}: {cause['evidence']}"]
     lines += [f"    {key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
-    rivals = [f"{rival['kind']} at {rival['at']} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
+    rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
     return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
 
 
 def not_identifiable(result: Mapping[str, Any]) -> list[str]:
     """Names of the quantities that these recordings do not determine."""
     parameters = result["parameters"].items()
-    return [name for name, estimate in parameters if estimate.get("note", "").startswith("not identifiable")]
+    return [name for name, estimate in parameters if "not identifiable" in estimate.get("note", "")]

@@ -1,0 +1,139 @@
+"""Whether a cause earns its place on data that no fit has used.
+
+What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat. A
+cause is kept only if the error of all sensors together falls on unseen data and that of none rises beyond its
+uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching.diagnosis.data.weighting import weighting_of
+from matching.diagnosis.fitting.holdout import Holdout, holdout_residuals
+from matching.diagnosis.search.hypothesis import Hypothesis
+
+BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
+CERTAIN = 2.0  # standard errors of the mean difference from which a sensor is worse
+WORSE_RATIO = 1.04  # mean square, from which it matters
+AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
+
+UNSEEN_ERRORS = (FloatingPointError, np.linalg.LinAlgError)  # of a model that does not simulate unseen data
+
+
+@dataclass(frozen=True)
+class UnseenError:
+    """Errors of one hypothesis on unseen data.
+
+    Attributes
+    ----------
+    blocks : ndarray (b, y)
+        Mean squares over blocks of the data, in times the noise; NaN without readings.
+    pooled : float
+        Root mean square over the sensors of the error over the sensor's range.
+    innovation : float
+        Geometric mean over the sensors of what the error before does not foretell, in times the noise.
+    """
+
+    blocks: np.ndarray
+    pooled: float
+    innovation: float
+
+    @property
+    def mean_squares(self) -> np.ndarray:
+        """(y,) mean square of each sensor."""
+        known = np.isfinite(self.blocks)
+        return np.where(known, self.blocks, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+
+
+class UnseenData:
+    """Held-out data and the errors of hypotheses on them, each simulated once."""
+
+    def __init__(self, holdout: Holdout):
+        self.holdout = holdout
+        self._known: dict[int, tuple[Hypothesis, UnseenError | None]] = {}
+
+    def error(self, hypothesis: Hypothesis) -> UnseenError | None:
+        """The errors of a hypothesis; None where it does not simulate the data."""
+        key = id(hypothesis)
+        if key not in self._known:
+            self._known[key] = hypothesis, self._simulated(hypothesis)
+        return self._known[key][1]
+
+    def promises(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether a hypothesis that may lack further causes meets unseen data better than another.
+
+        Where sensors are weighted by what the model leaves of them, a slow drift that a further cause will explain does
+        not count: what the error before does not foretell has to fall.
+        """
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None or child.fit.problem.weighting is None:
+            return self.gains(child, parent)
+        return bool(after.innovation < before.innovation)
+
+    def gains(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether the pooled error of a hypothesis is smaller than that of another."""
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None:
+            return before is None
+        return bool(after.pooled < before.pooled)
+
+    def earns_place(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether the pooled error falls and that of no sensor rises beyond its uncertainty."""
+        return self.gains(child, parent) and not self.worse_sensors(child, parent)
+
+    def worse_sensors(self, child: Hypothesis, parent: Hypothesis) -> list[int]:
+        """Sensors (index) whose error is larger than that of another hypothesis beyond its uncertainty.
+
+        Block by block, the difference of the mean squares: its mean against its standard error.
+        """
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None or after.blocks.shape != before.blocks.shape:
+            return []
+        worse = []
+        for j in range(after.blocks.shape[1]):
+            rise = after.blocks[:, j] - before.blocks[:, j]
+            rise = rise[np.isfinite(rise)]
+            square, square_before = after.mean_squares[j], before.mean_squares[j]
+            if len(rise) < 2 or square < AT_NOISE or square < WORSE_RATIO * square_before:
+                continue
+            if rise.mean() > CERTAIN * rise.std(ddof=1) / np.sqrt(len(rise)):
+                worse.append(j)
+        return worse
+
+    def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
+        try:
+            residuals = holdout_residuals(self.holdout.simulate(hypothesis.fit))
+        except UNSEEN_ERRORS:
+            return None
+        if not residuals or not all(np.isfinite(part[~np.isnan(part)]).all() for part in residuals):
+            return None
+        data = hypothesis.fit.problem.data
+        readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
+        total = np.concatenate(residuals)
+        blocks = np.array([_mean_square(part) for part in np.array_split(total, min(BLOCKS, len(total)))])
+        measured = np.isfinite(readings).any(axis=0) & np.isfinite(total).any(axis=0)
+        width = np.array([_width(readings[:, j]) for j in range(readings.shape[1])])
+        pooled = measured & (width > 0)
+        square = _mean_square(total)
+        share = np.sqrt(square[pooled]) * data.noise[pooled] / width[pooled]
+        if not pooled.any():
+            return UnseenError(blocks, np.nan, np.nan)
+        scales = weighting_of(
+            [np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals]
+        ).scale
+        innovation = float(np.exp(np.mean(np.log(scales[pooled]))))
+        return UnseenError(blocks, float(np.sqrt(np.mean(share**2))), innovation)
+
+
+def _mean_square(part: np.ndarray) -> np.ndarray:
+    """Mean squares (y,) of residuals (t, y); NaN without readings."""
+    count = np.isfinite(part).sum(axis=0)
+    return np.where(count, np.nansum(part**2, axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _width(values: np.ndarray) -> float:
+    measured = values[np.isfinite(values)]
+    return float(np.ptp(measured)) if len(measured) else 0.0

@@ -1,0 +1,81 @@
+"""Causes lie within what the recording has shown, and values at its ends are refused."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.candidates.cause import ExtendedModel
+from matching.diagnosis.candidates.motion import simulated_motion
+from matching.diagnosis.candidates.recorded import TORQUE_MARGIN, recorded_range
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.problem import base_problem
+from modelling.model.files import from_dict
+
+SPEED, TORQUE, DRAG, DURATION = 12.0, 5.4, 0.45, 4.0
+NAME = "inertias.rotor.coulomb_friction.torque"
+
+
+@pytest.fixture(scope="module")
+def model() -> ExtendedModel:
+    """A rotor at constant speed: the torque is that of its drag."""
+    system = from_dict({
+        "inertias": {"rotor": {"J": 0.02, "drag": {"value": DRAG, "tolerance": 0.5}}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.1}},
+    })  # fmt: skip
+    time = np.linspace(0, DURATION, 401)
+    readings = np.full((401, 1), SPEED)
+    data = FitData((Segment(time, np.full((401, 1), TORQUE), readings),), np.array([0.1]))
+    fit = solve(*base_problem(system, data))
+    recorded = recorded_range(system, data, simulated_motion(fit))
+    return ExtendedModel(system, (), {}, {}, recorded=recorded)
+
+
+def test_range_of_a_steady_recording(model: ExtendedModel) -> None:
+    recorded = model.recorded
+    assert recorded is not None
+    assert recorded.duration == DURATION
+    assert recorded.torque["rotor"] == pytest.approx(TORQUE_MARGIN * TORQUE)
+    assert (recorded.largest_reading["speed"], recorded.width["speed"]) == (SPEED, 0.0)
+    assert recorded.turns["rotor"] == pytest.approx(SPEED * DURATION / (2 * np.pi), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "at", "parameters", "key", "expected"),
+    [
+        ("coulomb_friction", "inertias.rotor", {"torque": 1.0}, "torque", (0.0, TORQUE_MARGIN * TORQUE)),
+        ("constant_torque", "inertias.rotor", {"torque": 1.0}, "torque", (-8.1, 8.1)),
+        ("sensor_offset", "sensors.speed", {"offset": 1.0}, "offset", (-SPEED, SPEED)),
+        ("sensor_delay", "sensors.speed", {"delay": 0.1}, "delay", (0.0, DURATION / 4)),
+        ("lag", "sensors.speed", {"time_constant": 0.6}, "time_constant", (0.0025, DURATION / 4)),
+    ],
+)
+def test_bounds_of_a_cause(model: ExtendedModel, kind: str, at: str, parameters: dict, key: str, expected) -> None:
+    extended = model.with_cause(kind, at, parameters, 0.01)
+    assert extended.bounds[extended.causes[0].names()[key]] == pytest.approx(expected)
+
+
+def test_a_ripple_of_less_than_two_periods_is_beyond_the_recording(model: ExtendedModel) -> None:
+    ripple = {"order": 2.0, "amplitude": 0.1, "phase": 0.0}
+    extended = model.with_cause("torque_ripple", "inertias.rotor", ripple, 0.01)
+    low, _ = extended.bounds["inertias.rotor.torque_ripple.order"]
+    assert low >= 2 / (SPEED * DURATION / (2 * np.pi)) * (1 - 1e-3)
+
+
+def test_values_at_the_end_of_the_recorded_range_are_refused(model: ExtendedModel) -> None:
+    extended = model.with_cause("coulomb_friction", "inertias.rotor", {"torque": 1.0}, 0.01)
+    reasons = [extended.not_taken(SimpleNamespace(values={NAME: torque})) for torque in (0.0, 3.0, 8.1)]
+    assert reasons == ["", "", "beyond_recording"]
+    assert replace(extended, recorded=None).not_taken(SimpleNamespace(values={NAME: 8.1})) == ""
+
+
+def test_friction_that_breaks_away_at_less_than_it_slides_is_not_physical(model: ExtendedModel) -> None:
+    values = {"torque": 2.0, "breakaway": 2.8e-14, "speed": 0.5}
+    extended = model.with_cause("stribeck_friction", "inertias.rotor", values, 0.01)
+    names = extended.causes[0].names()
+    assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == "not_physical"
+    values["breakaway"] = 3.0
+    assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == ""
