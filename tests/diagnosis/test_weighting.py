@@ -18,11 +18,17 @@ def test_memory_and_scale_of_a_known_process() -> None:
     found = weighting_of([errors], [np.ones_like(errors, dtype=bool)])
     np.testing.assert_allclose(found.memory, [memory, 0, 0], atol=0.01)
     np.testing.assert_allclose(found.scale, [scale, 7.0, 1.0], rtol=0.01)
-    assert found.scale[2] >= 1  # never less than the noise
     weighted = found.weigh(errors[None], np.ones_like(errors, dtype=bool))[0]
     np.testing.assert_allclose(np.mean(weighted**2, axis=0), 1, atol=0.01)
     assert np.corrcoef(weighted[1:, 0], weighted[:-1, 0])[0, 1] == pytest.approx(0, abs=0.01)
     np.testing.assert_allclose(found.without_memory.scale, np.sqrt(np.mean(errors**2, axis=0)), rtol=0.01)
+
+
+def test_what_is_stated_of_a_sensor_does_not_matter() -> None:
+    errors = np.cumsum(np.random.default_rng(5).standard_normal((5000, 1)), axis=0)
+    measured = np.ones((5000, 1), dtype=bool)
+    one, other = weighting_of([errors], [measured]), weighting_of([errors / 300], [measured])
+    np.testing.assert_allclose(one.weigh(errors[None], measured), other.weigh(errors[None] / 300, measured), rtol=1e-9)
 
 
 def test_missing_readings_do_not_count_and_break_the_memory() -> None:

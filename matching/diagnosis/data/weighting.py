@@ -14,6 +14,7 @@ import numpy as np
 
 LARGEST_MEMORY = 0.9999  # of one sample; a drift over ten thousand samples is a random walk
 SMALLEST_MEMORY = 0.0
+SMALLEST_SCALE = 1e-6  # times the noise; less is rounding
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class Weighting:
 def weighting_of(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> Weighting:
     """Memory and scale of what a model leaves of the sensors.
 
-    The memory is the correlation of neighbours, which maximises the likelihood but for the first samples. The scale is
-    at least what the sensor's noise leaves, which is white.
+    The memory is the correlation of neighbours, which maximises the likelihood but for the first samples. Both are what
+    the errors show, whatever uncertainty is stated: that of an encoder may be one of its mounting, not of its steps.
 
     Parameters
     ----------
@@ -74,4 +75,4 @@ def weighting_of(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -
     memory = np.sum(before * after, axis=0) / np.where(square > 0, square, 1.0)
     memory = np.clip(memory, SMALLEST_MEMORY, LARGEST_MEMORY)
     scale = np.sqrt(np.sum((after - memory * before) ** 2, axis=0) / count)
-    return Weighting(memory, np.maximum(scale, np.sqrt(1 + memory**2)))
+    return Weighting(memory, np.maximum(scale, SMALLEST_SCALE))
