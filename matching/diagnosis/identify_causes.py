@@ -30,7 +30,7 @@ from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
 from matching.diagnosis.verdict.result import FittedCandidate
 from modelling.model.system import System
 
-FAR_FROM_NOISE = 200.0  # times the noise; an error of that size is first of all one of the model
+FAR_FROM_NOISE = 100.0  # times the noise; an error of that size is first of all one of the model
 
 
 @dataclass(frozen=True)
