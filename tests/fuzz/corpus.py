@@ -57,6 +57,9 @@ WORDS = (
     "uncertainty\nbudget.toml\n--draws\n2000\n--wanted\n0.5\n--out\no",
     "fidelity\nfidelity.toml\n--draws\n200\n--arithmetic\npublished\n--out\no",
     "new\nbed",
+    "simulate\nmodel.toml\ndrive.csv\n--start\nsteady\n--check",
+    "diagnose\nmodel.toml\ndrive.csv\n--holdout\ndrive.csv\n--json\n--check",
+    "show\nmodel.toml\n--out\no",
 )
 
 

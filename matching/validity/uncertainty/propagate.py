@@ -16,7 +16,7 @@ from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
 from modelling.equations.sympy_to_casadi import to_casadi
 
-LARGEST_SQUARE = 1e290  # of values and uncertainties: sums of a million squares are numbers still
+LARGEST_VALUE = 1e160  # of larger ones, even the sum of the squares of their rounding errors is no number
 CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
 
 
@@ -94,7 +94,7 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
     """
-    with np.errstate(all="ignore"):  # values near 1e160 have no squares: judged by what comes out
+    with np.errstate(all="ignore"):  # uncertainties near 1e160 have no squares: judged by what comes out
         return _propagated(budget, measurand, _evaluate(budget, measurand))
 
 
@@ -102,11 +102,11 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
     c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
     first = float(c @ covariance @ c)
     largest = np.sum(np.abs(c) * budget.standard_uncertainties) ** 2
-    if not largest + np.float64(derivatives.value) ** 2 < LARGEST_SQUARE:
+    if not (np.isfinite(largest) and abs(derivatives.value) <= LARGEST_VALUE):
         raise InputError(
             f"{budget.where}: measurand {measurand.name}",
             "its value or variance is too large for a number",
-            "give values or uncertainties in a larger unit",
+            "give values and uncertainties in a larger unit",
         )
     if first < CANCELLED * largest:
         first = 0.0
