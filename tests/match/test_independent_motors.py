@@ -10,6 +10,7 @@ from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
+from matching.report.drawing.layout import layout
 from modelling.common.errors import InputError
 from modelling.linear.reference_motion import speeds_of, torques_of
 from modelling.modal.modes import modes
@@ -135,3 +136,12 @@ def test_what_nothing_drives_is_still_missing_a_shaft():
     del model["inputs"]["torque_right"], model["inputs"]["dyno_right"]
     with pytest.raises(InputError, match="motor_right, adapter_right, rotor_right are not connected to 'motor_left'"):
         from_dict(model)
+
+
+def test_parts_that_stand_apart_are_drawn_one_below_the_other():
+    placed = layout(from_dict(rig("left", "right")))
+    assert {name: placed.lane[name] for name in ("motor_left", "rotor_left", "motor_right", "rotor_right")} == {
+        "motor_left": 0, "rotor_left": 0, "motor_right": 1, "rotor_right": 1,
+    }  # fmt: skip
+    assert placed.column["rotor_left"] == placed.column["rotor_right"] == 2
+    assert [joint.name for joint in placed.joints] == ["side_left", "flange_left", "side_right", "flange_right"]

@@ -43,7 +43,7 @@ class Layout:
 
 
 def layout(system: System) -> Layout:
-    """Lay a drivetrain out, from the first inertia in the file that is an end of it.
+    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below.
 
     Raises
     ------
@@ -59,23 +59,30 @@ def layout(system: System) -> Layout:
     for number, (_, _, ends) in enumerate(connections):
         for end in ends:
             meeting[end].append(number)
-    root = next((name for name, joints in meeting.items() if len(joints) <= 1), system.inertias[0].name)
-    column, children, order, joints = {root: 0}, {root: list[str]()}, [root], list[Joint]()
-    drawn: set[int] = set()
-    for name in order:  # grows while it is worked through
-        for number in meeting[name]:
-            if number in drawn:
-                continue
-            drawn.add(number)
-            table, joint, ends = connections[number]
-            far = tuple(end for end in ends if end != name)
-            joints.append(Joint(table, joint, name, far))
-            for end in far:
-                if end not in column:
-                    column[end], children[end] = column[name] + 1, []
-                    children[name].append(end)
-                    order.append(end)
-    return Layout(column, _lanes(root, children, order), tuple(joints))
+    column, children, order, joints = dict[str, int](), dict[str, list[str]](), list[str](), list[Joint]()
+    roots: list[str] = []
+    while len(column) < len(system.inertias):
+        left = [part.name for part in system.inertias if part.name not in column]
+        root = next((name for name in left if len(meeting[name]) <= 1), left[0])
+        roots.append(root)
+        column[root], children[root] = 0, []
+        drawn: set[int] = set()
+        reached = [root]
+        for name in reached:  # grows while it is worked through
+            for number in meeting[name]:
+                if number in drawn:
+                    continue
+                drawn.add(number)
+                table, joint, ends = connections[number]
+                far = tuple(end for end in ends if end != name)
+                joints.append(Joint(table, joint, name, far))
+                for end in far:
+                    if end not in column:
+                        column[end], children[end] = column[name] + 1, []
+                        children[name].append(end)
+                        reached.append(end)
+        order += reached
+    return Layout(column, _lanes(roots, children, order), tuple(joints))
 
 
 def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -84,10 +91,10 @@ def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
     return found + [("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials]
 
 
-def _lanes(root: str, children: dict[str, list[str]], order: list[str]) -> dict[str, float]:
+def _lanes(roots: list[str], children: dict[str, list[str]], order: list[str]) -> dict[str, float]:
     """Ends of branches one below the other, every other inertia in the middle of what hangs on it."""
     lane: dict[str, float] = {}
-    waiting, following = [root], 0
+    waiting, following = list(reversed(roots)), 0
     while waiting:
         name = waiting.pop()
         if not children[name]:
