@@ -35,7 +35,7 @@ class Given:
 
 
 def given(path: str | Path) -> Given:
-    """Read what is to be exported.
+    """Read what is to be exported: of a match the tuned residual vehicle, of a case that with its start values.
 
     Parameters
     ----------
@@ -49,15 +49,14 @@ def given(path: str | Path) -> Given:
     """
     path = Path(path)
     if path.is_dir():
-        return _result(path / "result.json")
+        return _residual_vehicle(path / "result.json")
     if path.suffix == ".json":
-        return _result(path)
+        return _residual_vehicle(path)
     data = read_toml(path)
     if "inertias" in data or not {"vehicle", "rig"} & set(data):
         system = from_dict(data, str(path))
         return Given(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
-    case = load_case(path)
-    return _residual(case, {move.name: move.start for move in case.moves}, ())
+    return _residual_vehicle(path)
 
 
 @dataclass(frozen=True)
@@ -115,8 +114,8 @@ def tuned_case(path: str | Path) -> TunedCase:
     return TunedCase(case, values, tuple(notes))
 
 
-def _result(path: Path) -> Given:
-    """The residual vehicle of a match."""
+def _residual_vehicle(path: Path) -> Given:
+    """The residual vehicle of a match or a case."""
     match = tuned_case(path)
     return _residual(match.case, match.values, match.notes)
 

@@ -119,6 +119,16 @@ def test_results_of_two_runs_mixed_by_a_kill_are_refused(reference_case, tmp_pat
     assert "some are older than others; run the match again" in capsys.readouterr().err
 
 
+def test_a_case_is_exported_with_its_start_values_and_says_so(reference_case, tmp_path, capsys):
+    """A match of it would ship tuned values: which of the two it is must not be left to guessing."""
+    assert main(["export", str(reference_case), "--fmu", str(tmp_path / "a.fmu"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    starts = {move.name: move.start for move in load_case(reference_case).moves}
+    values = {own["name"]: own["value"] for own in found["parameters"]}
+    assert values["inertias.body_left.J"] == starts["residual_vehicle.inertias.body_left.J"]
+    assert found["notes"][0] == "a case, not a match: everything stands at its start value"
+
+
 def test_result_of_a_match(reference_case, tmp_path, capsys):
     given = result_folder(reference_case, tmp_path, "limited", **{"inertias.body_left.J": 77.0})
     for name in (given, given / "result.json"):
