@@ -68,13 +68,17 @@ def _is_ours(package: str) -> bool:
 
 def main() -> int:
     """The command ``rigmatch``; exit code as :func:`matching.cli.main` has it."""
-    if line := replaced_package():
-        print(f"rigmatch: {line}", file=sys.stderr)
-        return 2
-    from matching.cli import main as run
-    from matching.supervision import supervised
+    try:
+        if line := replaced_package():
+            print(f"rigmatch: {line}", file=sys.stderr)
+            return 2
+        from matching.cli import main as run
+        from matching.supervision import supervised
 
-    return supervised(run)
+        return supervised(run)
+    except KeyboardInterrupt as interrupt:  # before the command itself has begun
+        print("rigmatch: interrupted", file=sys.stderr)
+        return getattr(interrupt, "exit_code", 130)
 
 
 def __getattr__(name: str) -> Any:

@@ -134,6 +134,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="without match, map and tolerance")
     asked = parser.parse_args()
     draw = random.Random(asked.seed)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it begins in the background
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         trials = Trials(Path(folder), QUICK if asked.quick else QUICK | SLOW)
         for _ in range(asked.moments):

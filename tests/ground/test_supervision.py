@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import rigmatch
+
 ROOT = Path(__file__).parents[2]
 BEGIN = """
 import os, subprocess, sys, time
@@ -122,3 +124,12 @@ def test_an_ignored_signal_stays_ignored(begin):
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == 0
+
+
+def test_an_interruption_before_the_command_begins_is_one_line(monkeypatch, capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rigmatch, "replaced_package", interrupted)
+    assert rigmatch.main() == 130
+    assert capsys.readouterr().err == "rigmatch: interrupted\n"
