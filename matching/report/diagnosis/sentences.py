@@ -31,10 +31,10 @@ def answer(result: Mapping[str, Any]) -> str:
         return f"None of the known effects explains what the model misses{size} on held-out data."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
-    text = text[:1].upper() + text[1:] if text.startswith("the ") else text
+    text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
     if worst is not None:
         name, before, after = worst
-        text += f"; with {'it' if len(causes) == 1 else 'them'} {_pooled(result)}the error of {name} "
+        text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {_pooled(result)}{name} "
         text += (
             f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
         )
@@ -49,7 +49,7 @@ def _pooled(result: Mapping[str, Any]) -> str:
     if len(result["errors"]) < 2 or before is None or after is None:
         return ""
     falls = "rises" if after > before else "falls"
-    return f"the error of all sensors {falls} from {percent(before)} to {percent(after)} of their range; the worst, "
+    return f"all sensors {falls} from {percent(before)} to {percent(after)} of their range; that of the worst sensor "
 
 
 def clause(cause: Mapping[str, Any]) -> str:
@@ -63,12 +63,12 @@ def clause(cause: Mapping[str, Any]) -> str:
 
 
 def _subject(at: str | list[str]) -> str:
-    """A place with its article: the shaft link; of several that share an effect: the sensors a and b together."""
+    """A place with its article: the shaft link; of several that share an effect: each of the sensors a and b."""
     places = [at] if isinstance(at, str) else at
     table, name = places[0].split(".", 1)
     if len(places) > 1:
         names = [place.split(".", 1)[1] for place in places]
-        return f"{PLACES[table]}s {', '.join(names[:-1])} and {names[-1]} together"
+        return f"each of {PLACES[table]}s {', '.join(names[:-1])} and {names[-1]}"
     return f"{PLACES[table]} {name}" if "." not in name else places[0]
 
 
