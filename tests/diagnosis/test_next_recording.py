@@ -11,7 +11,7 @@ from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.search.hypothesis import Hypothesis
-from matching.diagnosis.verdict.next_recording import Manoeuvre, propose_manoeuvre, waveforms
+from matching.diagnosis.verdict.next_recording import ProposedManoeuvre, propose_manoeuvre, waveforms
 from modelling.model.files import from_dict
 
 NOISE, LARGEST = 0.02, 3.0
@@ -79,7 +79,7 @@ def test_rivals_that_no_torque_separates_ask_for_a_sensor() -> None:
 
 
 def test_sentence_changes_at_a_difference_of_once_the_noise() -> None:
-    made = Manoeuvre("motor", "a step", 6.0, 8.0, 1.0, "speed")
+    made = ProposedManoeuvre("motor", "a step", 6.0, 8.0, 1.0, "speed")
     assert made.sentence("a", "b") == (
         "record a step of 6 N·m on motor for 8 s: a and b would differ by 1 times the noise of speed"
     )

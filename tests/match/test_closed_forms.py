@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.demands import Chain, Demands
+from matching.frequency.case.demands import Demands, DynamometerChain
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.feedback_loop import sensor_sign
@@ -70,7 +70,9 @@ def test_a_dead_time_is_named_only_where_it_was_solved_and_did(small):
 
 def test_dynamometer_demands_by_hand():
     """Torque 10 N·m less 2 kg·m² · 3 rad/s² is 4 N·m; at 5 rad/s that takes 20 W."""
-    chain = Chain("left", (("flange", ("adapter",)),), ("adapter", "rotor"), *(np.array([x]) for x in (10.0, 3.0, 5.0)))
+    chain = DynamometerChain(
+        "left", (("flange", ("adapter",)),), ("adapter", "rotor"), *(np.array([x]) for x in (10.0, 3.0, 5.0))
+    )
     limits = {
         "dynamometer_torque": 1.0,
         "dynamometer_power": 1.0,

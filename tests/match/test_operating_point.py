@@ -12,7 +12,7 @@ import tomli_w
 from scipy.signal import lsim
 
 from matching.frequency.case.case_file import case_files
-from matching.frequency.case.demands import Chain, Demands, demands
+from matching.frequency.case.demands import Demands, DynamometerChain, demands
 from matching.frequency.case.load import load_case
 from matching.frequency.search.limits import limits
 from matching.frequency.search.match import _standstill
@@ -197,7 +197,7 @@ def test_manoeuvres_of_segments_and_of_a_record_are_written_again(tmp_path):
 def test_torque_that_falls_with_speed():
     """4 N·m at 5 rad/s where 10 N·m at rest fall to 2 N·m at 10 rad/s: two thirds of 6 N·m."""
     curve = TorqueCurve((0.0, 10.0), (10.0, 2.0))
-    chain = Chain("left", (), ("rotor",), *(np.array([x]) for x in (10.0, 3.0, 5.0)))
+    chain = DynamometerChain("left", (), ("rotor",), *(np.array([x]) for x in (10.0, 3.0, 5.0)))
     falling = Demands((chain,), {"dynamometer_torque_over_speed": 0.5}, curve)
     ((_, limit, share, _),) = falling.broken({"rig.inertias.rotor.J": 2.0})
     assert limit == "dynamometer_torque_over_speed"

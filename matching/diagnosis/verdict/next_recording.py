@@ -21,7 +21,7 @@ CLEARLY_BETTER = 1.2  # times the separation for a later manoeuvre to be preferr
 
 
 @dataclass(frozen=True)
-class Manoeuvre:
+class ProposedManoeuvre:
     """One input's waveform, and by how much two rivals then differ.
 
     Attributes
@@ -70,7 +70,7 @@ def waveforms(time: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> Manoeuvre | None:
+def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> ProposedManoeuvre | None:
     """The manoeuvre in which two hypotheses differ most, from rest; None if nothing could be simulated.
 
     Simpler waveforms come first and are kept unless a later one is clearly better. Each has the largest amplitude that
@@ -80,7 +80,7 @@ def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> Manoeuvre | 
     time = data.sampling_interval * np.arange(round(DURATION / data.sampling_interval))
     largest = np.max([np.abs(segment.inputs).max(axis=0) for segment in data.segments], axis=0)
     recorded = _largest_readings(data, model.system)
-    best: Manoeuvre | None = None
+    best: ProposedManoeuvre | None = None
     for i, name in enumerate(model.inputs):
         for waveform, shape in waveforms(time).items():
             for factor in FACTORS:
@@ -94,7 +94,9 @@ def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> Manoeuvre | 
                     continue
                 j = int(np.argmax(separation))
                 if best is None or separation[j] > CLEARLY_BETTER * best.separation:
-                    best = Manoeuvre(name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j])
+                    best = ProposedManoeuvre(
+                        name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j]
+                    )
                 break
     return best
 

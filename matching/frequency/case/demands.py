@@ -23,7 +23,7 @@ from modelling.simulation.simulate import simulate
 
 
 @dataclass(frozen=True)
-class Chain:
+class DynamometerChain:
     """What stands behind one cut, from there to the rotor, and the manoeuvre there.
 
     ``shafts`` holds each shaft with the inertias before it, ``inertias`` all of them;
@@ -56,7 +56,7 @@ class Chain:
 class Demands:
     """Chains of a case, the limits they have to keep, and the dynamometers' torque over speed if it is stated."""
 
-    chains: tuple[Chain, ...]
+    chains: tuple[DynamometerChain, ...]
     limits: Mapping[str, float]
     torque_curve: TorqueCurve | None = None
 
@@ -106,7 +106,7 @@ class Demands:
                 found.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
         return found
 
-    def _at_the_rotor(self, chain: Chain) -> dict[str, np.ndarray | float]:
+    def _at_the_rotor(self, chain: DynamometerChain) -> dict[str, np.ndarray | float]:
         """What the dynamometer's torque (t,) is multiplied by for each limit on it."""
         factors: dict[str, np.ndarray | float] = {"dynamometer_torque": 1.0, "dynamometer_power": chain.speed}
         if self.torque_curve is not None:
@@ -156,7 +156,9 @@ def demands(case: Case, points: int = 400) -> Demands:
         acceleration, speed = (readings[f"cut_{cut.shaft}_{what}"] for what in ("acceleration", "speed"))
         extremes = [place(of) for of in (torque, acceleration) for place in (np.argmax, np.argmin)]
         keep = np.union1d(np.linspace(0, len(time) - 1, points).astype(int), extremes)
-        chains.append(Chain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep], drag))
+        chains.append(
+            DynamometerChain(dyno.name, shafts, inertias, torque[keep], acceleration[keep], speed[keep], drag)
+        )
     return Demands(tuple(chains), case.limits, case.torque_curve)
 
 
