@@ -104,9 +104,9 @@ def runs_ahead(model: ObserverModel) -> Ahead:
     )
 
 
-def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT) -> FeedForward:
+def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT, change: float = 0.0) -> FeedForward:
     """What the controller makes of bed and residual vehicle when it knows all: state [x; commands of the last step]."""
-    feedback, _ = _feedback(model, command_weight, 0.0)
+    feedback, _ = _feedback(model, command_weight, change)
     A, B = _arriving(model)
     bed, k, w = model.bed, len(model.dynamometers), len(model.known)
     W = np.vstack([bed.torques[:, model.estimated :], np.zeros((k, w))])

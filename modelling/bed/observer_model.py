@@ -86,7 +86,7 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)
     columns = [model.space.input(name) for name in on_rig] + list(model.rotor_torques.T)
     columns += [model.space.input(name) for name in known]
-    bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop["dead_time"], step)
+    bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop.command_delay(), step)
     return ObserverModel(
         bed, model.rig_states + 2 * k, len(on_rig), model.speed_error, _readings(model, rig, loop), known,
         tuple(dynamometer.name for dynamometer in loop.dynamometers), step,

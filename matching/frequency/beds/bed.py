@@ -24,8 +24,8 @@ class Bed:
     readings, compared : ndarray (y, x), (c, x)
     compared_torques : ndarray (c, d)
         What a torque does to a compared sensor at once.
-    dead_time : float
-        s.
+    delay : float
+        s, from a sample to the moment its command begins to act.
     sampled : DelayedBed
         Without torques.
     """
@@ -36,7 +36,7 @@ class Bed:
     readings: np.ndarray
     compared: np.ndarray
     compared_torques: np.ndarray
-    dead_time: float
+    delay: float
     sampled: DelayedBed
 
 
@@ -62,9 +62,8 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     loop, k = case.loop, len(case.loop.dynamometers)
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     rig = state_space(case.rig.with_values(of_rig) if of_rig else case.rig)
-    lag, sensor_lag, dead_time = (
-        values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag", "dead_time")
-    )
+    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
+    delay = loop.command_delay(values.get("loop.dead_time"))
     n = len(rig.A)
     A = block_diag(rig.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
     commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
@@ -83,8 +82,8 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
-    sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), dead_time, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], dead_time, sampled)
+    sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
+    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled)
 
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndar
         states = _resolved(bed.A, np.hstack([bed.torques, bed.commands]), s)
         read.append(bed.readings @ states[:, :, :d])
         answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
-        late = hold * np.exp(-s * bed.dead_time)
+        late = hold * np.exp(-s * bed.delay)
         commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
     vehicle = np.stack([vehicle_response(case, one, frequencies) for one in values])
     return BedSet(case, A, B, C, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
@@ -96,17 +96,27 @@ class Action:
     known: tuple[str, ...]
 
 
-def action(controller: SampledController, frequencies: np.ndarray) -> Action:
-    """What a controller does at frequencies (f,), Hz."""
+def action(controller: SampledController, frequencies: np.ndarray, ahead: np.ndarray | None = None) -> Action:
+    """What a controller does at frequencies (f,), Hz.
+
+    ``ahead`` is what :func:`ahead_states` gives, if it is there already: it does not depend on the weights.
+    """
     space, o, y = controller.space, controller.observed, len(controller.sensors)
-    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     feedback = controller.feedback
     # C·(zI − A)⁻¹ of the observer, from the left: as many right-hand sides as dynamometers
+    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     left = np.swapaxes(_resolved(feedback.A.T, feedback.C.T, z), 1, 2)
-    ahead = _resolved(space.A[o:, o:], space.B[o:, y:], z)
+    ahead = ahead_states(controller, frequencies) if ahead is None else ahead
     reaches = space.A[:o, o:] @ ahead + space.B[:o, y:]
     of_known = left @ reaches + space.C[:, o:] @ ahead + space.D[:, y:]
     return Action(left @ feedback.B + feedback.D, of_known, controller.known)
+
+
+def ahead_states(controller: SampledController, frequencies: np.ndarray) -> np.ndarray:
+    """States (f, m, w) of the model that runs ahead, for known torques."""
+    space, o, y = controller.space, controller.observed, len(controller.sensors)
+    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
+    return _resolved(space.A[o:, o:], space.B[o:, y:], z)
 
 
 def closed_matrices(beds: BedSet, controller: SampledController) -> np.ndarray:

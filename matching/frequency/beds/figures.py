@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.beds.closed_loop import (
-    Action,
     BedSet,
     action,
     bed_set,
@@ -21,11 +20,8 @@ from matching.frequency.beds.requirements import Requirements
 from matching.frequency.case.case import Case
 from modelling.bed.sampled_controller import SampledController
 
-BAND_POINTS = 120  # log-spaced frequencies over the band of the case, for the bed as planned
-BED_POINTS = 60  # the same for drawn beds: fewer miss the transmission zeros, where the error is largest
-HIGH_POINTS = 120  # log-spaced frequencies above the emulated band, up to half the sampling frequency
-NOISE_POINTS = 400  # linear, over which command noise is summed
-SINGULAR = 1e-12  # of I + L: a loop on the edge of stability
+PLAN_POINTS = 240  # log-spaced frequencies from the band's lower edge to half the sampling frequency
+BED_POINTS = 60  # over the band, for drawn beds: fewer miss the transmission zeros, where the error is largest
 
 
 @dataclass(frozen=True)
@@ -35,59 +31,58 @@ class LoopFigures:
     Attributes
     ----------
     modulus_margin, margin_at : float
-        Least singular value of I + L above the emulated band, and where, Hz.
+        Least singular value of I + L from where it counts on, and where, Hz.
     largest_rolled_off : float
         Largest singular value of T = L/(1 + L) where the loop has to have rolled off.
-    command_noise : float
-        N·m rms of the noisiest dynamometer's command, of the sensors' uncertainties alone.
+    command_noise : tuple of float (k)
+        N·m rms of each dynamometer's command, of the sensors' uncertainties alone.
     """
 
     modulus_margin: float
     margin_at: float
     largest_rolled_off: float
-    command_noise: float
+    command_noise: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Planned:
-    """The bed as planned, at the frequencies its figures need."""
+    """The bed as planned: over the band, and at all frequencies that margin, roll-off and noise need.
+
+    ``uncertainty`` (y,) are the standard deviations of the sensors.
+    """
 
     band: BedSet
-    high: BedSet
-    noise: BedSet
+    every: BedSet
     uncertainty: np.ndarray
 
 
-def planned(case: Case, required: Requirements, noise: np.ndarray) -> Planned:
-    """Prepare the bed as planned; ``noise`` (y,) are the sensors' standard deviations."""
+def planned(case: Case, uncertainty: np.ndarray) -> Planned:
+    """Prepare the bed as planned."""
     top = 0.499 / case.loop["sample_time"]
-    low = min(required.margin_from, top / 2)
+    every = np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
     return Planned(
-        bed_set(case, [{}], np.geomspace(*case.band, BAND_POINTS)),
-        bed_set(case, [{}], np.geomspace(low, top, HIGH_POINTS)),
-        bed_set(case, [{}], (np.arange(NOISE_POINTS) + 0.5) / NOISE_POINTS * top),
-        noise,
-    )
+        bed_set(case, [{}], np.geomspace(*case.band, 2 * BED_POINTS)), bed_set(case, [{}], every), uncertainty
+    )  # fmt: skip
 
 
-def loop_figures(bed: Planned, controller: SampledController, required: Requirements) -> LoopFigures:
-    """Margin, roll-off and noise of a controller."""
-    acting = action(controller, bed.high.frequencies)
-    difference = return_difference(bed.high, acting)[0]
+def loop_figures(
+    bed: Planned, controller: SampledController, required: Requirements, ahead: np.ndarray | None = None
+) -> LoopFigures:  # fmt: skip
+    """Margin, roll-off and noise of a controller; ``ahead`` as for :func:`action`."""
+    f = bed.every.frequencies
+    acting = action(controller, f, ahead)
+    difference = return_difference(bed.every, acting)[0]
     sizes = np.linalg.svd(difference, compute_uv=False)[:, -1]
-    closed = np.linalg.solve(difference, np.eye(difference.shape[-1]) - difference)
-    rolled_off = bed.high.frequencies >= required.rolled_off_from
-    largest = np.linalg.svd(closed[rolled_off], compute_uv=False)[:, 0].max(initial=0.0)
+    sizes[f < min(required.margin_from, f[-1])] = np.inf
+    identity = np.eye(difference.shape[-1])
+    closed = np.linalg.solve(difference, identity - difference)[f >= required.rolled_off_from]
+    largest = np.linalg.svd(closed, compute_uv=False)[:, 0].max(initial=0.0) if len(closed) else 0.0
     at = int(np.argmin(sizes))
-    noise = _noise(bed, controller)
-    return LoopFigures(float(sizes[at]), float(bed.high.frequencies[at]), float(largest), noise)
-
-
-def _noise(bed: Planned, controller: SampledController) -> float:
-    """Root of the summed power of commands for white sensor noise."""
-    acting = action(controller, bed.noise.frequencies)
-    commands = np.linalg.solve(return_difference(bed.noise, acting)[0], acting.of_readings * bed.uncertainty)
-    return float(np.sqrt((np.abs(commands) ** 2).sum(axis=2).mean(axis=0).max()))
+    commands = np.linalg.solve(difference, acting.of_readings * bed.uncertainty)
+    power = (np.abs(commands) ** 2).sum(axis=2)
+    # a sample's noise is spread evenly up to half the sampling frequency; below the band it counts as at its edge
+    noise = np.sqrt((np.trapezoid(power, f, axis=0) + power[0] * f[0]) / f[-1])
+    return LoopFigures(float(sizes[at]), float(f[at]), float(largest), tuple(noise.tolist()))
 
 
 @dataclass(frozen=True)
@@ -104,9 +99,11 @@ class BedFigures:
         return self.largest_pole < 1 + neutral
 
 
-def bed_figures(beds: BedSet, controller: SampledController, told: Sequence[str]) -> BedFigures:
-    """Figures of every bed of a set."""
-    acting: Action = action(controller, beds.frequencies)
+def bed_figures(
+    beds: BedSet, controller: SampledController, told: Sequence[str], ahead: np.ndarray | None = None
+) -> BedFigures:  # fmt: skip
+    """Figures of every bed of a set; ``ahead`` as for :func:`action`."""
+    acting = action(controller, beds.frequencies, ahead)
     size, ratio = damping(np.linalg.eigvals(closed_matrices(beds, controller)), controller.sample_time)
     measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (told, ()))
     return BedFigures(size, ratio, measured, unmeasured)

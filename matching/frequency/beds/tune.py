@@ -1,16 +1,16 @@
-"""Tuning of an observer's weights over drawn beds: least squares of the beds' errors, with what has to be kept."""
+"""Tuning of an observer's weights over drawn beds: the beds' mean square error, with what every one has to keep."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import minimize
 
-from matching.frequency.beds.closed_loop import BedSet, bed_set
+from matching.frequency.beds.closed_loop import BedSet, ahead_states, bed_set
 from matching.frequency.beds.figures import BED_POINTS, Planned, bed_figures, loop_figures, planned
-from matching.frequency.beds.requirements import Requirements, requirements
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.case.case import Case
 from modelling.bed.observer_design import Ahead, assembled, correction, runs_ahead, state_feedback
 from modelling.bed.observer_model import ObserverModel, observer_model
@@ -18,20 +18,31 @@ from modelling.bed.residual_vehicle import cut
 from modelling.bed.sampled_controller import SampledController
 from modelling.common.errors import InputError
 
-DRAWN = 24  # beds that the weights are tuned over
-RESERVE = 0.05  # relative, by which requirements are drawn in: least squares ends a little beyond what it must keep
-DAMPING_RESERVE = 0.15  # the same for the least damping, whose tail over beds is long
-STIFF = 30.0  # how much a relative excess of a requirement weighs against a relative error of a bed
+RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the search are a little coarse
+DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is long
+PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
+MERIT = 10.0  # cost of a requirement missed by all of it, where ends are compared
 STEP = 0.02  # decades, of finite differences
-FURTHEST = 2.0  # decades from the start
-EVALUATIONS = 14  # gradients at most
-SETTLED = 1e-3  # relative change of cost or weights at which the search ends
+FURTHEST = 0.3  # decades that a round may go: linear constraints are no good guide beyond
+WORTH_A_ROUND = 0.02  # relative gain of a round below which no other follows
+SETTLED = 1e-3  # change of the cost at which the search ends
+WORST = 1e3  # cost of a design that has no solution
 REGULATOR = ("command_weight", "command_change_weight")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Beds that the weights are tuned over, rounds and steps of each at most, and fresh beds that judge the result."""
+
+    drawn: int = 24
+    rounds: int = 6
+    steps: int = 5
+    fresh: int = 200
 
 
 @dataclass
 class Tuner:
-    """Cost of an observer's weights on a set of beds.
+    """Cost of an observer's weights on a set of beds, and what is left of the requirements.
 
     Attributes
     ----------
@@ -48,6 +59,8 @@ class Tuner:
     ahead: Ahead
     _feedback: dict[tuple[float, ...], np.ndarray] = field(default_factory=dict)
     _corrected: dict[tuple[float, ...], np.ndarray] = field(default_factory=dict)
+    known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
+    _states_ahead: dict[int, np.ndarray] = field(default_factory=dict)
 
     def controller(self, logarithms: np.ndarray) -> SampledController:
         """The controller at a point of the search; gains that were worked out lately are kept."""
@@ -58,32 +71,52 @@ class Tuner:
         L = _kept(self._corrected, of_filter, lambda: correction(self.model, weights))
         return assembled(self.model, self.ahead, F, L)
 
-    def residuals(self, logarithms: np.ndarray) -> np.ndarray:
-        """What least squares makes small: errors of beds, squared so that the worst count, and relative excesses."""
+    def _ahead(self, controller: SampledController, beds: BedSet) -> np.ndarray:
+        """States of the model that runs ahead at the frequencies of a set of beds; the weights do not reach it."""
+        if id(beds) not in self._states_ahead:
+            self._states_ahead[id(beds)] = ahead_states(controller, beds.frequencies)
+        return self._states_ahead[id(beds)]
+
+    def judged(self, logarithms: np.ndarray) -> Judged:
+        """Cost and requirements at a point of the search; what was worked out is kept."""
+        key = tuple(logarithms.tolist())
+        if key not in self.known:
+            self.known[key] = self._judged(logarithms)
+        return self.known[key]
+
+    def _judged(self, logarithms: np.ndarray) -> Judged:
+        required, count = self.required, len(self.beds.A)
         try:
             controller = self.controller(logarithms)
         except InputError:
-            return np.full(len(self.beds.A) * 3 + 5, 1e3)
-        told, required = self.case.loop.measured, self.required
-        own = loop_figures(self.plan, controller, required)
-        drawn = bed_figures(self.beds, controller, told)
-        plan = bed_figures(self.plan.band, controller, told)
-        tolerance, count = self.case.unmeasured_tolerance, len(self.beds.A)
-        errors = 3 * np.minimum(drawn.unmeasured / tolerance, 1e3) / np.sqrt(count)
-        least = required.damping_ratio * (1 + DAMPING_RESERVE)
-        excess = [
-            *np.maximum(1 - drawn.damping_ratio / least, 0.0),
-            *np.maximum((drawn.largest_pole - 1) * 1e3, 0.0),
-            _over(own.command_noise, required.command_noise),
-            _over(own.largest_rolled_off, 0.5),
-            max(required.modulus_margin * (1 + RESERVE) / max(own.modulus_margin, 1e-3) - 1, 0.0),
-            max((plan.largest_pole[0] - 1) * 1e3, 0.0),
+            return Judged(WORST, np.full(count + 3, -1.0))
+        told, tolerance = self.case.loop.measured, self.case.unmeasured_tolerance
+        loop = loop_figures(self.plan, controller, required, self._ahead(controller, self.plan.every))
+        drawn = bed_figures(self.beds, controller, told, self._ahead(controller, self.beds))
+        plan = bed_figures(self.plan.band, controller, told, self._ahead(controller, self.plan.band))
+        squares = (np.minimum(np.r_[drawn.unmeasured, plan.unmeasured] / tolerance, WORST)) ** 2
+        damping = np.minimum(drawn.damping_ratio, 1 - drawn.largest_pole + required.damping_ratio * 2)
+        noise = required.command_noise
+        room = [
+            *(damping / (required.damping_ratio * (1 + DAMPING_RESERVE)) - 1),
+            1.0 if noise is None else 1 - (1 + RESERVE) * max(loop.command_noise) / noise,
+            1 - (1 + RESERVE) * loop.largest_rolled_off / LARGEST_ROLLED_OFF,
+            loop.modulus_margin / (required.modulus_margin * (1 + RESERVE)) - 1,
         ]
-        return np.concatenate([errors, [plan.unmeasured[0] / tolerance], STIFF * np.array(excess)])
+        return Judged(float(squares[:-1].mean() + PLANNED * squares[-1]), np.clip(room, -1e2, 1.0))
 
 
-def _over(value: float, allowed: float | None) -> float:
-    return 0.0 if allowed is None else min(max(value / allowed * (1 + RESERVE) - 1, 0.0), 1e2)
+@dataclass(frozen=True)
+class Judged:
+    """Cost of a point of the search, and how much of each requirement is left (r,), relative; negative if missed."""
+
+    cost: float
+    room: np.ndarray
+
+    @property
+    def merit(self) -> float:
+        """By which points are compared: the cost, and much for what is missed."""
+        return self.cost + MERIT * float(np.maximum(-self.room, 0.0).sum())
 
 
 def _kept(
@@ -96,33 +129,49 @@ def _kept(
     return store[key]
 
 
-def tuner(case: Case, seed: int = 0, further: Sequence[Mapping[str, float]] = ()) -> Tuner:
-    """Prepare the search: beds drawn from the case's box, and ``further`` ones by their values."""
+def tuner(case: Case, seed: int = 0, drawn: int = Effort.drawn) -> Tuner:
+    """Prepare the search over beds drawn from the case's box."""
     model = observer_model(case.rig, cut(case.vehicle, case.rig), case.loop)
     required = requirements(case)
-    values = [case.uncertainty.at(position) for position in case.uncertainty.draw(DRAWN, seed)]
-    beds = bed_set(case, [*values, *map(dict, further)], np.geomspace(*case.band, BED_POINTS))
+    values = [case.uncertainty.at(position) for position in case.uncertainty.draw(drawn, seed)]
+    beds = bed_set(case, values, np.geomspace(*case.band, BED_POINTS))
     return Tuner(
-        case, model, required, planned(case, required, model.readings.noise), beds,
+        case, model, required, planned(case, model.readings.noise), beds,
         tuple(case.loop.structure.quantities), runs_ahead(model),
     )  # fmt: skip
 
 
-def tuned_weights(search: Tuner, start: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Weights by name."""
+def tuned_weights(search: Tuner, effort: Effort | None = None) -> tuple[dict[str, float], float]:
+    """Weights by name, and their cost: sequential quadratic programming, and the best point that it came by.
+
+    The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance.
+    """
     quantities = search.case.loop.structure.quantities
-    begin = search.case.loop.values if start is None else start
-    x = np.log10([begin[name] for name in search.names])
-    bounds = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]
-    within = np.maximum(bounds[0], x - FURTHEST), np.minimum(bounds[1], x + FURTHEST)
-    found = least_squares(
-        search.residuals, x, jac=lambda at: _slopes(search.residuals, at), bounds=within,
-        max_nfev=EVALUATIONS, ftol=SETTLED, xtol=SETTLED,
+    best = np.log10([search.case.loop[name] for name in search.names])
+    ends = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]
+    effort = effort or Effort()
+    for _ in range(effort.rounds):  # each from the best point of the last one
+        begin, within = best, (np.maximum(ends[0], best - FURTHEST), np.minimum(ends[1], best + FURTHEST))
+        _improve(search, begin, list(zip(*within, strict=True)), effort.steps)
+        best = np.array(min(search.known, key=lambda key: search.known[key].merit))
+        if search.judged(best).merit > (1 - WORTH_A_ROUND) * search.judged(begin).merit:
+            break
+    return dict(zip(search.names, (10.0**best).tolist(), strict=True)), search.judged(best).cost
+
+
+def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> None:
+    minimize(
+        lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP",
+        jac=lambda at: _slopes(lambda own: np.array([own.cost]), search, at)[0],
+        constraints={
+            "type": "ineq", "fun": lambda at: search.judged(at).room,
+            "jac": lambda at: _slopes(lambda own: own.room, search, at),
+        },
+        options={"maxiter": steps, "ftol": SETTLED},
     )  # fmt: skip
-    return dict(zip(search.names, (10.0**found.x).tolist(), strict=True))
 
 
-def _slopes(residuals: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """Forward differences (residuals, weights)."""
-    here = residuals(at)
-    return np.stack([(residuals(at + STEP * unit) - here) / STEP for unit in np.eye(len(at))], axis=1)
+def _slopes(of: Callable[[Judged], np.ndarray], search: Tuner, at: np.ndarray) -> np.ndarray:
+    """Forward differences (values, weights)."""
+    here = of(search.judged(at))
+    return np.stack([(of(search.judged(at + STEP * unit)) - here) / STEP for unit in np.eye(len(at))], axis=1)

@@ -7,6 +7,7 @@ differentials are constraints, taken out by a basis of their null space (Dresig 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +55,12 @@ class Chain:
         self._slope = np.array([self._value.get(f"inertias.{name}.drag", 0.0) for name in self.nodes])
         if system.operating_point is not None and (self._resists or self._bent()):
             self._move()
+
+    def with_values(self, values: Parameters) -> Chain:
+        """The same system with some quantities other than its own, SI; ratios stay."""
+        other = copy(self)
+        other._value = self._value | dict(values)
+        return other
 
     def _take(self, effect: Effect) -> None:
         parameters = {key: quantity.value for key, quantity in effect.parameters}

@@ -71,7 +71,9 @@ def feedback_modes(parts: Parts, order: int = ORDERS[-1]) -> tuple[LoopMode, ...
     return tuple(_listed(parts, parts.residual, eigenvalues, vectors, start, limit, "feedback"))
 
 
-def feed_forward_modes(parts: Parts, feed_forward: FeedForward, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
+def feed_forward_modes(
+    parts: Parts, feed_forward: FeedForward, reference: ResidualVehicle, answers: str = "announced"
+) -> tuple[LoopMode, ...]:
     """Modes of the feed-forward's model, which follows ``reference``, up to 0.45 of its sampling frequency."""
     z, vectors = np.linalg.eig(feed_forward.A - feed_forward.B @ feed_forward.F)
     alive = np.abs(z) > 1e-6
@@ -79,7 +81,7 @@ def feed_forward_modes(parts: Parts, feed_forward: FeedForward, reference: Resid
     residual = tuple(body(part) for part in reference.parts)
     start = len(parts.bed.A)
     limit = 0.45 / feed_forward.sample_time
-    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, "announced"))
+    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, answers))
 
 
 def _listed(

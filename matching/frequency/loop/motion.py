@@ -132,7 +132,8 @@ class NonlinearMotion:
             ]
             still = ca.Function("flange", [x, w], [flange])
             self.start[n + k :] = still(self.start, np.zeros(w.shape[0])).full().ravel()
-            seen = ca.vertcat(x[n + k :], *(readings[model.sensors.index(d.speed_sensor)] for d in dynos))
+            names = [*(d.speed_sensor for d in dynos), *loop.further_sensors]
+            seen = ca.vertcat(x[n + k :], *(readings[model.sensors.index(name)] for name in names))
             seen = ca.substitute(seen, w, ca.DM.zeros(w.shape))
             seen = seen - ca.Function("seen", [x], [seen])(self.start)
             self.seen = ca.Function("seen", [x], [seen])

@@ -92,6 +92,13 @@ class Parts:
         outputs = tuple(f"{name} {what}" for what in ("torque", "speed", "air gap") for name in names)
         return StateSpace(A, B, C, np.zeros((3 * k, B.shape[1])), (*names, *self.drives), outputs)
 
+    @property
+    def further_readings(self) -> np.ndarray:
+        """Readings (y, x) of :attr:`Loop.further_sensors` by state of :attr:`bed`."""
+        further, n = self.case.loop.further_sensors, len(self.bed.A)
+        rows = [self.rig.space.output(name) for name in further]
+        return np.array([np.pad(row, (0, n - len(row))) for row in rows]).reshape(len(further), n)
+
     @cached_property
     def residual_space(self) -> StateSpace:
         """All of the residual vehicle: inputs [interface torques (k), :attr:`simulated`], outputs reference speeds."""

@@ -96,7 +96,11 @@ def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForw
     InputError
         If a model cannot be made linear or the feed-forward has no solution.
     """
-    bed = ComparedBed(case, parts, feed_forward)
+    return figures_of(ComparedBed(case, parts, feed_forward))
+
+
+def figures_of(bed: ComparedBed) -> ErrorFigures:
+    """Response errors over the band of a bed's case."""
     nodes = nodes_of(bed)
     squares = _Squares.of(bed, nodes.frequencies)
     before, after, unmeasured = (nodes.root_mean(one) for one in (squares.before, squares.after, squares.unmeasured))
@@ -108,7 +112,7 @@ def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForw
         for h, (source, sensor) in enumerate(bed.pairs)
     )  # fmt: skip
     return ErrorFigures(
-        band=case.band,
+        band=bed.case.band,
         before=pooled(before[path]) if path.any() else None,
         after=pooled(after),
         after_like_before=pooled(after[path]) if path.any() else None,

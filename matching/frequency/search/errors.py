@@ -1,14 +1,18 @@
-"""The response errors of a match with the lower bounds that the dead time sets."""
+"""The response errors of a match with the lower bounds that the dead time sets, and its curves for drawing."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from matching.frequency.case.case import Case
 from matching.frequency.response.response_error import ErrorFigures, error_figures
-from matching.frequency.search.result import ResponseError
+from matching.frequency.response.responses import ComparedBed
+from matching.frequency.search.result import Curves, ResponseError
 from modelling.bed.structures.model_based import ModelBased
 
+CURVE_POINTS = 400
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
 
 
@@ -40,3 +44,12 @@ def lower_bound(case: Case, refinement: int) -> float:
     values = {**start, **case.loop.values, "sample_time": case.loop["sample_time"] / refinement}
     finer = dataclasses.replace(case.loop, structure=structure, measured=on_rig, values=values)
     return error_figures(dataclasses.replace(case, loop=finer)).after
+
+
+def curves_of(bed: ComparedBed) -> Curves:
+    """Responses for drawing, from half the lower to three times the upper edge of the band."""
+    case = bed.case
+    top = min(3 * case.band[1], 0.45 / case.loop["sample_time"])
+    f = np.geomspace(case.band[0] / 2, max(top, case.band[1]), CURVE_POINTS)
+    found = bed.at(f)
+    return Curves(f, found.vehicle, found.rig, found.matched, found.unmeasured)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.verification.simulation import Traces
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
@@ -12,6 +13,7 @@ from modelling.linear.reference_motion import operating_motion, speeds_of
 from modelling.model.system import System
 
 SLIDING_FROM = 0.5  # rad/s: below it friction may stick within the motion of a mode
+COUNTED_FROM_STANDSTILL = ("dynamometer_speed", "dynamometer_power", TORQUE_OVER_SPEED)  # without an operating point
 LOADED_FROM = 1e-3  # N·m: a lash that carries less is open or on the edge
 CURE = 'state an operating point in motion under load, e.g. [operating_point] vehicle_speed = "30 km/h"'
 
@@ -72,3 +74,14 @@ def _shaft_torques(system: System) -> dict[str, float]:
     model, about = compiled(system), operating_motion(system)
     torques = model.shaft_torques(about.state, about.inputs, model.p0).full().ravel()
     return {f"shafts.{shaft.name}": float(torque) for shaft, torque in zip(system.shafts, torques, strict=True)}
+
+
+def standstill(case: Case) -> list[str]:
+    """That limits count from standstill, where the case has such limits and no operating point."""
+    counted = [name for name in COUNTED_FROM_STANDSTILL if name in case.limits]
+    if case.vehicle.operating_point is not None or not counted:
+        return []
+    return [
+        "the case states no [operating_point], so standstill is assumed: the manoeuvre is held against "
+        f"{', '.join(counted)} from there; at speed the dynamometers need more"
+    ]

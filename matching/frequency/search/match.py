@@ -6,28 +6,23 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from matching.frequency.case.case import Case, Move
-from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.adapters import settle_adapters
-from matching.frequency.search.errors import errors_with_bounds
+from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
-from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
+from matching.frequency.search.linearisation import check_sliding, opened_lashes, standstill, unloaded_lashes
+from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import Effort, Progress, Question, differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
-from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, Task
-from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
 
-CURVE_POINTS = 400
-COUNTED_FROM_STANDSTILL = ("dynamometer_speed", "dynamometer_power", TORQUE_OVER_SPEED)  # without an operating point
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
@@ -66,13 +61,13 @@ def match(
     NoBetter
         If ``near`` leads to nothing better than it has to.
     """
-    if case.loop.structure.is_observer:
-        raise InputError(f"{case.path}: loop.structure", "'observer' cannot be tuned yet", "take 'model_based' or 'pi'")
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
     check_sliding(case)
     question = question_of(case)
     tell("vehicle, rig and manoeuvre")
+    if case.loop.structure.is_observer:
+        return match_with_observer(question, seed, tell)
     found = solve_and_verify(question, Effort(seed, starts, workers, tell, near))
     found, adapters = (found, ()) if near else settle_adapters(question, found)
     targets = target_results(question, found.checked)
@@ -95,7 +90,7 @@ def _result(
         notes=(
             *differing_components(case),
             *case.notes,
-            *_standstill(case),
+            *standstill(case),
             *opened_lashes(found.tuned, checked.traces),
             *_notes(found.task, solution, found.released, bool(stands)),
             *checked.notes,
@@ -111,24 +106,13 @@ def _result(
             for move, part in zip(case.moves, question.shares, strict=True)
         ),
         response_error=errors,
-        curves=_curves(case, found.tuned),
+        curves=curves_of(ComparedBed(found.tuned, parts_of(found.tuned, untuned=case.rig))),
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,
         pairs=solution.pairs,
         seconds=0.0,
     )
-
-
-def _standstill(case: Case) -> list[str]:
-    """That limits count from standstill, where the case has such limits and no operating point."""
-    counted = [name for name in COUNTED_FROM_STANDSTILL if name in case.limits]
-    if case.vehicle.operating_point is not None or not counted:
-        return []
-    return [
-        "the case states no [operating_point], so standstill is assumed: the manoeuvre is held against "
-        f"{', '.join(counted)} from there; at speed the dynamometers need more"
-    ]
 
 
 def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
@@ -150,10 +134,3 @@ def _parameter(move: Move, part: float, solution: Solution, free: bool) -> Param
     return ParameterResult(
         move.name, move.start, tuned, move.unit, move.lower, move.upper, change_weight(part), part, not free
     )
-
-
-def _curves(case: Case, tuned: Case) -> Curves:
-    top = min(3 * tuned.band[1], 0.45 / tuned.loop["sample_time"])
-    f = np.geomspace(tuned.band[0] / 2, max(top, tuned.band[1]), CURVE_POINTS)
-    found = ComparedBed(tuned, parts_of(tuned, untuned=case.rig)).at(f)
-    return Curves(f, found.vehicle, found.rig, found.matched, found.unmeasured)

@@ -12,6 +12,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
 from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
+from matching.frequency.verification.observed import RobustVerification
 from modelling.common.display import Displayed
 from modelling.linear.reference_motion import speeds_of, torques_of
 from modelling.modal.modes import Mode
@@ -61,10 +62,13 @@ class ParameterResult:
     weight: float
     share: float
     frozen: bool
+    logarithmic: bool = False
 
     @property
     def at_bound(self) -> bool:
-        """Whether it ended within a thousandth of its range from a bound."""
+        """Whether it ended within a thousandth of its range, or of the range's logarithm, from a bound."""
+        if self.logarithmic:
+            return min(self.upper / self.tuned, self.tuned / self.lower) <= (self.upper / self.lower) ** 1e-3
         return min(self.tuned - self.lower, self.upper - self.tuned) <= 1e-3 * (self.upper - self.lower)
 
     def to_dict(self) -> dict[str, Any]:
@@ -170,6 +174,8 @@ class MatchResult(Displayed):
         :class:`matching.frequency.solver.solve.Solution` has them.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
+    robust : RobustVerification or None
+        What drawn beds and the loop do under an observer; None for feedback laws.
     """
 
     status: str
@@ -190,6 +196,7 @@ class MatchResult(Displayed):
     pairs: tuple[float, ...] = ()
     adapters: tuple[AdapterTrade, ...] = ()
     seconds: float = 0.0
+    robust: RobustVerification | None = field(default=None, repr=False)
 
     @cached_property
     def fidelity(self) -> MatchFidelity | None:
@@ -223,4 +230,20 @@ class MatchResult(Displayed):
             "adapters": [adapter.to_dict() for adapter in self.adapters],
             "objective": self.objective,
             "starts": list(self.starts),
+            **_of_beds(self.robust),
         }
+
+
+def _of_beds(robust: RobustVerification | None) -> dict[str, Any]:
+    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise; none for feedback laws."""
+    if robust is None:
+        return {}
+    loop, required, names = robust.loop, robust.required, robust.dynamometers
+    return {
+        "beds": robust.beds.to_dict(),
+        "command_noise": dict(zip(names, loop.command_noise, strict=True)),
+        "margin": {
+            "modulus": loop.modulus_margin, "at": loop.margin_at, "from": required.margin_from,
+            "largest_rolled_off": loop.largest_rolled_off, "rolled_off_from": required.rolled_off_from,
+        },
+    }  # fmt: skip

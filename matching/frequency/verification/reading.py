@@ -11,8 +11,7 @@ import numpy as np
 from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
-from matching.frequency.verification.simulation import Traces, simulate_case
-from modelling.bed.feed_forward import FeedForward
+from matching.frequency.verification.simulation import Running, Traces, simulate_case
 from modelling.bed.manoeuvres import Kick
 from modelling.modal.modes import Mode, modes
 
@@ -58,7 +57,7 @@ def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
     return {name: np.concatenate([own[0] * rise, own]) for name, own in torques.items()}, len(rise)
 
 
-def seen_modes(parts: Parts, feed_forward: FeedForward | None, traces: Traces) -> tuple[Seen, ...]:
+def seen_modes(parts: Parts, running: Running, traces: Traces) -> tuple[Seen, ...]:
     """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
 
     Raises
@@ -80,7 +79,7 @@ def seen_modes(parts: Parts, feed_forward: FeedForward | None, traces: Traces) -
             kicked = _kick(parts, vehicle, mode)
             if kicked is not None:
                 by, torques = kicked
-                own, rig = _read(parts, vehicle, simulate_case(parts, feed_forward, torques), swinging, [index], top)[0]
+                own, rig = _read(parts, vehicle, simulate_case(parts, running, torques), swinging, [index], top)[0]
         found.append(Seen(mode.number, own, rig, by))
     return tuple(found)
 

@@ -36,7 +36,7 @@ class Deviation:
         Relative; in s for the dead time.
     stable : bool
     spectral_abscissa, modulus_margin : float
-        Of the feedback loop.
+        Of the feedback loop; the margin is None where it was not looked for.
     response_error : float
         Against the vehicle, which has the wrong value too where it shares the component.
     """
@@ -45,7 +45,7 @@ class Deviation:
     change: float
     stable: bool
     spectral_abscissa: float
-    modulus_margin: float
+    modulus_margin: float | None
     response_error: float
 
     def to_dict(self) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion
 from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
 from modelling.bed.feed_forward import FeedForward
+from modelling.bed.sampled_controller import SampledController
 from modelling.equations.compiled import compiled
 from modelling.linear.elements import elements
 from modelling.linear.reference_motion import is_linear, operating_motion, torques_of
@@ -49,15 +50,16 @@ class Traces:
         return self.matched[name] + self.operating.get(name, 0.0)
 
 
-def simulate_case(
-    parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], settle: int = 0
-) -> Traces:
+Running = FeedForward | SampledController | None  # beside the feedback law, in its place, or nothing beside it
+
+
+def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
     """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
 
     Parameters
     ----------
-    feed_forward : FeedForward or None
-        None in the structure ``pi``.
+    running : FeedForward, SampledController or None
+        The feed-forward of the structure, or its whole controller where it is an observer; None in ``pi``.
     settle : int
         Samples at the beginning that are left out of the traces.
 
@@ -73,10 +75,10 @@ def simulate_case(
     found = (
         free_motion(vehicle, parts, torques, step),
         free_motion(parts.free.system, parts, torques, step, parts.free),
-        matched_motion(parts, feed_forward, torques),
+        matched_motion(parts, running, torques),
     )
     found[1].update(emulated(parts, found[1], torques, tuned=False))
-    found[2].update(emulated(parts, found[2], torques, tuned=feed_forward is None))
+    found[2].update(emulated(parts, found[2], torques, tuned=running is None))
     vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in one.items()} for one in found)
     applied = {name: np.asarray(own)[settle:] for name, own in torques.items()}
     operating = operating_readings(parts.rig.system)
@@ -104,9 +106,7 @@ def free_motion(
     return _readings(system, parts, own, motion, states, drives)
 
 
-def matched_motion(
-    parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
+def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Traces of the rig with its loop closed."""
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
     step = loop["sample_time"]
@@ -120,24 +120,15 @@ def matched_motion(
         else NonlinearMotion(parts, parts.rig.system, step, delay)
     )
     drives = _stacked(torques, parts.drives, count)
-    feedback = _Sampled(parts, step)
-    running = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
-    roads = _stacked(torques if feed_forward is None else {}, parts.simulated, count)
-    news = (
-        None
-        if feed_forward is None
-        else _stacked({name: torques[name] for name in parts.measured if name in torques}, feed_forward.measured, count)
-    )
+    controller = _controller(parts, running, torques, count)
+    rows = np.vstack([bed.C[: 2 * k_dynos], parts.further_readings])
     issued = np.zeros((count, k_dynos))
     states = np.empty((count, len(motion.start)))
     x = motion.start
     for k in range(count):
         states[k] = x
-        seen = bed.C[: 2 * k_dynos] @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
-        if running is not None and news is not None:
-            issued[k], expected = running.command(k, news[k])
-            seen = seen - expected
-        issued[k] += feedback.command(np.concatenate([seen, roads[k]]))
+        seen = rows @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
+        issued[k] = controller.command(k, seen)
         x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
         if k % 8 == 0:
             _check(x[None], k * step)
@@ -159,6 +150,55 @@ def matched_motion(
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
         traces[f"{place}.command"] = issued[:, j] + held[dyno.torque_input]
     return traces
+
+
+def _controller(
+    parts: Parts, running: Running, torques: Mapping[str, np.ndarray], count: int
+) -> _Feedback | _Observer:  # fmt: skip
+    if isinstance(running, SampledController):
+        return _Observer(parts, running, _stacked(torques, running.known, count))
+    return _Feedback(parts, running, torques, count)
+
+
+class _Feedback:
+    """The feedback law as it runs, and beside it the feed-forward if there is one."""
+
+    def __init__(
+        self, parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], count: int
+    ) -> None:  # fmt: skip
+        self._law = _Sampled(parts, parts.case.loop["sample_time"])
+        self._count = 2 * len(parts.dynamometers)
+        self._ahead = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
+        self._roads = _stacked(torques if feed_forward is None else {}, parts.simulated, count)
+        if feed_forward is not None:
+            measured = {name: torques[name] for name in parts.measured if name in torques}
+            self._measured = _stacked(measured, feed_forward.measured, count)
+
+    def command(self, k: int, seen: np.ndarray) -> np.ndarray:
+        """Commands (k,) of feed-forward and feedback together."""
+        seen, ahead = seen[: self._count], np.zeros(self._count // 2)
+        if self._ahead is not None:
+            ahead, expected = self._ahead.command(k, self._measured[k])
+            seen = seen - expected
+        return ahead + self._law.command(np.concatenate([seen, self._roads[k]]))
+
+
+class _Observer:
+    """An observer with state feedback as it runs, its commands within the dynamometers' torque limit."""
+
+    def __init__(self, parts: Parts, controller: SampledController, known: np.ndarray):
+        self._controller, self._known = controller, known
+        self._state = np.zeros(len(controller.A))
+        further = len(controller.sensors) - 2 * len(parts.toward)
+        self._signs = np.concatenate([1 / parts.toward, np.ones(len(parts.toward) + further)])
+        self._limit = parts.case.limits.get("dynamometer_torque", np.inf)
+
+    def command(self, k: int, seen: np.ndarray) -> np.ndarray:
+        """Commands (k,), N·m."""
+        corrected = self._controller.correct(self._state, self._signs * seen)
+        sent = np.clip(self._controller.command(corrected, self._known[k]), -self._limit, self._limit)
+        self._state = self._controller.predict(corrected, sent, self._known[k])
+        return sent
 
 
 class _Sampled:

@@ -57,7 +57,8 @@ class Verification:
         alone slows counts with its slow decay.
     modulus_margin, margin_frequency : float
         Least singular value of I + L, and where, Hz.
-    winding : Encirclements
+    winding : Encirclements or None
+        None where the controller has no law in the Laplace domain.
     independent : IndependentCheck
         Unstable poles, margin and responses by dynamic stiffness.
     disagreements : tuple of str
@@ -95,7 +96,7 @@ class Verification:
     spectral_abscissa: float
     modulus_margin: float
     margin_frequency: float
-    winding: Encirclements
+    winding: Encirclements | None
     independent: IndependentCheck
     disagreements: tuple[str, ...]
     approximations: tuple[Approximation, ...]
@@ -120,7 +121,7 @@ class Verification:
             "spectral_abscissa": self.spectral_abscissa,
             "modulus_margin": self.modulus_margin,
             "margin_frequency": self.margin_frequency,
-            "encirclements": {
+            "encirclements": None if self.winding is None else {
                 "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
                 "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
             },
@@ -178,7 +179,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         checks["dynamic stiffness"] = independent.unstable_poles == 0
     if independent.not_covered:
         notes.append(f"not checked by the independent method, which does not cover {independent.not_covered}")
-    checks["sampled loop"] = _inside(sampled, neutral)
+    checks["sampled loop"] = inside(sampled, neutral)
     feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
     if feed_forward is not None:
         checks["twin"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
@@ -207,7 +208,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
         margin, winding.margin_frequency, winding, independent,
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
-        _targets(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
+        target_modes_of(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
         errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
         tuple(notes),
     )  # fmt: skip
@@ -223,7 +224,8 @@ def _independent(case: Case, parts: Parts) -> IndependentCheck:
     return check(case, frequencies, ComparedBed(case, parts).of_vehicle(frequencies), controlled)
 
 
-def _inside(z: np.ndarray, neutral: int) -> bool:
+def inside(z: np.ndarray, neutral: int) -> bool:
+    """Whether poles z (x,) are stable, of which ``neutral`` may rest at 1."""
     on = np.abs(z - 1) < 1e-9
     return int(on.sum()) <= neutral and bool(np.all(np.abs(z[~on]) < 1))
 
@@ -242,7 +244,8 @@ def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, note
     return [own for own, error in zip(orders, errors, strict=True) if error <= BELIEVED or own is orders[-1]]
 
 
-def _targets(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
+def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
+    """For every target its number, the mode that it became, and their likeness."""
     known = modes(case.vehicle)
     inertia = {f"inertias.{own.name}": own.J.value for own in case.vehicle.inertias}
     found = []

@@ -127,7 +127,7 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
         return f"Poles of the feedback loop, dead time by a Padé approximation of order {order}", (
             f"rightmost at {number(poles.abscissa, 3)} 1/s"
         )
-    if name == "encirclements":
+    if name == "encirclements" and verification.winding is not None:
         count = verification.winding.unstable
         return "Nyquist criterion with the exact dead time", "met" if count == 0 else f"{number(count)} unstable poles"
     if name == "sampled loop":

@@ -9,9 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from scipy.optimize import linear_sum_assignment
 
+from matching.frequency.beds.closed_loop import action, bed_set
+from matching.frequency.beds.closed_loop import return_difference as sampled_difference
 from matching.frequency.case.case import Case
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.verification.observed import controller_of
 from matching.report.common.style import LIMIT, MATCHED, figure, styled
 from matching.report.common.wording import number
 
@@ -21,6 +24,9 @@ POINTS = 4000
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
     """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz, dead time exact."""
+    if case.loop.structure.is_observer:
+        bed = bed_set(case, [{}], frequencies)
+        return sampled_difference(bed, action(controller_of(case), frequencies))[0]
     return ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies)
 
 
@@ -41,6 +47,7 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
         Hz; the grid is dense around them.
     """
     f = frequencies_around(modes)
+    f = f[f < 0.499 / case.loop["sample_time"]]  # a sampled loop has no more
     difference = return_difference(case, f)
     distance = np.linalg.svd(difference, compute_uv=False)[:, -1]
     required = case.limits["modulus_margin"]

@@ -45,7 +45,7 @@ def summary(result: Mapping[str, Any]) -> str:
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     head += [f"also: {limit}" for limit in result["limits"][1:3]]
     body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
-    body += [_errors(result), *_fidelity(result), _loop(result)]
+    body += [_errors(result), *_fidelity(result), _loop(result), *_beds(result)]
     body += [operating_point(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
     tail = _not_moved(result["parameters"])
     moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]
@@ -64,7 +64,8 @@ def _errors(result: Mapping[str, Any]) -> str:
     error = result["response_error"]
     before = "" if error["before"] is None else f", rig without control {number(error['before'], 3)}"
     unmeasured = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
-    if not STRUCTURES[result["structure"]].has_feed_forward:  # the same for all torques
+    structure = STRUCTURES[result["structure"]]
+    if not structure.has_feed_forward and not structure.is_observer:  # the same for all torques
         unmeasured = ""
     return (
         f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
@@ -99,6 +100,25 @@ def operating_point(result: Mapping[str, Any]) -> str:
 def _ends(parts: list[str]) -> list[str]:
     """The first, and as many of the last as the rest of a line takes: drive first, dynamometers last."""
     return parts if len(parts) <= MOST_NAMES else [parts[0], *parts[1 - MOST_NAMES :]]
+
+
+def _beds(result: Mapping[str, Any]) -> list[str]:
+    """What drawn beds and sensor noise do under an observer; nothing for feedback laws."""
+    beds, margin = result.get("beds"), result.get("margin")
+    if not beds or not margin or not beds["drawn"]:
+        return []
+    noise = max(result["command_noise"].values())
+    return [
+        f"{beds['stable']} of {beds['drawn']} beds drawn within [uncertainty] stable, least damping ratio "
+        f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}); their "
+        f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}",
+        f"margin counted from {number(margin['from'], 3)} Hz, |T| at most {number(margin['largest_rolled_off'], 3)} "
+        f"from {number(margin['rolled_off_from'], 3)} Hz, sensor noise makes {number(noise, 3)} N·m rms of command",
+    ]
+
+
+def _spread(beds: Mapping[str, Any], name: str) -> str:
+    return f"{number(beds[f'{name}_median'], 3)} (median) and {number(beds[f'{name}_95'], 3)} (95 %)"
 
 
 def _needed(rows: list[Mapping[str, Any]]) -> list[str]:

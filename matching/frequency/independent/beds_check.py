@@ -1,0 +1,167 @@
+"""Fresh beds drawn from what is not known exactly, judged by the assembly of this room."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.independent.chain import Chain, NotCovered
+from matching.frequency.independent.closed_loop import plain_response
+from matching.frequency.independent.drawn_bed import DrawnBed
+from modelling.bed.sampled_controller import SampledController
+
+POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
+AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
+SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
+LOWEST_Z = 1e-3  # poles that decay faster from sample to sample have no frequency worth a number
+
+
+@dataclass(frozen=True)
+class BedVerdict:
+    """One bed: stable or not, least damping ratio of any mode, response errors to measured and unmeasured torques."""
+
+    stable: bool
+    damping_ratio: float
+    measured: float
+    unmeasured: float
+
+
+@dataclass(frozen=True)
+class BedsCheck:
+    """Of all drawn beds; ``not_covered`` says what of the case this method does not know, all else is empty then.
+
+    Attributes
+    ----------
+    drawn, stable, damped : int
+        ``damped`` beds have every mode damped by ``required_damping`` at least.
+    smallest_damping_ratio, required_damping : float
+    measured, unmeasured : tuple of float
+        Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
+    """
+
+    drawn: int
+    stable: int
+    damped: int
+    smallest_damping_ratio: float
+    required_damping: float
+    measured: tuple[float, ...]
+    unmeasured: tuple[float, ...]
+    not_covered: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether every bed is stable and damped."""
+        return not self.not_covered and self.stable == self.damped == self.drawn
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "drawn": self.drawn, "stable": self.stable, "damped": self.damped,
+            "smallest_damping_ratio": self.smallest_damping_ratio, "required_damping_ratio": self.required_damping,
+            "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
+            "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
+            "not_covered": self.not_covered,
+        }  # fmt: skip
+
+
+def quantile(values: Sequence[float], share: float) -> float | None:
+    """Quantile of values; None where there are none."""
+    return float(np.quantile(values, share)) if values else None
+
+
+class Judge:
+    """A controller on any bed of a case.
+
+    Raises
+    ------
+    NotCovered
+        If rig or vehicle hold what this room does not know.
+    """
+
+    def __init__(self, case: Case, controller: SampledController):
+        self.case, self.controller = case, controller
+        self.rig, self.vehicle = Chain(case.rig), Chain(case.vehicle)
+        low, high = np.log(case.band)
+        self.frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
+        self._of_readings, self._of_known = self._action()
+        resting = [self.rig.stiffness(np.zeros(1, complex))[0].real, *self._residual()]
+        self._at_rest = sum(len(K) - np.linalg.matrix_rank(K) for K in resting)
+
+    def _residual(self) -> list[np.ndarray]:
+        return [Chain(part).stiffness(np.zeros(1, complex))[0].real for part in self.case.residual_vehicle.parts]
+
+    def _action(self) -> tuple[np.ndarray, np.ndarray]:
+        """Commands for readings (f, k, y) and known torques (f, k, w), from the equations as they run."""
+        own, x = self.controller, len(self.controller.A)
+        z = np.exp(2j * np.pi * self.frequencies * own.sample_time)
+        keep = np.eye(x) - own.L @ own.C
+        by_readings, by_known = own.L, np.zeros((x, len(own.known)))
+        # z·ξ = A·(keep·ξ + L·y) + B·u + W·w, u = −F·(keep·ξ + L·y) − G·w
+        loop = (own.A - own.B @ own.F) @ keep
+        inputs = np.hstack([(own.A - own.B @ own.F) @ by_readings, own.W - own.B @ own.G])
+        states = np.linalg.solve(z[:, None, None] * np.eye(x) - loop, np.broadcast_to(inputs, (len(z), *inputs.shape)))
+        commands = -own.F @ (keep @ states + np.hstack([by_readings, by_known]))
+        y = len(own.sensors)
+        return commands[:, :, :y], commands[:, :, y:] - own.G
+
+    def verdict(self, values: Mapping[str, float]) -> BedVerdict:
+        """One bed, by its values."""
+        of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
+        bed = DrawnBed(self.case, self.rig.with_values(of_rig), values)
+        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.controller)))
+        shared = {name: value for name, value in of_rig.items() if name in self.case.vehicle.parameters}
+        measured, unmeasured = self._errors(bed, self.vehicle.with_values(shared))
+        return BedVerdict(stable, ratio, measured, unmeasured)
+
+    def _poles(self, z: np.ndarray) -> tuple[bool, float]:
+        resting = np.abs(z - 1) < AT_REST
+        stable = bool(np.all(np.abs(z[~resting]) < 1)) and int(resting.sum()) <= self._at_rest
+        alive = z[~resting & (np.abs(z) > LOWEST_Z)]
+        s = np.log(alive.astype(complex)) / self.controller.sample_time
+        s = s[np.abs(s.imag) > SLOWEST_SWING_RAD_S]
+        return stable, float(np.min(-s.real / np.abs(s), initial=1.0))
+
+    def _errors(self, bed: DrawnBed, vehicle: Chain) -> tuple[float, float]:
+        """Response errors over the compared functions, rig torques known as the case says, and unknown."""
+        s = 2j * np.pi * self.frequencies
+        A, B, C = bed.sampled
+        z = np.exp(s * self.controller.sample_time)
+        loop = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)))
+        difference = np.eye(B.shape[1]) - self._of_readings @ loop
+        sensors, by_command = bed.sensors(s), bed.moved(s, bed.drive) * bed.command_at(s)[:, None, :]
+        squares: dict[bool, list[np.ndarray]] = {True: [], False: []}
+        on_rig = {part.name for part in self.case.rig.inputs}
+        for pair in self.case.compared:
+            wanted = plain_response(vehicle, s, pair.input, pair.sensor)
+            row = bed.rig.reading(pair.sensor, s)[:, None]
+            for told, found in squares.items():
+                command, alone = np.zeros((len(s), B.shape[1], 1), complex), 0.0
+                if pair.input in on_rig:
+                    moved = bed.moved(s, bed.rig.drive([pair.input]))
+                    command, alone = command + self._of_readings @ (sensors @ moved), (row @ moved)[:, 0, 0]
+                if pair.input not in on_rig or (told and pair.input in self.controller.known):
+                    command = command + self._of_known[:, :, [self.controller.known.index(pair.input)]]
+                answered = alone + (row @ by_command @ np.linalg.solve(difference, command))[:, 0, 0]
+                found.append(np.abs(np.log(answered / wanted)) ** 2)
+        return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))
+
+
+def check_beds(
+    case: Case, controller: SampledController, required_damping: float, count: int, seed: int
+) -> BedsCheck:  # fmt: skip
+    """Draw fresh beds from the case's box and judge every one."""
+    try:
+        judge = Judge(case, controller)
+        verdicts = [judge.verdict(case.uncertainty.at(position)) for position in case.uncertainty.draw(count, seed)]
+    except NotCovered as reason:
+        return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), str(reason))
+    stable = [verdict for verdict in verdicts if verdict.stable]
+    return BedsCheck(
+        count, len(stable), sum(verdict.damping_ratio >= required_damping for verdict in stable),
+        min(verdict.damping_ratio for verdict in verdicts), required_damping,
+        tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
+    )  # fmt: skip

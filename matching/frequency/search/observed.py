@@ -1,0 +1,129 @@
+"""A match with an observer: its weights tuned over drawn beds, verified on fresh ones."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
+from matching.frequency.beds.tune import Effort, tuned_weights, tuner
+from matching.frequency.case.case import Case
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.programme.objectives import REGISTERED
+from matching.frequency.response.observed import ObservedBed
+from matching.frequency.search.errors import curves_of, errors_with_bounds
+from matching.frequency.search.limits import limits
+from matching.frequency.search.linearisation import opened_lashes, standstill, unloaded_lashes
+from matching.frequency.search.question import Progress, Question, differing_components
+from matching.frequency.search.relaxations import Relaxations
+from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError
+from matching.frequency.search.solve_and_verify import VerifiedSolution
+from matching.frequency.search.targets_met import target_results
+from matching.frequency.solver.task import Solution, Task
+from matching.frequency.verification.observed import RobustVerification, controller_of, verify_observer
+from matching.frequency.verification.verify import Verification
+from modelling.modal.damped_modes import damped_modes
+
+AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer needs no other"
+
+
+def match_with_observer(
+    question: Question, seed: int, tell: Progress, effort: Effort | None = None
+) -> MatchResult:  # fmt: skip
+    """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
+
+    Raises
+    ------
+    InputError
+        If the case cannot be worked on as it stands.
+    """
+    begin, effort, case = time.perf_counter(), effort or Effort(), question.case
+    search = tuner(case, seed, effort.drawn)
+    tell("drawn beds")
+    weights, cost = tuned_weights(search, effort)
+    tell("weights")
+    tuned = apply(case, {f"loop.{name}": value for name, value in weights.items()})
+    robust = verify_observer(tuned, case.rig, seed=seed, beds=effort.fresh)
+    checked = robust.verification
+    tell("verification on fresh beds")
+    results = target_results(question, checked)
+    error = errors_with_bounds(tuned, checked.errors)
+    stands = limits(question, _found(question, cost, tuned, checked), results, Relaxations())
+    stands += [*not_kept(case, robust, error), *unloaded_lashes(case)]
+    tell("bound and curves")
+    moved = any(move.name.startswith("residual_vehicle.") for move in case.moves)
+    return MatchResult(
+        status="limited" if stands else "matched",
+        limits=tuple(stands),
+        notes=(
+            *differing_components(case),
+            *case.notes,
+            *standstill(case),
+            *opened_lashes(tuned, checked.traces),
+            *([AS_CUT] if moved else []),
+            *checked.notes,
+        ),
+        case=case,
+        tuned=tuned,
+        vehicle_modes=tuple(damped_modes(case.vehicle)),
+        rig_modes=tuple(damped_modes(case.rig)),
+        matched_modes=tuple(mode.to_dict() for mode in checked.modes),
+        targets=results,
+        parameters=_parameters(case, weights),
+        response_error=error,
+        curves=curves_of(ObservedBed(tuned, parts_of(tuned, untuned=case.rig), controller_of(tuned))),
+        verification=checked,
+        objective=cost,
+        seconds=time.perf_counter() - begin,
+        robust=robust,
+    )
+
+
+def _found(question: Question, cost: float, tuned: Case, checked: Verification) -> VerifiedSolution:
+    """The tuned case in the form that the sentences on limits are made from."""
+    case = question.case
+    task = Task(case, (), np.zeros(0), (), REGISTERED[case.objective].of(case), question.demands)
+    return VerifiedSolution(task, Solution({}, cost, (), True), [], {}, tuned, checked)
+
+
+def not_kept(case: Case, robust: RobustVerification, error: ResponseError) -> list[str]:
+    """Sentences on response errors, beds, roll-off and noise that are beyond what the case allows."""
+    beds, loop, required = robust.beds, robust.loop, robust.required
+    found = []
+    if beds.stable < beds.drawn:
+        found.append(f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable")
+    elif beds.damped < beds.drawn:
+        found.append(
+            f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
+            f"than {required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
+            f"{beds.smallest_damping_ratio:.4f}"
+        )
+    for what, value, allowed in (
+        ("measured torques", error.after, case.tolerance),
+        ("unmeasured torques", error.unmeasured, case.unmeasured_tolerance),
+    ):
+        if not value <= allowed:
+            found.append(f"the response error to {what} is {value:.3f}, {allowed:g} is allowed")
+    if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
+        found.append(
+            f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
+            f"there, {LARGEST_ROLLED_OFF:g} is allowed"
+        )
+    noise = max(loop.command_noise)
+    if required.command_noise is not None and noise > required.command_noise:
+        found.append(f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed")
+    return found
+
+
+def _parameters(case: Case, weights: dict[str, float]) -> tuple[ParameterResult, ...]:
+    """The weights; adapters stay as planned."""
+    made = []
+    for name, value in weights.items():
+        known = case.loop.structure.quantities[name]
+        start, unit = case.loop[name], known.unit
+        made.append(
+            ParameterResult(f"loop.{name}", start, value, unit, known.lower, known.upper, 0.0, 0.0, False, True)
+        )
+    return tuple(made)

@@ -1,0 +1,181 @@
+"""Checks of a tuned case whose controller is an observer: one sampled loop for measured and unmeasured torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching.frequency.beds.closed_loop import bed_set, closed_matrices
+from matching.frequency.beds.figures import LoopFigures, bed_figures, loop_figures, planned
+from matching.frequency.beds.requirements import Requirements, requirements
+from matching.frequency.case.case import Case
+from matching.frequency.independent.beds_check import BedsCheck, check_beds
+from matching.frequency.independent.check import IndependentCheck
+from matching.frequency.loop.loop_modes import LoopMode, feed_forward_modes
+from matching.frequency.loop.parts import Parts, parts_of
+from matching.frequency.loop.poles import neutral_motions, resting_and_right
+from matching.frequency.response.observed import ObservedBed
+from matching.frequency.response.response_error import figures_of
+from matching.frequency.verification.peaks import peaks_of, violations_of
+from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
+from matching.frequency.verification.robustness import Deviation
+from matching.frequency.verification.simulation import Traces, simulate_case
+from matching.frequency.verification.verify import Verification, inside, target_modes_of
+from modelling.bed.observer_design import regulator
+from modelling.bed.observer_model import observer_model
+from modelling.bed.residual_vehicle import ResidualVehicle, cut
+from modelling.bed.sampled_controller import SampledController
+from modelling.common.errors import InputError
+from modelling.linear.reference_motion import is_linear
+from modelling.model.mirror import mirror_image
+from modelling.model.system import System
+from modelling.simulation.result import SimulationError
+
+BEDS = 200  # drawn to judge a match, unless asked otherwise
+JUDGES_BEDS = "the observer on the bed as planned: it judges drawn beds"
+FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
+RELATIVE_CHANGE, DEAD_TIME_CHANGE = 0.05, 5e-4  # of a stiffness or inertia; s: one quantity wrong at a time
+
+
+@dataclass(frozen=True)
+class RobustVerification:
+    """A tuned observer, checked, with what its beds and its loop do.
+
+    Attributes
+    ----------
+    verification : Verification
+    required : Requirements
+    loop : LoopFigures
+    beds : BedsCheck
+        By code that the search does not use.
+    """
+
+    verification: Verification
+    required: Requirements
+    loop: LoopFigures
+    beds: BedsCheck
+    dynamometers: tuple[str, ...]
+
+
+def verify_observer(
+    case: Case, untuned: System | None = None, *, seed: int = 0, beds: int = BEDS
+) -> RobustVerification:
+    """Check a tuned case with an observer.
+
+    Parameters
+    ----------
+    untuned : System, optional
+        The rig before it was tuned, which the figures compare with.
+    seed, beds : int
+        Of the fresh beds, and how many.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the design has no solution.
+    """
+    parts, reference = parts_of(case, untuned=untuned), cut(case.vehicle, case.rig)
+    model = observer_model(case.rig, reference, case.loop)
+    controller = controller_of(case)
+    required, neutral = requirements(case), neutral_motions(parts)
+    figures = loop_figures(planned(case, model.readings.noise), controller, required)
+    poles = np.linalg.eigvals(closed_matrices(bed_set(case, [{}], np.array([1.0])), controller)[0])
+    ahead = regulator(model)
+    fresh = check_beds(case, controller, required.damping_ratio, beds, seed + FRESH)
+    checks = {
+        "sampled loop": inside(poles, neutral),
+        "twin": resting_and_right(ahead.poles, neutral)[1] == 0,
+    }
+    notes = _notes(case, neutral)
+    if fresh.not_covered:
+        notes.append(f"beds are not judged by the independent method, which does not cover {fresh.not_covered}")
+    traces, seen = _simulated(parts, controller, checks, notes)
+    found = _modes(case, parts, reference)
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in found if mode.frequency > 0]
+    peaks = {} if traces is None else peaks_of(parts, traces)
+    least = min(swinging, default=(1.0, 0.0))
+    verification = Verification(
+        all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
+        figures.modulus_margin, figures.margin_at, None, IndependentCheck(JUDGES_BEDS),
+        (), (), poles, ahead.poles, found, target_modes_of(case, found), least, seen, peaks,
+        violations_of(case, peaks, figures.modulus_margin, least),
+        figures_of(ObservedBed(case, parts, controller)), _deviations(case, controller), traces, tuple(notes),
+    )  # fmt: skip
+    return RobustVerification(verification, required, figures, fresh, controller.dynamometers)
+
+
+def controller_of(case: Case) -> SampledController:
+    """The controller of a case with an observer.
+
+    Raises
+    ------
+    InputError
+        If the case has another structure or the design has no solution.
+    """
+    made = case.loop.structure.observer(case.rig, cut(case.vehicle, case.rig), case.loop)
+    if made is None:
+        raise InputError(
+            f"{case.path}: loop.structure", f"{case.loop.structure.name!r} is no observer", "take 'observer'"
+        )
+    return made
+
+
+def _notes(case: Case, neutral: int) -> list[str]:
+    notes = []
+    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
+        notes.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
+    if neutral:
+        notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
+    return notes
+
+
+def _simulated(
+    parts: Parts, controller: SampledController, checks: dict[str, bool], notes: list[str]
+) -> tuple[Traces | None, tuple[Seen, ...]]:
+    """Traces of the manoeuvre and the target modes read off them; the check and its note are added."""
+    nothing = tuple(Seen(target.mode, None, None, "nothing") for target in parts.case.targets)
+    try:
+        traces = simulate_case(parts, controller, *manoeuvre_torques(parts))
+        seen = seen_modes(parts, controller, traces)
+    except SimulationError as fault:
+        checks["simulation"] = False
+        notes.append(f"simulation: {fault.wrong}")
+        return None, nothing
+    checks["simulation"] = True
+    return traces, seen
+
+
+def _modes(case: Case, parts: Parts, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
+    """Modes of bed and residual vehicle under the state feedback, which every torque shows."""
+    model = observer_model(case.rig, reference, case.loop)
+    loop = case.loop
+    feedback = regulator(model, loop["command_weight"], loop["command_change_weight"])
+    return feed_forward_modes(parts, feedback, reference, "feedback")
+
+
+def _deviations(case: Case, controller: SampledController) -> tuple[Deviation, ...]:
+    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
+    rows: list[tuple[str, float, dict[str, float]]] = []
+    done: set[str] = set()
+    for name, quantity in case.rig.parameters.items():
+        if name in done or name.rsplit(".", 1)[1] not in ("J", "stiffness") or name.count(".") != 2:
+            continue
+        together = {name, mirror_image(name, case.rig)}
+        done |= together
+        for change in (RELATIVE_CHANGE, -RELATIVE_CHANGE):
+            rows.append((f"rig.{name}", change, {f"rig.{own}": quantity.value * (1 + change) for own in together}))
+    for change in (DEAD_TIME_CHANGE, -DEAD_TIME_CHANGE):
+        late = max(case.loop["dead_time"] + change, 0.0)
+        if late != case.loop["dead_time"]:
+            rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
+    beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, 100))
+    figures = bed_figures(beds, controller, case.loop.measured)
+    abscissa = np.log(figures.largest_pole) / controller.sample_time
+    found = [
+        Deviation(name, change, bool(stable), float(at), None, float(error))
+        for (name, change, _), stable, at, error in zip(
+            rows, figures.stable(), abscissa, figures.unmeasured, strict=True
+        )
+    ]
+    return tuple(sorted(found, key=lambda one: (one.stable, -one.response_error)))

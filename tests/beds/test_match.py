@@ -1,0 +1,77 @@
+"""A match with an observer, small effort: what it states holds, and what is not kept is said."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.frequency.beds.closed_loop import action, bed_set
+from matching.frequency.beds.closed_loop import responses as controlled
+from matching.frequency.beds.tune import Effort
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.search.observed import match_with_observer, not_kept
+from matching.frequency.search.question import question_of
+from matching.frequency.verification.observed import controller_of
+from matching.frequency.verification.simulation import matched_motion
+from matching.report.match.text import content, summary
+
+EFFORT = Effort(drawn=4, rounds=1, steps=1, fresh=8)
+
+
+@pytest.fixture(scope="module")
+def result(small_case):
+    return match_with_observer(question_of(small_case), 0, lambda _: None, EFFORT)
+
+
+def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
+    assert result.status == "matched", result.limits
+    target = result.targets[0]
+    assert target.matched == pytest.approx(target.vehicle, rel=0.01)
+    assert target.seen == pytest.approx(target.vehicle, rel=0.02)
+    assert result.response_error.after < 0.02 < result.response_error.before
+    assert result.response_error.unmeasured < result.case.unmeasured_tolerance
+
+
+def test_the_result_states_beds_margin_and_noise(result):
+    stated = json.loads(json.dumps(content(result)))
+    assert stated["beds"]["drawn"] == stated["beds"]["stable"] == EFFORT.fresh
+    assert stated["margin"]["modulus"] == result.verification.modulus_margin >= 0.5
+    assert stated["margin"]["from"] == pytest.approx(2 * result.targets[0].vehicle, rel=1e-3)
+    assert stated["command_noise"]["dyno"] <= 0.02 * 1500
+    assert "8 of 8 beds drawn" in summary(stated)
+
+
+def test_what_is_not_kept_is_named(result):
+    robust = replace(result.robust, required=replace(result.robust.required, command_noise=1e-3, rolled_off_from=40.0))
+    robust = replace(robust, loop=replace(robust.loop, largest_rolled_off=0.7))
+    robust = replace(robust, beds=replace(robust.beds, damped=5))
+    strict = replace(result.case, unmeasured_tolerance=1e-4)
+    said = not_kept(strict, robust, result.response_error)
+    assert said[0].startswith("3 of 8 beds")
+    assert any("sensor noise makes" in words and "0.001 N·m is allowed" in words for words in said)
+    assert any("response error to unmeasured torques" in words for words in said)
+    assert any("|T| is 0.70" in words for words in said)
+    assert not not_kept(result.case, result.robust, result.response_error)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_simulated_loop_swings_as_the_frequency_response_says(result, known):
+    """Steady swing at 4 Hz by time steps with a delay line, against the response of the sampled loop."""
+    tuned, frequency, step = result.tuned, 4.0, 1e-3
+    time = np.arange(6000) * step
+    torque = 10 * np.sin(2 * np.pi * frequency * time)
+    parts, controller = parts_of(tuned), controller_of(tuned)
+    told = () if known else ("motor_torque",)
+    silent = replace(controller, W=controller.W.copy(), G=controller.G.copy())
+    for name in told:  # the controller is not told of the torque that the rig gets
+        at = controller.known.index(name)
+        silent.W[:, at] = 0.0
+        silent.G[:, at] = 0.0
+    traces = matched_motion(parts, silent, {"motor_torque": torque})
+    last = slice(-1000, None)
+    drive = np.exp(-2j * np.pi * frequency * time[last])
+    swing = 2 * np.mean(traces["side_torque"][last] * drive) / 10 * 1j
+    bed = bed_set(tuned, [{}], np.array([frequency]))
+    wanted = controlled(bed, action(controller, bed.frequencies), ("motor_torque",) if known else ())[0, 0, 1]
+    assert swing == pytest.approx(wanted, rel=5e-3)
