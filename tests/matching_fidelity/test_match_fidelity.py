@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from matching.frequency.loop.emulated import PLACE, emulated
-from matching.frequency.search.fidelity import match_fidelity
+from matching.frequency.verification.fidelity import match_fidelity
 from matching.report.match.fidelity_rows import fidelity_line, fidelity_rows
 
 

@@ -14,9 +14,9 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.build import build
 from matching.frequency.programme.closed_loop import closed_loop
 from matching.frequency.programme.objectives.fidelity import FidelityObjective
-from matching.frequency.search.fidelity import match_fidelity
 from matching.frequency.search.match import match
 from matching.frequency.solver.starts import start
+from matching.frequency.verification.fidelity import match_fidelity
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.simulation import simulate_case
 from modelling.common.errors import InputError

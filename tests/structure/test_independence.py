@@ -7,12 +7,23 @@ from structure.imports import ROOT
 ROOM = ROOT / "matching" / "frequency" / "independent"
 DATA = {  # classes that hold a model or a case; none of them computes a matrix
     ("matching.frequency.case.case", "Case"),
+    ("modelling.bed.sampled_controller", "SampledController"),  # what is judged; its matrices are taken as they are
     ("modelling.model.components", "Effect"),
     ("modelling.model.components", "Shaft"),
     ("modelling.model.system", "System"),
 }
-LIBRARIES = ("__future__", "collections", "dataclasses", "functools", "typing", "numpy", "scipy")
-COMPUTED = {"state_space", "equations", "controller", "commands", "sampled", "feed_forward", "residual_space"}
+LIBRARIES = ("__future__", "collections", "copy", "dataclasses", "functools", "typing", "numpy", "scipy")
+COMPUTED = {
+    "state_space",
+    "equations",
+    "controller",
+    "commands",
+    "sampled",
+    "feed_forward",
+    "residual_space",
+    "space",
+    "feedback",
+}
 
 
 def trees():

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from modelling.bed.stepped_controller import SampledController
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_response
 from matching.frequency.independent.drawn_bed import DrawnBed
-from modelling.bed.sampled_controller import SampledController
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
@@ -83,7 +83,7 @@ class Judge:
     """
 
     def __init__(self, case: Case, controller: SampledController):
-        self.case, self.controller = case, controller
+        self.case, self.judged = case, controller
         self.rig, self.vehicle = Chain(case.rig), Chain(case.vehicle)
         low, high = np.log(case.band)
         self.frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
@@ -96,7 +96,7 @@ class Judge:
 
     def _action(self) -> tuple[np.ndarray, np.ndarray]:
         """Commands for readings (f, k, y) and known torques (f, k, w), from the equations as they run."""
-        own, x = self.controller, len(self.controller.A)
+        own, x = self.judged, len(self.judged.A)
         z = np.exp(2j * np.pi * self.frequencies * own.sample_time)
         keep = np.eye(x) - own.L @ own.C
         by_readings, by_known = own.L, np.zeros((x, len(own.known)))
@@ -112,7 +112,7 @@ class Judge:
         """One bed, by its values."""
         of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
         bed = DrawnBed(self.case, self.rig.with_values(of_rig), values)
-        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.controller)))
+        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.judged)))
         shared = {name: value for name, value in of_rig.items() if name in self.case.vehicle.parameters}
         measured, unmeasured = self._errors(bed, self.vehicle.with_values(shared))
         return BedVerdict(stable, ratio, measured, unmeasured)
@@ -121,15 +121,15 @@ class Judge:
         resting = np.abs(z - 1) < AT_REST
         stable = bool(np.all(np.abs(z[~resting]) < 1)) and int(resting.sum()) <= self._at_rest
         alive = z[~resting & (np.abs(z) > LOWEST_Z)]
-        s = np.log(alive.astype(complex)) / self.controller.sample_time
+        s = np.log(alive.astype(complex)) / self.judged.sample_time
         s = s[np.abs(s.imag) > SLOWEST_SWING_RAD_S]
         return stable, float(np.min(-s.real / np.abs(s), initial=1.0))
 
     def _errors(self, bed: DrawnBed, vehicle: Chain) -> tuple[float, float]:
         """Response errors over the compared functions, rig torques known as the case says, and unknown."""
         s = 2j * np.pi * self.frequencies
-        A, B, C = bed.sampled
-        z = np.exp(s * self.controller.sample_time)
+        A, B, C = bed.stepped
+        z = np.exp(s * self.judged.sample_time)
         loop = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)))
         difference = np.eye(B.shape[1]) - self._of_readings @ loop
         sensors, by_command = bed.sensors(s), bed.moved(s, bed.drive) * bed.command_at(s)[:, None, :]
@@ -143,8 +143,8 @@ class Judge:
                 if pair.input in on_rig:
                     moved = bed.moved(s, bed.rig.drive([pair.input]))
                     command, alone = command + self._of_readings @ (sensors @ moved), (row @ moved)[:, 0, 0]
-                if pair.input not in on_rig or (told and pair.input in self.controller.known):
-                    command = command + self._of_known[:, :, [self.controller.known.index(pair.input)]]
+                if pair.input not in on_rig or (told and pair.input in self.judged.known):
+                    command = command + self._of_known[:, :, [self.judged.known.index(pair.input)]]
                 answered = alone + (row @ by_command @ np.linalg.solve(difference, command))[:, 0, 0]
                 found.append(np.abs(np.log(answered / wanted)) ** 2)
         return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))

@@ -102,7 +102,7 @@ class DrawnBed:
         return A, B, C
 
     @cached_property
-    def sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def stepped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, B, C from sample to sample; the commands on their way are further states, oldest first."""
         A, B, C = self.rates
         x, k, step = len(A), B.shape[1], self.case.loop["sample_time"]
@@ -126,7 +126,7 @@ class DrawnBed:
 
     def closed(self, controller: SampledController) -> np.ndarray:
         """State matrix of bed and controller, one sample after the other as they run."""
-        A, B, C = self.sampled
+        A, B, C = self.stepped
         o, x = controller.observed, len(A)
         state = np.eye(x + o)
         bed, predicted = state[:x], state[x:]

@@ -11,7 +11,7 @@ import numpy as np
 from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
-from matching.frequency.search.fidelity import MatchFidelity, match_fidelity
+from matching.frequency.verification.fidelity import MatchFidelity, match_fidelity
 from matching.frequency.verification.observed import RobustVerification
 from modelling.common.display import Displayed
 from modelling.linear.reference_motion import speeds_of, torques_of
