@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from modelling.bed.stepped_controller import SampledController
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_response
 from matching.frequency.independent.drawn_bed import DrawnBed
+from modelling.bed.sampled_controller import SampledController
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less

@@ -1,7 +1,7 @@
 """R_XiL as what the match minimises: 1 − R² of system dynamics and residual vehicle over the manoeuvre, smooth.
 
-The signals are those of :mod:`matching.frequency.verification.fidelity`, had without integrating anything: the closed loop is
-linear, so each is the sum over the manoeuvre's torques of H(s)·U(s) taken back to time along a line s = σ + jω
+The signals are those of :mod:`matching.frequency.verification.fidelity`, had without integrating anything: the closed
+loop is linear, so each is the sum over the manoeuvre's torques of H(s)·U(s) taken back to time along a line s = σ + jω
 (numerical inverse Laplace transform by a Fourier sum; Wilcox, Int. J. Elect. Eng. Educ. 15 (1978) 247). Frequencies
 end at 1.5 times the band's upper edge with a cosine taper from there down to the edge, for vehicle and rig alike. The
 window is the manoeuvre's first four seconds at most, torques counted from their first value. An unstable loop grows in
