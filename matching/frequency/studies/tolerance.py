@@ -140,6 +140,9 @@ def tolerance(
     InputError
         If nothing varies, or the nominal loop is unstable.
     """
+    if case.loop.structure.is_observer:
+        right = "the match's own drawn beds say it: state the tolerances under [uncertainty]"
+        raise InputError(f"{case.path}: loop.structure", "the study does not cover 'observer'", right)
     case = tuned(case)
     varied = varied_of(case, added)
     winding = encirclements(parts_of(case))
