@@ -70,6 +70,8 @@ class ControlStructure(ABC):
         Whether :meth:`feed_forward` gives one.
     is_observer : bool
         Whether :meth:`observer` gives the whole controller; there is no law in the Laplace domain then.
+    further_starts : tuple of dict
+        Values of all quantities where a search may begin beside those of the case.
     """
 
     name: str
@@ -77,6 +79,7 @@ class ControlStructure(ABC):
     quantities: Mapping[str, LoopQuantity]
     has_feed_forward: bool = False
     is_observer: bool = False
+    further_starts: tuple[Mapping[str, float], ...] = ()
 
     @abstractmethod
     def gives_torque(self, values: Mapping[str, float]) -> bool:

@@ -84,6 +84,11 @@ class Tuner:
             self.known[key] = self._judged(logarithms)
         return self.known[key]
 
+    @property
+    def best(self) -> Judged:
+        """The best point that was judged."""
+        return min(self.known.values(), key=lambda one: one.merit)
+
     def _judged(self, logarithms: np.ndarray) -> Judged:
         required, count = self.required, len(self.beds.A)
         try:
@@ -144,19 +149,36 @@ def tuner(case: Case, seed: int = 0, drawn: int = Effort.drawn) -> Tuner:
 def tuned_weights(search: Tuner, effort: Effort | None = None) -> tuple[dict[str, float], float]:
     """Weights by name, and their cost: sequential quadratic programming, and the best point that it came by.
 
-    The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance.
+    The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance. The search
+    begins at the better one of the case's weights and the structure's further starts, and at the next one where it ends
+    with a requirement missed.
     """
-    quantities = search.case.loop.structure.quantities
-    best = np.log10([search.case.loop[name] for name in search.names])
-    ends = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]
-    effort = effort or Effort()
-    for _ in range(effort.rounds):  # each from the best point of the last one
-        begin, within = best, (np.maximum(ends[0], best - FURTHEST), np.minimum(ends[1], best + FURTHEST))
-        _improve(search, begin, list(zip(*within, strict=True)), effort.steps)
-        best = np.array(min(search.known, key=lambda key: search.known[key].merit))
-        if search.judged(best).merit > (1 - WORTH_A_ROUND) * search.judged(begin).merit:
+    effort, structure = effort or Effort(), search.case.loop.structure
+    starts = [
+        np.log10([values[name] for name in search.names])
+        for values in (search.case.loop.values, *structure.further_starts)
+    ]
+    for begin in sorted(starts, key=lambda start: search.judged(start).merit):
+        _rounds(search, begin, effort)
+        if search.best.room.min() >= 0:
             break
-    return dict(zip(search.names, (10.0**best).tolist(), strict=True)), search.judged(best).cost
+    best = min(search.known, key=lambda key: search.known[key].merit)
+    return dict(zip(search.names, (10.0 ** np.array(best)).tolist(), strict=True)), search.best.cost
+
+
+def _rounds(search: Tuner, begin: np.ndarray, effort: Effort) -> None:
+    """Rounds of the search, each from the best point of those before that began here."""
+    quantities = search.case.loop.structure.quantities
+    ends = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]
+    for _ in range(effort.rounds):
+        before = set(search.known) - {tuple(begin.tolist())}
+        within = list(zip(np.maximum(ends[0], begin - FURTHEST), np.minimum(ends[1], begin + FURTHEST), strict=True))
+        _improve(search, begin, within, effort.steps)
+        best = np.array(min(set(search.known) - before, key=lambda key: search.known[key].merit))
+        worth = search.judged(best).merit <= (1 - WORTH_A_ROUND) * search.judged(begin).merit
+        begin = best
+        if not worth:
+            break
 
 
 def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> None:
