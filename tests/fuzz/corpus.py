@@ -111,7 +111,10 @@ def seeds() -> tuple[Seed, ...]:
         files = {path.name: path.read_bytes() for path in sorted(folder.glob("*.toml"))}
         others = {name: content for name, content in files.items() if name != "case.toml"}
         found.append(Seed("case", folder.name, files["case.toml"], others))
-        found += [Seed("model", f"{folder.name}_{name[:-5]}", content) for name, content in others.items()]
+        for name, content in others.items():
+            case = b"\nrig = " in content  # another case of the same drive
+            beside = {"rig.toml": files["rig.toml"], "vehicle.toml": files["vehicle.toml"]} if case else {}
+            found.append(Seed("case" if case else "model", f"{folder.name}_{name[:-5]}", content, beside))
     found += [Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))]
     found += [Seed("model", "two_discs", MODEL.encode()), Seed("model", "every_effect", _every_effect())]
     budgets = [*sorted(ROOT.glob("examples/gum/*.toml")), *sorted(ROOT.glob("examples/sensors/*.toml"))]
