@@ -15,7 +15,7 @@ from matching.frequency.case.case_file import case_files
 from matching.frequency.case.demands import Demands, DynamometerChain, demands
 from matching.frequency.case.load import load_case
 from matching.frequency.search.limits import limits
-from matching.frequency.search.match import _standstill
+from matching.frequency.search.linearisation import standstill
 from matching.frequency.search.question import Question
 from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.solve_and_verify import VerifiedSolution
@@ -112,7 +112,7 @@ def test_limits_that_hold_from_standstill_only(tmp_path):
         case = replace(case, limits=case.limits | allowed)
         values = {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
         broken[moving] = {limit for _, limit, _, _ in demands(case).broken(values)}
-        (note,) = _standstill(case) or ("",)
+        (note,) = standstill(case) or ("",)
         assert ("dynamometer_speed, dynamometer_power" in note and "standstill is assumed" in note) is not moving
     assert broken == {True: set(allowed), False: set()}
 
