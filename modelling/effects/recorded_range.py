@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 LONGEST_MEMORY_SHARE = 0.25  # of the recording: a longer delay or lag cannot be told from a start state
-FEWEST_PERIODS = 2.0  # over the angle that an inertia turns, for a torque that repeats over the angle
+FEWEST_PERIODS = 1.0  # over the angle that an inertia turns: a torque that repeats has been seen once as a whole
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class RecordedRange:
     largest_reading, width : dict of str to float
         By sensor, SI: largest magnitude, and largest minus smallest reading.
     turns : dict of str to float
-        By inertia: over how many turns it moves.
+        By inertia: over how many turns it moves, its segments together.
     """
 
     duration: float
