@@ -25,22 +25,27 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     ]
 
 
-@pytest.mark.parametrize("size", [30.0, 3.0])
 @pytest.mark.parametrize(
-    ("system", "kind", "closed_loop"),
+    ("system", "kind", "closed_loop", "size"),
     [
-        ("two_mass", "coulomb_friction", False),
-        ("test_bed", "hysteresis", False),
-        pytest.param("vehicle", "slip", False, marks=pytest.mark.long),
-        ("vehicle", "wrong_parameter", False),
-        ("two_mass", "crosstalk", False),
-        ("two_mass", "backlash", True),
-        ("test_bed", "dead_time", True),
+        ("two_mass", "coulomb_friction", False, 30.0),
+        ("two_mass", "coulomb_friction", False, 3.0),
+        ("test_bed", "hysteresis", False, 30.0),
+        ("test_bed", "hysteresis", False, 3.0),
+        pytest.param("vehicle", "slip", False, 30.0, marks=pytest.mark.long),
+        pytest.param("vehicle", "slip", False, 3.0, marks=pytest.mark.long),
+        ("vehicle", "wrong_parameter", False, 30.0),
+        ("vehicle", "wrong_parameter", False, 3.0),
+        ("two_mass", "crosstalk", False, 30.0),
+        ("two_mass", "crosstalk", False, 3.0),
+        ("two_mass", "backlash", True, 3.0),  # a wide gap's motion is chaotic: other processors, other worths
+        ("test_bed", "dead_time", True, 30.0),
+        ("test_bed", "dead_time", True, 3.0),
     ],
 )
-def test_an_effect_is_worth_what_was_asked(system: str, kind: str, size: float, closed_loop: bool) -> None:
-    case = make_case(system, kind, size, seed=5, duration=1.25, closed_loop=closed_loop)
-    scene = set_scene(system, "normal", 5, 1.25, 1000.0, closed_loop, False)
+def test_an_effect_is_worth_what_was_asked(system: str, kind: str, closed_loop: bool, size: float) -> None:
+    case = make_case(system, kind, size, seed=5, duration=2.5, closed_loop=closed_loop)
+    scene = set_scene(system, "normal", 5, 2.5, 1000.0, closed_loop, False)
     assert measured_worth(scene, kinds_hidden(case.answer)) == pytest.approx(size, rel=0.1)
 
 
