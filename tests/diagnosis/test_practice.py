@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practi
 CASES = [f"case{i:02d}" for i in range(10)]
 SECONDS = 6.0  # of 16 s: enough to name every cause; whole recordings are long tests
 # From 6 s the gap of a lash is fitted to another point on other processors, 0.04 % apart, the uncertainty stated is
-# smaller than that, and the verdict may tip. Known, and open; from the whole recording name, value and uncertainty hold.
+# smaller than that, and the verdict may tip. Known, and open; from a whole recording name, value and uncertainty hold.
 NEEDS_ALL = "case02"
 SHORT = [(case, SECONDS) for case in CASES if case != NEEDS_ALL]
 LONG = [pytest.param(case, np.inf, marks=pytest.mark.long) for case in CASES]
