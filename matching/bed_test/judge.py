@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.bed_test.fidelity import recorded_fidelity
-from matching.bed_test.local_rational import MeasuredResponse, lines_needed, response, spectra
+from matching.bed_test.local_rational import MeasuredResponse, Spectra, lines_needed, response, spectra
 from matching.bed_test.modes import MeasuredMode, measured_mode
 from matching.bed_test.recorded import BedRecordings
 from matching.bed_test.result import (
@@ -40,8 +40,8 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     InputError
         If a recording is too short for its inputs, or a model cannot be made linear.
     """
-    grid = _frequencies(recorded, case.band)
-    measured = _measured(recorded, grid, case.band)
+    grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
+    measured = response(recordings, grid)
     bed = ComparedBed(case)
     answers = bed.at(grid)
     pairs = [
@@ -50,16 +50,15 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
         if source in recorded.inputs and sensor in recorded.sensors
     ]
     places = [(h, *_place(recorded, source, sensor)) for h, source, sensor in pairs]
-    again = _predicted_again(recorded, bed, places, grid)
+    again = _predicted_again(recordings, bed, places, grid)
     units = {part.name: part.unit for part in case.rig.sensors}
     functions, curves, kinds = [], [], []
-    for h, source, sensor in pairs:
-        at = recorded.sensors.index(sensor), recorded.inputs.index(source)
-        values, variances = measured.values[:, at[0], at[1]], measured.variances[:, at[0], at[1]]
+    for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
+        values, variances = measured.values[:, y, u], measured.variances[:, y, u]
         known = bool(bed.measured[h])
         figures = _Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
         repeated = _Figures.of(
-            again.values[:, at[0], at[1]], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
+            again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
         )
         figures = replace(figures, resolution=abs(repeated.square - repeated.predicted))
         functions.append(figures)
@@ -79,7 +78,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
         _judged(f"{source} → {sensor}", [one], allowed[kind])
         for (_, source, sensor), one, kind in zip(pairs, functions, kinds, strict=True)
     ]
-    seen = _modes(case, recorded, bed, places)
+    seen = _modes(case, recordings, bed, places)
     fidelity = tuple(recorded_fidelity(case, recorded, one) for one in recorded.recordings)
     states = [*(one.status for one in errors), *(one.status for one in seen)]
     return BedVerification(
@@ -107,33 +106,31 @@ def _frequencies(recorded: BedRecordings, band: tuple[float, float]) -> np.ndarr
     return np.array([*grid[:-1], band[1]])
 
 
-def _measured(recorded: BedRecordings, grid: np.ndarray, band: tuple[float, float]) -> MeasuredResponse:
-    own = []
+def _spectra(recorded: BedRecordings, band: tuple[float, float]) -> list[Spectra]:
+    """Spectra of every recording, long enough for one window of :func:`response`."""
+    found = []
     for one in recorded.recordings:
         step = float(np.mean(np.diff(one.time)))
-        own.append(spectra(*recorded.signals(one), step, BEYOND_BAND * band[1]))
-    try:
-        return response(own, grid)
-    except ValueError as fault:
-        raise InputError(
-            recorded.recordings[0].source, f"is too short for so many inputs: {fault}", "record longer"
-        ) from None
+        found.append(spectra(*recorded.signals(one), step, BEYOND_BAND * band[1]))
+    lines = lines_needed(len(recorded.inputs), len(found))
+    for one, own in zip(recorded.recordings, found, strict=True):
+        if len(own.frequencies) < lines:
+            raise InputError(one.source, f"is too short for so many inputs: {lines} lines are needed", "record longer")
+    return found
 
 
 def _predicted_again(
-    recorded: BedRecordings, bed: ComparedBed, places: Sequence[tuple[int, int, int]], grid: np.ndarray
+    recordings: Sequence[Spectra], bed: ComparedBed, places: Sequence[tuple[int, int, int]], grid: np.ndarray
 ) -> MeasuredResponse:
     """The predicted responses as the recordings would show them without noise: what they cannot resolve is missing."""
-    own = []
-    for one in recorded.recordings:
-        step = float(np.mean(np.diff(one.time)))
-        found = spectra(*recorded.signals(one), step, BEYOND_BAND * bed.case.band[1])
-        matched = bed.at(found.frequencies).matched
-        outputs = np.zeros_like(found.outputs)
+    predicted = []
+    for one in recordings:
+        matched = bed.at(one.frequencies).matched
+        outputs = np.zeros_like(one.outputs)
         for h, y, u in places:
-            outputs[:, y] += matched[:, h] * found.inputs[:, u]
-        own.append(replace(found, outputs=outputs))
-    return response(own, grid)
+            outputs[:, y] += matched[:, h] * one.inputs[:, u]
+        predicted.append(replace(one, outputs=outputs))
+    return response(predicted, grid)
 
 
 @dataclass(frozen=True)
@@ -193,7 +190,7 @@ def _judged(name: str, figures: Sequence[_Figures], allowed: float) -> ErrorJudg
 
 
 def _modes(
-    case: Case, recorded: BedRecordings, bed: ComparedBed, places: Sequence[tuple[int, int, int]]
+    case: Case, recordings: Sequence[Spectra], bed: ComparedBed, places: Sequence[tuple[int, int, int]]
 ) -> list[ModeJudgement]:
     """Target modes by one estimator for vehicle, prediction and bed: the same frequencies, the same shape."""
     known, out = modes(case.vehicle), []
@@ -214,7 +211,7 @@ def _modes(
         if vehicle is None:
             continue
         start = predicted or vehicle
-        own = _measured(recorded, fine, case.band)
+        own = response(recordings, fine)
         rows = np.array([(y, u) for _, y, u in places])
         picked = MeasuredResponse(
             fine,
