@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from modelling.common.escape import c_string, xml
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.exported import ExportedController
 from modelling.fmu.export import Fmu, package, page_of
-from modelling.fmu.source import FILES, variable_table
+from modelling.fmu.source import interface, variable_table
 from modelling.fmu.variables import Variable
 
 MOST_SAMPLES = 1e6  # of a watchdog
@@ -116,7 +115,6 @@ def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:
 def _code(
     controller: ExportedController, own: ControllerContents, fmi: str, identifier: str, token: str
 ) -> dict[str, str]:
-    here = Path(__file__).with_name("sources")
     defines = {
         "IDENTIFIER": c_string(identifier),
         "TOKEN": c_string(token),
@@ -127,7 +125,6 @@ def _code(
     table = variable_table(own.title, defines, own.variables, own.parameters)
     return {
         **c_sources(controller),
-        "motion.c": (here / "controller_motion.c").read_text(encoding="utf-8"),
-        FILES[fmi]: (here / FILES[fmi]).read_text(encoding="utf-8"),
+        **interface(fmi, "controller_motion.c"),
         "model.h": "\n".join(table) + "\n",
     }

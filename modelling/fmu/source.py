@@ -20,9 +20,14 @@ LOOK_BACK = 4  # times the steps that the delays hold: parameters may grow, comm
 
 def sources(block: Block, identifier: str, fmi: str, token: str) -> dict[str, str]:
     """C files by name; ``token`` is the GUID or instantiation token."""
+    return interface(fmi, "motion.c") | {"model.c": _generated(block), "model.h": _header(block, identifier, token)}
+
+
+def interface(fmi: str, motion: str) -> dict[str, str]:
+    """The fixed C files of an FMU by name: FMI, what every slave has, and a motion, which is called ``motion.c``."""
     here = Path(__file__).with_name("sources")
-    fixed = {name: (here / name).read_text(encoding="utf-8") for name in ("motion.c", FILES[fmi])}
-    return fixed | {"model.c": _generated(block), "model.h": _header(block, identifier, token)}
+    files = {"motion.c": motion, **{name: name for name in ("slave.h", "slave.c", FILES[fmi])}}
+    return {name: (here / file).read_text(encoding="utf-8") for name, file in files.items()}
 
 
 def _generated(block: Block) -> str:

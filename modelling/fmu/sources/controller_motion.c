@@ -3,8 +3,6 @@
  * A communication step is a whole number of samples. The controller runs at the beginning of each, on the inputs that
  * stand then; what it commands can be read after the step and is meant for the step itself: step the controller before
  * the bed. Functions return 0 where they fail, and say why in the motion's message. */
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 
 #include "controller.c"
@@ -24,19 +22,8 @@ enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN
 
 #define MOST_SAMPLES 1e7 /* in one communication step */
 #define NEAR 1e-6        /* of a sample: how far a communication step may be from a whole number of them */
-#define MESSAGE 400
 
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORT __attribute__((visibility("default")))
-#else
-#define EXPORT
-#endif
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
-
-typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
+#include "slave.h"
 
 /* Flat, so that copying it saves it. */
 typedef struct {
@@ -47,22 +34,12 @@ typedef struct {
     char message[MESSAGE];
 } Motion;
 
-static int fail(Motion *m, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(m->message, MESSAGE, format, arguments);
-    va_end(arguments);
-    return 0;
-}
+#include "slave.c"
 
 static void begin(Motion *m) {
     memset(m, 0, sizeof *m);
     memcpy(m->value, START, sizeof m->value);
     controller_init(&m->running);
-}
-
-static int known(Motion *m, unsigned reference) {
-    return reference < N_VALUES || fail(m, "no variable has the value reference %u; there are %d", reference, N_VALUES);
 }
 
 static int get(Motion *m, unsigned reference, double *value) {
@@ -123,35 +100,4 @@ static int advance(Motion *m, double span) {
     }
     m->value[TIME] += span;
     return 1;
-}
-
-static int to_phase(Motion *m, Phase from, Phase to, const char *otherwise) {
-    if (m->phase != from) return fail(m, "%s", otherwise);
-    m->phase = to;
-    return 1;
-}
-
-static int enter_initialisation(Motion *m) {
-    return to_phase(m, INSTANTIATED, INITIALISING, "initialisation begins after instantiation or reset only");
-}
-
-static int leave_initialisation(Motion *m) {
-    return to_phase(m, INITIALISING, STEPPING, "initialisation has not begun");
-}
-
-static int terminate(Motion *m) { return to_phase(m, STEPPING, TERMINATED, "nothing runs that could be terminated"); }
-
-static int start_at(Motion *m, double time) {
-    if (m->phase != INSTANTIATED) return fail(m, "the start time is given before initialisation");
-    if (!isfinite(time)) return fail(m, "the start time is not a finite number");
-    m->value[TIME] = time;
-    return 1;
-}
-
-static int step(Motion *m, double now, double span) {
-    double own = m->value[TIME];
-    if (m->phase != STEPPING) return fail(m, "a step needs initialisation to be over, and no termination");
-    if (!(fabs(now - own) <= 1e-9 * fmax(1, fabs(own))))
-        return fail(m, "the step begins at %.9g s, but the last one ended at %.9g s", now, own);
-    return advance(m, span);
 }

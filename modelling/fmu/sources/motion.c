@@ -12,8 +12,6 @@
  * Nothing is allocated here. Functions return 0 where they fail, and say why in the motion's message.
  */
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -34,20 +32,8 @@ enum {
 };
 
 #define MOST_STEPS 1e7 /* in one communication step */
-#define MESSAGE 400
 
-/* what is seen outside the library; all else is static */
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORT __attribute__((visibility("default")))
-#else
-#define EXPORT
-#endif
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
-
-typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
+#include "slave.h"
 
 /* An internal step that was taken: what it began with, and its rate at the end. Kept as long as delays look back. */
 typedef struct {
@@ -69,13 +55,7 @@ typedef struct {
     char message[MESSAGE]; /* why the last call failed */
 } Motion;
 
-static int fail(Motion *m, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(m->message, MESSAGE, format, arguments);
-    va_end(arguments);
-    return 0;
-}
+#include "slave.c"
 
 static void begin(Motion *m) {
     memset(m, 0, sizeof *m);
@@ -162,10 +142,6 @@ static void renew_outputs(Motion *m) {
             m->value[OUTPUTS + j] = y[j];
         }
     m->outputs_due = 0;
-}
-
-static int known(Motion *m, unsigned reference) {
-    return reference < N_VALUES || fail(m, "no variable has the value reference %u; there are %d", reference, N_VALUES);
 }
 
 static int get(Motion *m, unsigned reference, double *value) {
@@ -265,37 +241,4 @@ static int advance(Motion *m, double span) {
     m->value[TIME] += span;
     m->outputs_due = 1;
     return 1;
-}
-
-/* the phases of a slave's life */
-
-static int to_phase(Motion *m, Phase from, Phase to, const char *otherwise) {
-    if (m->phase != from) return fail(m, "%s", otherwise);
-    m->phase = to;
-    return 1;
-}
-
-static int enter_initialisation(Motion *m) {
-    return to_phase(m, INSTANTIATED, INITIALISING, "initialisation begins after instantiation or reset only");
-}
-
-static int leave_initialisation(Motion *m) {
-    return to_phase(m, INITIALISING, STEPPING, "initialisation has not begun");
-}
-
-static int terminate(Motion *m) { return to_phase(m, STEPPING, TERMINATED, "nothing runs that could be terminated"); }
-
-static int start_at(Motion *m, double time) {
-    if (m->phase != INSTANTIATED) return fail(m, "the start time is given before initialisation");
-    if (!isfinite(time)) return fail(m, "the start time is not a finite number");
-    m->value[TIME] = time;
-    return 1;
-}
-
-static int step(Motion *m, double now, double span) {
-    double own = m->value[TIME];
-    if (m->phase != STEPPING) return fail(m, "a step needs initialisation to be over, and no termination");
-    if (!(fabs(now - own) <= 1e-9 * fmax(1, fabs(own))))
-        return fail(m, "the step begins at %.9g s, but the last one ended at %.9g s", now, own);
-    return advance(m, span);
 }
