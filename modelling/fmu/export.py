@@ -17,8 +17,8 @@ from modelling.fmu.build import SUFFIX, binary, folder
 from modelling.fmu.description import description
 from modelling.fmu.source import FILES, sources
 
-LICENCE = """The files motion.c, slave.c, slave.h and fmi2.c or fmi3.c are part of rigmatch, MIT licence. model.c was written
-by CasADi's code generator from the model whose values model.h holds.
+LICENCE = """The files motion.c, slave.c, slave.h and fmi2.c or fmi3.c are part of rigmatch, MIT licence. model.c was
+written by CasADi's code generator from the model whose values model.h holds.
 """
 
 
