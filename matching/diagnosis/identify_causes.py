@@ -9,10 +9,10 @@ import numpy as np
 from matching.diagnosis.candidates.refit import fit_extended
 from matching.diagnosis.candidates.screening import Screening
 from matching.diagnosis.data.segments import FitData
-from matching.diagnosis.fitting.balance import balanced
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import Holdout, OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
+from matching.diagnosis.fitting.reweighting import iteratively_reweighted
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
 from matching.diagnosis.search.refinement import with_sharpest_friction
@@ -71,7 +71,7 @@ def _balanced_if_far_from_noise(base: Fit) -> Fit:
     count = base.problem.data.readings_by_sensor
     squares = np.sum([np.sum(part**2, axis=0) for part in base.by_sensor()], axis=0)
     far = np.sqrt(squares / np.maximum(count, 1)).max(initial=0.0) > FAR_FROM_NOISE
-    return balanced(base) if far and (count > 0).sum() > 1 else base
+    return iteratively_reweighted(base) if far and (count > 0).sum() > 1 else base
 
 
 def _solved_as(base: Fit, system: System, data: FitData) -> Fit:

@@ -14,7 +14,7 @@ from modelling.fidelity.fidelity import (
     MEASUREMENT_DOMAIN,
     Fidelity,
     FidelityMethod,
-    Sensor,
+    SensorUncertainty,
     SignalFidelity,
     SignalPair,
 )
@@ -71,7 +71,7 @@ def fidelity_of_signals(
         if members
     }
     sensors = tuple(
-        Sensor(signal.name, signal.pair.expanded_uncertainty / signal.width, signal.pair.degrees_of_freedom)
+        SensorUncertainty(signal.name, signal.pair.expanded_uncertainty / signal.width, signal.pair.degrees_of_freedom)
         for members in signals.values()
         for signal in members
         if signal.pair is not None and signal.pair.expanded_uncertainty is not None
@@ -81,7 +81,7 @@ def fidelity_of_signals(
 
 def assemble(
     signals: dict[str, tuple[SignalFidelity, ...]],
-    sensors: tuple[Sensor, ...],
+    sensors: tuple[SensorUncertainty, ...],
     weights: Mapping[str, float] | None,
     method: FidelityMethod,
     step: float | None = None,

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.signal import detrend
 from scipy.signal.windows import hann
 
-from modelling.fidelity.fidelity import MEASUREMENT_DOMAIN, Fidelity, Sensor, SignalFidelity, SignalPair
+from modelling.fidelity.fidelity import MEASUREMENT_DOMAIN, Fidelity, SensorUncertainty, SignalFidelity, SignalPair
 from modelling.fidelity.measures import PUBLISHED_DIVISOR, delay_fidelity
 
 SMALLEST_WIDTH = 0.1  # of the reference's range: draws of the range do not fall below it
@@ -156,7 +156,7 @@ def _delay_draws(signal: SignalFidelity, f_max: float, generator: np.random.Gene
     return delay_fidelity(delay.value + delay.standard_uncertainty * generator.standard_normal(draws), f_max)
 
 
-def _ratio_draws(sensor: Sensor, generator: np.random.Generator, draws: int) -> np.ndarray:
+def _ratio_draws(sensor: SensorUncertainty, generator: np.random.Generator, draws: int) -> np.ndarray:
     if math.isinf(sensor.degrees_of_freedom):
         return np.full(draws, sensor.ratio)
     return sensor.ratio * np.sqrt(generator.chisquare(sensor.degrees_of_freedom, draws) / sensor.degrees_of_freedom)

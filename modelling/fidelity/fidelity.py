@@ -106,7 +106,7 @@ class SignalFidelity:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorUncertainty:
     """One signal of the measurement domain: U/range (Eq. 23) and the degrees of freedom of U."""
 
     name: str
@@ -126,7 +126,7 @@ class Fidelity:
         Fidelity and weight of each domain.
     signals : dict of str to tuple of SignalFidelity
         By dynamic domain.
-    sensors : tuple of Sensor
+    sensors : tuple of SensorUncertainty
     method : FidelityMethod
     step : float, optional
         Sampling step, s; None where all values were stated.
@@ -138,7 +138,7 @@ class Fidelity:
     domains: dict[str, float]
     weights: dict[str, float]
     signals: dict[str, tuple[SignalFidelity, ...]]
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[SensorUncertainty, ...]
     method: FidelityMethod
     step: float | None = None
     notes: tuple[str, ...] = ()

@@ -69,7 +69,7 @@ def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.nd
 
 
 @dataclass(frozen=True)
-class _Window:
+class _StartWindow:
     """The beginning of a recording: its samples, which of the model's sensors (k) were measured, and how exactly.
 
     ``measured`` (t, k), ``uncertainty`` (k,); explicit steps at ``steps_per_second``.
@@ -114,7 +114,7 @@ class _Window:
         return dict(zip(self.model.states[: len(start)], start.tolist(), strict=True))
 
 
-def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, start: np.ndarray) -> _Window:
+def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, start: np.ndarray) -> _StartWindow:
     begin = recording.time[0]
     last = recording.time[min(LEAST_SAMPLES - 1, len(recording.time) - 1)]
     early = recording.cut(begin, max(begin + seconds, last))
@@ -122,8 +122,8 @@ def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, s
     inputs = early.inputs(model.system)
     named = dict(zip(model.states[: len(start)], start.tolist(), strict=True))
     state = start_state(model, p, inputs[0], named)
-    recorded = step_control.Recorded(model, early.time, inputs, p[None], state[None])
-    return _Window(
+    problem = step_control.InitialValueProblem(model, early.time, inputs, p[None], state[None])
+    return _StartWindow(
         model,
         p,
         early.time,
@@ -131,11 +131,11 @@ def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, s
         [model.sensors.index(part.name) for part in sensors],
         np.stack([early[part.name] for part in sensors], axis=1),
         np.array([part.uncertainty or _share_of_range(recording[part.name]) for part in sensors]),
-        step_control.explicit_stepping(recorded).least(early.time),
+        step_control.explicit_stepping(problem).least(early.time),
     )
 
 
-def _fitted(window: _Window, start: np.ndarray) -> tuple[np.ndarray, float]:
+def _fitted(window: _StartWindow, start: np.ndarray) -> tuple[np.ndarray, float]:
     """Start (2n,) with the least misfit found from a start, and that misfit."""
     best = window.misfit(start)
     for _ in range(ROUNDS if np.isfinite(best) else 0):

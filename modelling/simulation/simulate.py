@@ -20,7 +20,7 @@ from modelling.simulation.integrator.task import Trajectories, make_task
 from modelling.simulation.recorded_inputs import Inputs, checked
 from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
 from modelling.simulation.start import Start, start_state
-from modelling.simulation.step_control import TOLERANCE, Controlled, Recorded, Stepping
+from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem, Stepping
 from modelling.simulation.stick_speed import stick_speed
 
 
@@ -72,8 +72,8 @@ def simulate(
         if name not in model.sensors:
             raise unknown(name, model.sensors, "sensors")
     p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
-    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    done = _controlled(recorded, tolerance, steps_per_second, compile)
+    problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    done = _controlled(problem, tolerance, steps_per_second, compile)
     columns = {name: model.sensors.index(name) for name in chosen}
     return Simulation(
         time,
@@ -122,8 +122,8 @@ def simulate_batch(
     if len(starts) != len(p):
         raise InputError("start", f"{len(starts)} rows", f"one a parameter set is needed: {len(p)}")
     states = np.stack([start_state(model, row, u[0], begin) for row, begin in zip(p, starts, strict=True)])
-    recorded = Recorded(model, time, u, p, states)
-    return _controlled(recorded, tolerance, steps_per_second, compile, states=False).trajectories.readings
+    problem = InitialValueProblem(model, time, u, p, states)
+    return _controlled(problem, tolerance, steps_per_second, compile, states=False).trajectories.readings
 
 
 def sensitivities(
@@ -161,10 +161,10 @@ def sensitivities(
     p = np.ascontiguousarray(parameters, dtype=float)
     if p.shape != (len(model.parameters),):
         raise InputError("parameters", f"shape {p.shape}", f"({len(model.parameters)},) is needed")
-    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    stepping = Stepping(steps_per_second) if steps_per_second else step_control.explicit_stepping(recorded, compile)
+    problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    stepping = Stepping(steps_per_second) if steps_per_second else step_control.explicit_stepping(problem, compile)
     task = make_task(
-        model, time, u, p[None], recorded.start, stepping.steps_per_second, list(names), refinement=stepping.refinement
+        model, time, u, p[None], problem.start, stepping.steps_per_second, list(names), refinement=stepping.refinement
     )
     done = step_control.run(task, compile, states=False)
     raise_if_failed(done.failed, time, model.states)
@@ -194,14 +194,14 @@ def with_stick_speed(
     if STICK_SPEED not in model.parameters or STICK_SPEED in fixed:
         return p
     time, u = checked(model, time, inputs)
-    recorded = Recorded(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    states = step_control.first_run(recorded, compile).trajectories.states[0]
+    problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
+    states = step_control.first_run(problem, compile).trajectories.states[0]
     p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states, 1 / float(np.median(np.diff(time))))
     return p
 
 
 def _controlled(
-    recorded: Recorded,
+    problem: InitialValueProblem,
     tolerance: float,
     steps_per_second: float | None,
     compile: bool | None,  # noqa: A002
@@ -210,8 +210,8 @@ def _controlled(
     if steps_per_second is None:
         if not 0 < tolerance < 1:
             raise InputError("tolerance", f"{tolerance:g} is not possible", "give a share of the range, e.g. 1e-4")
-        return step_control.run_to_tolerance(recorded, tolerance, compile, states)
+        return step_control.run_to_tolerance(problem, tolerance, compile, states)
     stepping = Stepping(steps_per_second)
-    done: Trajectories = recorded.run(stepping, compile, states)
-    raise_if_failed(done.failed, recorded.time, recorded.model.states)
-    return Controlled(done, stepping, np.full(len(recorded.model.sensors), np.nan))
+    done: Trajectories = problem.run(stepping, compile, states)
+    raise_if_failed(done.failed, problem.time, problem.model.states)
+    return Controlled(done, stepping, np.full(len(problem.model.sensors), np.nan))

@@ -14,7 +14,7 @@ import numpy as np
 
 from modelling.equations.compiled import Model
 from modelling.simulation.integrator import native, virtual
-from modelling.simulation.integrator.task import Task, Trajectories, make_task
+from modelling.simulation.integrator.task import IntegrationTask, Trajectories, make_task
 from modelling.simulation.plan import (
     MAX_STEPS_PER_SECOND,
     STABLE_STEP,
@@ -56,7 +56,7 @@ class Stepping:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class InitialValueProblem:
     """What is simulated: a model on inputs (t, u) for parameters (b, p) from start states (b, x)."""
 
     model: Model
@@ -85,7 +85,9 @@ class Controlled:
     error: np.ndarray
 
 
-def run(task: Task, compiled: bool | None = None, states: bool = True, readings: bool = True) -> Trajectories:
+def run(
+    task: IntegrationTask, compiled: bool | None = None, states: bool = True, readings: bool = True
+) -> Trajectories:
     """A task by the compiled integrator, or by the virtual machine where there is no compiler or it is not wanted."""
     done = native.run(task, states, readings) if compiled is not False else None
     return done if done is not None else virtual.run(task, states, readings)
@@ -100,7 +102,7 @@ class FirstRun:
     rates: Rates
 
 
-def first_run(recorded: Recorded, compiled: bool | None = None) -> FirstRun:
+def first_run(problem: InitialValueProblem, compiled: bool | None = None) -> FirstRun:
     """Choose steps from the eigenvalues at rest and along the motion, and run with them.
 
     Raises
@@ -108,18 +110,18 @@ def first_run(recorded: Recorded, compiled: bool | None = None) -> FirstRun:
     SimulationError
         If a state is not finite however small the steps, or an eigenvalue is too fast for any.
     """
-    model, time = recorded.model, recorded.time
-    rates = rates_at_rest(model, recorded.p)
+    model, time = problem.model, problem.time
+    rates = rates_at_rest(model, problem.p)
     stepping = suited(rates, time)
     if not stepping.implicit and explicit_steps(rates) > MAX_STEPS_PER_SECOND:
         raise too_fast(rates.any, explicit_steps(rates))
-    stepping, done = _finite_run(recorded, stepping, compiled)
+    stepping, done = _finite_run(problem, stepping, compiled)
     if any(effect.law.state_dependent for effect in model.system.effects):
-        for p, motion in zip(recorded.p, done.states, strict=True):
-            rates |= rates_along(model, p, motion, recorded.inputs)
+        for p, motion in zip(problem.p, done.states, strict=True):
+            rates |= rates_along(model, p, motion, problem.inputs)
         better = suited(rates, time)
         if better.implicit != stepping.implicit or better.least(time) > stepping.least(time):
-            stepping, done = _finite_run(recorded, better, compiled)
+            stepping, done = _finite_run(problem, better, compiled)
     return FirstRun(done, stepping, rates)
 
 
@@ -137,7 +139,9 @@ def suited(rates: Rates, time: np.ndarray) -> Stepping:
     return Stepping(min(explicit, MAX_STEPS_PER_SECOND))
 
 
-def _finite_run(recorded: Recorded, stepping: Stepping, compiled: bool | None) -> tuple[Stepping, Trajectories]:
+def _finite_run(
+    problem: InitialValueProblem, stepping: Stepping, compiled: bool | None
+) -> tuple[Stepping, Trajectories]:
     """A run that stays finite, with finer steps or implicit ones where it does not at first.
 
     A motion that stops being finite at the same moment with finer steps runs away by itself: no step helps.
@@ -145,19 +149,19 @@ def _finite_run(recorded: Recorded, stepping: Stepping, compiled: bool | None) -
     before = None
     while True:
         for each in dict.fromkeys((stepping, replace(stepping, implicit=True))):
-            done = recorded.run(each, compiled)
+            done = problem.run(each, compiled)
             if (done.failed[:, 0] < 0).all():
                 return each, done
         moment = int(done.failed[done.failed[:, 0] >= 0, 0].min())
         stepping = stepping.finer(CALMER)
         runs_away = before is not None and abs(moment - before) <= max(SAME_MOMENT, SAME_MOMENT_RELATIVE * moment)
-        if runs_away or stepping.least(recorded.time) > MAX_STEPS_PER_SECOND:
-            raise_if_failed(done.failed, recorded.time, recorded.model.states)
+        if runs_away or stepping.least(problem.time) > MAX_STEPS_PER_SECOND:
+            raise_if_failed(done.failed, problem.time, problem.model.states)
         before = moment
 
 
 def run_to_tolerance(
-    recorded: Recorded, tolerance: float = TOLERANCE, compiled: bool | None = None, states: bool = True
+    problem: InitialValueProblem, tolerance: float = TOLERANCE, compiled: bool | None = None, states: bool = True
 ) -> Controlled:
     """Simulate with steps refined until every reading's estimated error is at most ``tolerance`` of its range.
 
@@ -168,19 +172,19 @@ def run_to_tolerance(
     SimulationError
         See :func:`first_run`.
     """
-    model = recorded.model
+    model = problem.model
     rough = any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
-    first = first_run(recorded, compiled)
+    first = first_run(problem, compiled)
     stepping, coarse, explicit = first.stepping, first.trajectories, explicit_steps(first.rates)
     limit, factor = FINEST * stepping.refinement, 2
     while True:
         finer = stepping.finer(factor)
-        if finer.implicit and IMPLICIT_COST * finer.least(recorded.time) > explicit and explicit < MAX_STEPS_PER_SECOND:
+        if finer.implicit and IMPLICIT_COST * finer.least(problem.time) > explicit and explicit < MAX_STEPS_PER_SECOND:
             stepping, factor = Stepping(explicit), 2
             limit, finer = FINEST, stepping.finer(factor)
-            coarse = recorded.run(stepping, compiled, states)
-        fine = recorded.run(finer, compiled, states)
-        raise_if_failed(fine.failed, recorded.time, model.states)
+            coarse = problem.run(stepping, compiled, states)
+        fine = problem.run(finer, compiled, states)
+        raise_if_failed(fine.failed, problem.time, model.states)
         error = difference(coarse, fine, rough) / (factor**ORDER - 1)
         stepping, coarse = finer, fine
         if error.max(initial=0.0) <= tolerance or stepping.refinement >= limit:
@@ -204,12 +208,12 @@ def difference(coarse: Trajectories, fine: Trajectories, rough: bool) -> np.ndar
     return apart.max(axis=(0, 1), initial=0.0)
 
 
-def explicit_stepping(recorded: Recorded, compiled: bool | None = None) -> Stepping:
+def explicit_stepping(problem: InitialValueProblem, compiled: bool | None = None) -> Stepping:
     """Explicit steps that keep the default tolerance and are stable, for what has no implicit form."""
-    stepping = run_to_tolerance(recorded, compiled=compiled, states=False).stepping
+    stepping = run_to_tolerance(problem, compiled=compiled, states=False).stepping
     if not stepping.implicit:
         return stepping
-    stable = explicit_steps(rates_at_rest(recorded.model, recorded.p))
+    stable = explicit_steps(rates_at_rest(problem.model, problem.p))
     if stable > MAX_STEPS_PER_SECOND:
         raise too_fast(stable * STABLE_STEP, stable)
-    return Stepping(max(stable, stepping.least(recorded.time)))
+    return Stepping(max(stable, stepping.least(problem.time)))

@@ -8,7 +8,7 @@ import pytest
 
 from matching.frequency.beds.closed_loop import action, bed_set
 from matching.frequency.beds.closed_loop import responses as controlled
-from matching.frequency.beds.tune import Effort
+from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.observed import match_with_observer, not_kept
 from matching.frequency.search.question import question_of
@@ -16,7 +16,7 @@ from matching.frequency.verification.observed import controller_of
 from matching.frequency.verification.simulation import matched_motion
 from matching.report.match.text import content, summary
 
-EFFORT = Effort(drawn=4, rounds=1, steps=1, fresh=8)
+EFFORT = TuningEffort(drawn=4, rounds=1, steps=1, fresh=8)
 
 
 @pytest.fixture(scope="module")

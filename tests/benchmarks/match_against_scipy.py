@@ -43,7 +43,7 @@ from matching.frequency.solver import ends as solving
 from matching.frequency.solver.ends import check, run_from
 from matching.frequency.solver.solve import AGREEING_STARTS, ONE_AGREES_OF, solve
 from matching.frequency.solver.starts import numbered_start
-from matching.frequency.solver.task import AGREEMENT, Solution, Task
+from matching.frequency.solver.task import AGREEMENT, Solution, TuningTask
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import peer_runs, row
 from tests.match.programme import programme_of
@@ -87,7 +87,7 @@ class Reduced:
     """Objective of the quantities that move alone, eigenpairs eliminated; keeps the clock of a run."""
 
     problem: Problem
-    task: Task
+    task: TuningTask
     target: float
     budget: float
     added: tuple[float, ...] = ()
@@ -306,7 +306,7 @@ def descended(run: Reduced, seed: int, number: int, best: float, **tolerances: f
     return end, value
 
 
-def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduced:
+def peer(task: TuningTask, ours: Solution, budget: float, by: str, seed: int) -> Reduced:
     """Run one of SciPy's until it arrives or has spent its budget (s)."""
     kind = Plain if "NumPy" in by else Reduced
     run = kind(task.build(slots=SLOTS), task, ours.objective, budget, ours.added)
@@ -323,7 +323,7 @@ def peer(task: Task, ours: Solution, budget: float, by: str, seed: int) -> Reduc
     return run
 
 
-def whole(task: Task, ours: Solution, seed: int) -> tuple[float, float, int]:
+def whole(task: TuningTask, ours: Solution, seed: int) -> tuple[float, float, int]:
     """``least_squares, NumPy`` as a match would use it: processor time in s, objective, number of starts."""
     run, ends = Plain(task.build(slots=SLOTS), task, -np.inf, np.inf, ours.added), []
     began = clock()
@@ -367,7 +367,7 @@ class Watch(ca.Callback):
         return [0.0]
 
 
-def watched(task: Task, ours: Solution, seed: int) -> float:
+def watched(task: TuningTask, ours: Solution, seed: int) -> float:
     """Processor time of IPOPT from the start of the building of its programme to its arrival, s."""
     run = Plain(task.build(slots=SLOTS), task, ours.objective, np.inf, ours.added)
     plain = ca.nlpsol

@@ -9,7 +9,7 @@ import pytest
 from matching.frequency.case.load import load_case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.check import IndependentCheck, check
-from matching.frequency.independent.closed_loop import ClosedLoop, plain_response
+from matching.frequency.independent.closed_loop import IndependentLoop, plain_response
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import parts_of
@@ -62,7 +62,7 @@ def test_unstable_poles_are_counted_alike(values):
     case = replace(case, loop=case.loop.with_values(values))
     expected = encirclements(parts_of(case)).unstable
     assert expected > 0
-    assert ClosedLoop(case).unstable_poles() == expected
+    assert IndependentLoop(case).unstable_poles() == expected
 
 
 def test_without_control_nothing_is_unstable_and_the_loop_has_no_gain():
@@ -71,8 +71,8 @@ def test_without_control_nothing_is_unstable_and_the_loop_has_no_gain():
     still = replace(case, loop=case.loop.with_values(dict.fromkeys(
         ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0
     )))  # fmt: skip
-    assert ClosedLoop(still).unstable_poles() == 0
-    assert np.allclose(ClosedLoop(still).return_difference(2j * np.pi * np.array([1.0, 10.0])), np.eye(2))
+    assert IndependentLoop(still).unstable_poles() == 0
+    assert np.allclose(IndependentLoop(still).return_difference(2j * np.pi * np.array([1.0, 10.0])), np.eye(2))
 
 
 BRANCHED = {

@@ -15,7 +15,7 @@ from matching.frequency.solver.continuation import continued_starts, follows_tar
 from matching.frequency.solver.ends import End, check, run_from
 from matching.frequency.solver.finish import finish
 from matching.frequency.solver.starts import start
-from matching.frequency.solver.task import Task
+from matching.frequency.solver.task import TuningTask
 from modelling.bed.structures import STRUCTURES
 from tests.match.programme import programme_of
 
@@ -24,7 +24,7 @@ ACTIVE = 1e-3  # of a scaled variable or constraint: so near its bound it may ca
 
 
 @pytest.fixture(scope="module")
-def task(tmp_path_factory) -> Task:
+def task(tmp_path_factory) -> TuningTask:
     """One dynamometer, feedback alone across 5 ms."""
     case = load_case(drawn.draw(2, tmp_path_factory.mktemp("drawn")))
     loop = replace(case.loop.with_values({"dead_time": 0.005}), structure=STRUCTURES["pi"])

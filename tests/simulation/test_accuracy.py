@@ -9,7 +9,7 @@ from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
-from modelling.simulation.step_control import Recorded, Stepping
+from modelling.simulation.step_control import InitialValueProblem, Stepping
 from tests.simulation.drives import excitation, system_with
 
 RANGE_SHARE = 1e-3  # largest error allowed, of a reading's range
@@ -92,7 +92,7 @@ def test_implicit_steps_have_order_four(path):
     model = compiled(system_with("hardening"))
     time, inputs = excitation(1.0, rate=50.0)
     u = np.stack([inputs[name] for name in model.inputs], axis=1)
-    recorded = Recorded(model, time, u, model.p0[None], np.zeros((1, 4)))
+    recorded = InitialValueProblem(model, time, u, model.p0[None], np.zeros((1, 4)))
     fine = recorded.run(Stepping(25600.0), path).readings
     errors = [
         np.abs(recorded.run(Stepping(rate, implicit=True), path).readings - fine).max()

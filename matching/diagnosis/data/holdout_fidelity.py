@@ -14,7 +14,7 @@ import numpy as np
 from matching.diagnosis.data.holdout_residuals import HoldoutData
 from modelling.fidelity.assess import assemble, assess_signal
 from modelling.fidelity.distribution import fidelity_distribution
-from modelling.fidelity.fidelity import Fidelity, FidelityMethod, Sensor, SignalFidelity, SignalPair
+from modelling.fidelity.fidelity import Fidelity, FidelityMethod, SensorUncertainty, SignalFidelity, SignalPair
 from modelling.fidelity.measures import WEIGHTS, delay_fidelity, dynamics_fidelity
 from modelling.model.system import System
 
@@ -113,7 +113,7 @@ def fidelity(system: System, data: HoldoutData) -> HoldoutFidelity | None:
     method = FidelityMethod(f_max, longest_delay=LONGEST_DELAY)
     before: list[SignalFidelity] = []
     after: list[SignalFidelity] = []
-    sensors: list[Sensor] = []
+    sensors: list[SensorUncertainty] = []
     floor, seconds, notes = [], {}, []
     for j, sensor in enumerate(system.sensors):
         if not np.isfinite(data.measured[:, j]).any():
@@ -130,7 +130,7 @@ def fidelity(system: System, data: HoldoutData) -> HoldoutFidelity | None:
             pair = SignalPair(part.measured, part.measured - residual, noise=(u, 0.0))
             scores.append(assess_signal(sensor.name, pair, step, method))
         floor.append(max(0.0, 1 - u / width))
-        sensors.append(Sensor(sensor.name, COVERAGE_FACTOR * u / width))
+        sensors.append(SensorUncertainty(sensor.name, COVERAGE_FACTOR * u / width))
         seconds[sensor.name] = part.seconds
     if not sensors:
         return None

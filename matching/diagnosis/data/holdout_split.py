@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from matching.diagnosis.data.gaps import FEWEST_SAMPLES
+from matching.diagnosis.data.segmentation import FEWEST_SAMPLES
 from matching.diagnosis.data.segments import FitData, Segment
 
 FITTED_SHARE = 0.7  # of every recording; specification: without --holdout the last 30 % is held out

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from matching.diagnosis.data.gaps import FEWEST_SAMPLES, segments_between_gaps
+from matching.diagnosis.data.segmentation import FEWEST_SAMPLES, segments_between_gaps
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.data.sensor_noise import noise_from_scatter
 from matching.diagnosis.data.stuck_channels import remove_stuck_values

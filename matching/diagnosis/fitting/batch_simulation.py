@@ -15,7 +15,7 @@ from modelling.model.system import System
 from modelling.simulation.integrator import native, virtual
 from modelling.simulation.integrator.c_library import compile_ahead
 from modelling.simulation.integrator.functions import functions
-from modelling.simulation.integrator.task import Task, Trajectories, make_task
+from modelling.simulation.integrator.task import IntegrationTask, Trajectories, make_task
 from modelling.simulation.plan import rates_at_rest
 
 FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than they save (measured on two cores)
@@ -72,7 +72,7 @@ def simulate_states(
 
 def _tasks(
     model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps_per_second: float
-) -> list[Task]:
+) -> list[IntegrationTask]:
     stiff = _stiff(model, steps_per_second)
     return [
         make_task(model, segment.time, segment.inputs, p, start, steps_per_second, implicit=stiff)
@@ -92,7 +92,7 @@ def _stiff(model: Model, steps_per_second: float) -> bool:
     return rates_at_rest(model, p[None]).any > UNSTABLE_RATE * steps_per_second
 
 
-def _run(tasks: Sequence[Task], states: bool = True, readings: bool = True) -> list[Trajectories]:
+def _run(tasks: Sequence[IntegrationTask], states: bool = True, readings: bool = True) -> list[Trajectories]:
     samples = sum(len(task.p) * len(task.time) for task in tasks)
     count = threads() if samples > FEWEST_SAMPLES_FOR_THREADS else 1
     results = native.run_all(tasks, states, readings, count) if tasks else []

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
-from matching.diagnosis.fitting.balance import balanced, discrepancy
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, whiteness
+from matching.diagnosis.fitting.reweighting import discrepancy, iteratively_reweighted
 from modelling.effects import EFFECTS
 
 NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is more than noise
@@ -95,7 +95,7 @@ def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them."""
     if hypothesis.fit.problem.weighting is None:
         return hypothesis
-    return replace(hypothesis, fit=balanced(hypothesis.fit))
+    return replace(hypothesis, fit=iteratively_reweighted(hypothesis.fit))
 
 
 def at_noise(hypothesis: Hypothesis) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.diagnosis.data.gaps import FEWEST_SAMPLES
+from matching.diagnosis.data.segmentation import FEWEST_SAMPLES
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import Fit
 
@@ -15,7 +15,7 @@ WINDOWS_PER_LENGTH = 8  # windows that are compared begin this many times in the
 
 
 @dataclass(frozen=True)
-class _Window:
+class _SearchWindow:
     """Samples of a segment and the mean of their squared residuals (all sensors)."""
 
     square: float
@@ -34,7 +34,7 @@ def search_window(base: Fit) -> FitData | None:
         return None
     readings_per_sample = data.readings_count / sum(len(segment.time) for segment in data.segments)
     left = int(MOST_READINGS / readings_per_sample)
-    windows: list[_Window] = []
+    windows: list[_SearchWindow] = []
     residuals = dict(enumerate(base.by_sensor()))
     while residuals and left >= FEWEST_SAMPLES:
         worst = max((_worst_window(i, r, left) for i, r in residuals.items()), key=lambda window: window.square)
@@ -46,7 +46,7 @@ def search_window(base: Fit) -> FitData | None:
     return replace(data, segments=tuple(data.segments[w.segment].part(w.first, w.last) for w in windows))
 
 
-def _worst_window(segment: int, residual: np.ndarray, most: int) -> _Window:
+def _worst_window(segment: int, residual: np.ndarray, most: int) -> _SearchWindow:
     """The window of at most so many samples with the largest mean square of a residual (t, y)."""
     length = min(len(residual), most)
     total = np.concatenate([[0.0], np.cumsum(np.sum(residual**2, axis=1))])
@@ -54,7 +54,7 @@ def _worst_window(segment: int, residual: np.ndarray, most: int) -> _Window:
     starts = np.unique(np.append(np.arange(0, last_start, max(length // WINDOWS_PER_LENGTH, 1)), last_start))
     squares = (total[starts + length] - total[starts]) / length
     worst = int(np.argmax(squares))
-    return _Window(float(squares[worst]), segment, int(starts[worst]), int(starts[worst]) + length)
+    return _SearchWindow(float(squares[worst]), segment, int(starts[worst]), int(starts[worst]) + length)
 
 
 def first_readings(data: FitData) -> FitData:

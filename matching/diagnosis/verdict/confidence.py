@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.diagnosis.fitting.balance import discrepancy, reweighted
 from matching.diagnosis.fitting.holdout import Holdout
 from matching.diagnosis.fitting.prediction import Prediction, prediction
 from matching.diagnosis.fitting.residual_statistics import effective_share
+from matching.diagnosis.fitting.reweighting import discrepancy, reweighted
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.verdict.final_fit import final_fit

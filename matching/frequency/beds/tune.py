@@ -31,7 +31,7 @@ REGULATOR = ("command_weight", "command_change_weight")
 
 
 @dataclass(frozen=True)
-class Effort:
+class TuningEffort:
     """Beds that the weights are tuned over, rounds and steps of each at most, and fresh beds that judge the result."""
 
     drawn: int = 24
@@ -134,7 +134,7 @@ def _kept(
     return store[key]
 
 
-def tuner(case: Case, seed: int = 0, drawn: int = Effort.drawn) -> Tuner:
+def tuner(case: Case, seed: int = 0, drawn: int = TuningEffort.drawn) -> Tuner:
     """Prepare the search over beds drawn from the case's box."""
     model = observer_model(case.rig, cut(case.vehicle, case.rig), case.loop)
     required = requirements(case)
@@ -146,14 +146,14 @@ def tuner(case: Case, seed: int = 0, drawn: int = Effort.drawn) -> Tuner:
     )  # fmt: skip
 
 
-def tuned_weights(search: Tuner, effort: Effort | None = None) -> tuple[dict[str, float], float]:
+def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[dict[str, float], float]:
     """Weights by name, and their cost: sequential quadratic programming, and the best point that it came by.
 
     The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance. The search
     begins at the better one of the case's weights and the structure's further starts, and at the next one where it ends
     with a requirement missed.
     """
-    effort, structure = effort or Effort(), search.case.loop.structure
+    effort, structure = effort or TuningEffort(), search.case.loop.structure
     starts = [
         np.log10([values[name] for name in search.names])
         for values in (search.case.loop.values, *structure.further_starts)
@@ -166,7 +166,7 @@ def tuned_weights(search: Tuner, effort: Effort | None = None) -> tuple[dict[str
     return dict(zip(search.names, (10.0 ** np.array(best)).tolist(), strict=True)), search.best.cost
 
 
-def _rounds(search: Tuner, begin: np.ndarray, effort: Effort) -> None:
+def _rounds(search: Tuner, begin: np.ndarray, effort: TuningEffort) -> None:
     """Rounds of the search, each from the best point of those before that began here."""
     quantities = search.case.loop.structure.quantities
     ends = [np.log10([getattr(quantities[name], side) for name in search.names]) for side in ("lower", "upper")]

@@ -8,7 +8,7 @@ import tomli_w
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from modelling.bed.manoeuvres import Recorded
+from modelling.bed.manoeuvres import RecordedTorque
 from modelling.model.files import dumps
 
 _HEAD = """\
@@ -21,7 +21,7 @@ def case_files(case: Case) -> dict[str, str]:
     """Texts of ``case.toml``, ``vehicle.toml``, ``rig.toml`` and ``residual_vehicle.toml``, numbered if in parts."""
     files = {"case.toml": case_text(case), "vehicle.toml": dumps(case.vehicle), "rig.toml": dumps(case.rig)}
     for name, torque in case.manoeuvre.items():
-        if isinstance(torque, Recorded):
+        if isinstance(torque, RecordedTorque):
             files[_trace_file(name)] = torque.csv(name)
     parts = case.residual_vehicle.parts
     for number, part in enumerate(parts, 1):
@@ -45,7 +45,7 @@ def case_text(case: Case) -> str:
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
     data["response"]["objective"] = case.objective
     data["manoeuvre"] = {
-        name: {"file": _trace_file(name)} if isinstance(torque, Recorded) else torque.table()
+        name: {"file": _trace_file(name)} if isinstance(torque, RecordedTorque) else torque.table()
         for name, torque in case.manoeuvre.items()
     }
     if (point := case.vehicle.operating_point) is not None:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
-from matching.frequency.independent.closed_loop import ClosedLoop, plain_response
+from matching.frequency.independent.closed_loop import IndependentLoop, plain_response
 
 MARGIN_TOLERANCE = 1e-3  # of the modulus margin: both sides look for its minimum on grids of their own
 RESPONSE_TOLERANCE = 1e-6  # relative: the same linear equations, solved in two ways
@@ -75,7 +75,7 @@ def check(case: Case, frequencies: np.ndarray, vehicle: np.ndarray, controlled: 
         functions of the case.
     """
     try:
-        loop, reference = ClosedLoop(case), Chain(case.vehicle)
+        loop, reference = IndependentLoop(case), Chain(case.vehicle)
         s = 2j * np.pi * np.asarray(frequencies)
         pairs = [(pair.input, pair.sensor) for pair in case.compared]
         of_vehicle = np.stack([plain_response(reference, s, *pair) for pair in pairs], axis=1)
@@ -94,7 +94,7 @@ def _difference(first: np.ndarray, second: np.ndarray) -> float:
     return float((np.abs(first - second) / np.abs(first).max(axis=0)).max())
 
 
-def _margin(loop: ClosedLoop) -> tuple[float, float]:
+def _margin(loop: IndependentLoop) -> tuple[float, float]:
     """Least singular value of I + L over a fine grid, its lowest minima refined; and where, Hz."""
 
     def least(f: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ LAWS: dict[str, Callable[[Case, np.ndarray], Law]] = {"pi": speed_controller, "m
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class IndependentLoop:
     """A tuned case in the frequency domain; f complex frequencies, k dynamometers.
 
     Raises

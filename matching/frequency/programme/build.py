@@ -52,7 +52,7 @@ class _Parts:
     change: ca.MX
 
 
-# more than six parameters: the programme is all of this, and a Task (search) holds it for who searches
+# more than six parameters: the programme is all of this, and a TuningTask (search) holds it for who searches
 def build(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], objective: Objective,
     demands: Demands, *, tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True,

@@ -32,7 +32,7 @@ class General:
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class ClosedLoopFunctions:
     """The loop of a case as CasADi functions.
 
     Attributes
@@ -68,7 +68,7 @@ class ClosedLoop:
         return ca.Function(general.name(), inputs, ca.cse(list(outputs)), ["s_re", "s_im", "p"], ["re", "im"])
 
 
-def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoop:
+def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoopFunctions:
     """Build the loop of a case; The model-based feed-forward is left out: this is what feedback alone does.
 
     Parameters
@@ -109,7 +109,7 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     )
     kept = np.array([values[names.index(group[0])][1] for group in groups])
     given = np.array([values[i][1] for i in structure.still])
-    return ClosedLoop(tuple(group[0] for group in groups), kept, given, _expressions(structure))
+    return ClosedLoopFunctions(tuple(group[0] for group in groups), kept, given, _expressions(structure))
 
 
 @lru_cache(maxsize=16)

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.targets import Goal
-from matching.frequency.programme.closed_loop import ClosedLoop
+from matching.frequency.programme.closed_loop import ClosedLoopFunctions
 from matching.frequency.programme.margin_grid import SURVEY_HZ, UNUSED_HZ
 from matching.frequency.programme.scaling import unscaled
 
@@ -35,7 +35,7 @@ class Problem:
     """
 
     case: Case
-    loop: ClosedLoop
+    loop: ClosedLoopFunctions
     moves: tuple[Move, ...]
     goals: tuple[Goal, ...]
     tight: bool

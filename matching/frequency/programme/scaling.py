@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Move
-from matching.frequency.programme.closed_loop import ClosedLoop
+from matching.frequency.programme.closed_loop import ClosedLoopFunctions
 
 LOGARITHMIC_FROM_RATIO = 4.0  # upper over lower bound, above which a range is scaled by its logarithm
 
@@ -38,7 +38,7 @@ def is_logarithmic(move: Move) -> bool:
     return move.lower > 0 and move.upper / move.lower > LOGARITHMIC_FROM_RATIO
 
 
-def fixed_numbers(loop: ClosedLoop, moves: Sequence[Move]) -> np.ndarray:
+def fixed_numbers(loop: ClosedLoopFunctions, moves: Sequence[Move]) -> np.ndarray:
     """Numbers (c,) that the compiled functions take: the loop's, then those that scale each move."""
     scales = [scale_of(move) for move in moves]
     return np.concatenate([loop.fixed, *scales]) if scales else loop.fixed

@@ -19,7 +19,7 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.ipopt import solved
 from matching.frequency.programme.scaling import unscaled
 from matching.frequency.solver.solve import warm
-from matching.frequency.solver.task import Solution, Task
+from matching.frequency.solver.task import Solution, TuningTask
 from modelling.modal.modes import Mode
 
 CORNERS = 6  # quantities up to which every corner of the bounds is a start
@@ -71,7 +71,9 @@ class DeadTimeTrial:
     sufficient: float | None
 
 
-def shorter_dead_times(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]]) -> DeadTimeTrial | None:
+def shorter_dead_times(
+    task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, Mode]]
+) -> DeadTimeTrial | None:
     """Solve the case at shorter dead times; None where there is none to try, as it is one sample already.
 
     Each is solved anew from the solution and from a gentler loop, and judged by margin, encirclements and poles.
@@ -92,7 +94,7 @@ def shorter_dead_times(task: Task, solution: Solution, targets: Sequence[tuple[M
     return DeadTimeTrial(shortest, good)
 
 
-def _shows(task: Task, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:
+def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, Mode]], dead_time: float) -> bool:
     case = replace(task.case, loop=task.case.loop.with_values({"dead_time": dead_time}))
     solved = warm(replace(task, case=case), solution)
     if solved is None:

@@ -15,12 +15,12 @@ from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, standstill, unloaded_lashes
 from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import Effort, Progress, Question, differing_components, question_of
+from matching.frequency.search.question import Progress, Question, SearchEffort, differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
 from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
 from matching.frequency.search.targets_met import target_results
-from matching.frequency.solver.task import Near, Solution, Task
+from matching.frequency.solver.task import Near, Solution, TuningTask
 from modelling.modal.damped_modes import damped_modes
 
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
@@ -68,7 +68,7 @@ def match(
     tell("vehicle, rig and manoeuvre")
     if case.loop.structure.is_observer:
         return match_with_observer(question, seed, tell)
-    found = solve_and_verify(question, Effort(seed, starts, workers, tell, near))
+    found = solve_and_verify(question, SearchEffort(seed, starts, workers, tell, near))
     found, adapters = (found, ()) if near else settle_adapters(question, found)
     targets = target_results(question, found.checked)
     relaxed = Relaxations() if near else relaxations(question, found, targets)
@@ -115,7 +115,7 @@ def _result(
     )
 
 
-def _notes(task: Task, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
+def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
     """That nothing had to move, and what moves for a limit's sake only."""
     found = []
     ends = [(move, solution.values.get(move.name, move.start)) for move in task.moves]

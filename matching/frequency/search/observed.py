@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
-from matching.frequency.beds.tune import Effort, tuned_weights, tuner
+from matching.frequency.beds.tune import TuningEffort, tuned_weights, tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import parts_of
@@ -21,7 +21,7 @@ from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError
 from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.search.targets_met import target_results
-from matching.frequency.solver.task import Solution, Task
+from matching.frequency.solver.task import Solution, TuningTask
 from matching.frequency.verification.observed import RobustVerification, controller_of, verify_observer
 from matching.frequency.verification.verify import Verification
 from modelling.modal.damped_modes import damped_modes
@@ -30,7 +30,7 @@ AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer
 
 
 def match_with_observer(
-    question: Question, seed: int, tell: Progress, effort: Effort | None = None
+    question: Question, seed: int, tell: Progress, effort: TuningEffort | None = None
 ) -> MatchResult:  # fmt: skip
     """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
 
@@ -39,7 +39,7 @@ def match_with_observer(
     InputError
         If the case cannot be worked on as it stands.
     """
-    begin, effort, case = time.perf_counter(), effort or Effort(), question.case
+    begin, effort, case = time.perf_counter(), effort or TuningEffort(), question.case
     search = tuner(case, seed, effort.drawn)
     tell("drawn beds")
     weights, cost = tuned_weights(search, effort)
@@ -84,7 +84,7 @@ def match_with_observer(
 def _found(question: Question, cost: float, tuned: Case, checked: Verification) -> VerifiedSolution:
     """The tuned case in the form that the sentences on limits are made from."""
     case = question.case
-    task = Task(case, (), np.zeros(0), (), REGISTERED[case.objective].of(case), question.demands)
+    task = TuningTask(case, (), np.zeros(0), (), REGISTERED[case.objective].of(case), question.demands)
     return VerifiedSolution(task, Solution({}, cost, (), True), [], {}, tuned, checked)
 
 

@@ -43,7 +43,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchEffort:
     """Seed of the random starts, most of them, processes, whom to tell, and solutions to start from instead."""
 
     seed: int

@@ -14,9 +14,9 @@ from matching.frequency.case.weights import change_weight, released_moves
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
 from matching.frequency.search.infeasible_limits import Unkept, unkept
-from matching.frequency.search.question import Effort, Question
+from matching.frequency.search.question import Question, SearchEffort
 from matching.frequency.solver.solve import solve
-from matching.frequency.solver.task import Solution, Task
+from matching.frequency.solver.task import Solution, TuningTask
 from matching.frequency.verification.verify import Verification, verify
 
 LIMIT_RESERVE = 1.01  # on a limit that the simulation overran, when it is solved again
@@ -29,7 +29,7 @@ class VerifiedSolution:
     ``beyond`` are limits that no setting keeps, ``released`` the quantities that move for a limit's sake, with it.
     """
 
-    task: Task
+    task: TuningTask
     solution: Solution
     beyond: list[Unkept]
     released: Mapping[str, str]
@@ -37,7 +37,7 @@ class VerifiedSolution:
     checked: Verification
 
 
-def solve_and_verify(question: Question, effort: Effort) -> VerifiedSolution:
+def solve_and_verify(question: Question, effort: SearchEffort) -> VerifiedSolution:
     """Solve and verify; a second time, with the limits drawn in, where the simulated manoeuvre overruns some.
 
     The programme takes the vehicle's torques for the rig's, and an optimum likes to lie on a limit: the rig, which
@@ -54,7 +54,7 @@ def solve_and_verify(question: Question, effort: Effort) -> VerifiedSolution:
     return first if second.beyond or second.checked.violations or not second.checked.stable else second
 
 
-def _verified(question: Question, effort: Effort) -> VerifiedSolution:
+def _verified(question: Question, effort: SearchEffort) -> VerifiedSolution:
     """Solved again where a limit that shapes the solution depends on a fixed quantity; then verified."""
     case, asked = question.case, question.demands
     moving = released_moves(case, question.shares)
@@ -74,10 +74,10 @@ def _verified(question: Question, effort: Effort) -> VerifiedSolution:
         released |= more
 
 
-def task_of(question: Question, moves: Sequence[Move]) -> Task:
+def task_of(question: Question, moves: Sequence[Move]) -> TuningTask:
     """The programme of a question in which ``moves`` move."""
     case = question.case
     weights = [change_weight(part) for move, part in zip(case.moves, question.shares, strict=True) if move in moves]
     objective = REGISTERED[case.objective].of(case)
     tracked = goals(case, question.targets) if objective.tracks_modes else ()
-    return Task(case, tuple(moves), np.array(weights), tracked, objective, question.demands)
+    return TuningTask(case, tuple(moves), np.array(weights), tracked, objective, question.demands)

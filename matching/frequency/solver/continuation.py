@@ -15,7 +15,7 @@ import numpy as np
 from matching.frequency.programme.problem import Problem, eigenpairs
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.starts import gentler, numbered_start
-from matching.frequency.solver.task import Task
+from matching.frequency.solver.task import TuningTask
 
 RUNAWAY_FREQUENCY = 2.0  # times the frequency of a target mode
 DEAD_TIME_STEPS = (
@@ -25,7 +25,7 @@ DEAD_TIME_STEPS = (
 STEPS_LOST = 2  # steps in a row that end infeasible or unstable: it is not led this way any further
 
 
-def continued_starts(task: Task, seed: int, numbers: Sequence[int]) -> Iterator[End | None]:
+def continued_starts(task: TuningTask, seed: int, numbers: Sequence[int]) -> Iterator[End | None]:
     """Starts at a shorter dead time, led to the case's own; None if no way leads there."""
     loop = task.case.loop
 
@@ -38,7 +38,9 @@ def continued_starts(task: Task, seed: int, numbers: Sequence[int]) -> Iterator[
         yield next((end for way in DEAD_TIME_STEPS if (end := _along(task, way, at, seed, number))), None)
 
 
-def _along(task: Task, way: np.ndarray, at: Callable[[float, bool], Problem], seed: int, number: int) -> End | None:
+def _along(
+    task: TuningTask, way: np.ndarray, at: Callable[[float, bool], Problem], seed: int, number: int
+) -> End | None:
     """One start on one way; None if the last step or two in a row end nowhere."""
     v, end, failed = None, None, 0
     for part in way:
@@ -53,7 +55,7 @@ def _along(task: Task, way: np.ndarray, at: Callable[[float, bool], Problem], se
     return end
 
 
-def follows_targets(task: Task, end: End) -> bool:
+def follows_targets(task: TuningTask, end: End) -> bool:
     """Whether the eigenvalues tracked are not roots far above the modes they were to follow."""
     pairs = eigenpairs(end.v, len(task.moves), task.case)
     return bool((np.hypot(pairs[:, 0], pairs[:, 1]) < RUNAWAY_FREQUENCY).all())

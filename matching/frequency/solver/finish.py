@@ -7,7 +7,7 @@ import numpy as np
 from matching.frequency.programme.margin_grid import SLOTS
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.starts import gentler
-from matching.frequency.solver.task import AGREEMENT, Solution, Task
+from matching.frequency.solver.task import AGREEMENT, Solution, TuningTask
 
 ENDS_FINISHED = 3  # ends that are tried for one that holds the margin between the grid as well
 MARGIN_ROUNDS = 8  # of putting frequencies where the margin is missed between the grid
@@ -16,7 +16,7 @@ FREQUENCIES_AROUND = (
 )
 
 
-def first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
+def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
     """The best end that can be made to hold the margin between the grid as well; the best of all if none can."""
     found: list[Solution] = []
     last = -np.inf
@@ -30,7 +30,7 @@ def first_that_holds(task: Task, ends: list[End], starts: tuple[float | None, ..
     return next((one for one in found if one.holds), found[0])
 
 
-def finish(task: Task, best: End, starts: tuple[float | None, ...]) -> Solution:
+def finish(task: TuningTask, best: End, starts: tuple[float | None, ...]) -> Solution:
     """Solve again to more digits, and ask for the margin where it is missed between the grid, until it holds.
 
     What IPOPT then does not call a minimum is solved once more with the exact Hessian.

@@ -10,7 +10,7 @@ from matching.frequency.programme.problem import Problem
 from matching.frequency.programme.scaling import scaled
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.starts import start
-from matching.frequency.solver.task import Solution, Task
+from matching.frequency.solver.task import Solution, TuningTask
 
 
 def given_end(problem: Problem) -> End | None:
@@ -28,7 +28,7 @@ def from_given(problem: Problem, given: End) -> End | None:
     return next(stable_ends(problem, [given.v]), None)
 
 
-def never_worse(task: Task, solution: Solution, given: End | None) -> Solution:
+def never_worse(task: TuningTask, solution: Solution, given: End | None) -> Solution:
     """The solution, or the given point where that keeps the margin and is better, or the solution does not keep it."""
     if given is None or given.margin < task.case.limits["modulus_margin"]:
         return solution

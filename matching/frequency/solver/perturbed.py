@@ -12,13 +12,13 @@ import numpy as np
 from matching.frequency.programme.problem import Problem
 from matching.frequency.solver.continuation import follows_targets
 from matching.frequency.solver.ends import End, stable_ends
-from matching.frequency.solver.task import AGREEMENT, Task
+from matching.frequency.solver.task import AGREEMENT, TuningTask
 
 STEPS = (0.2, 0.4, 0.3, 0.5, 0.25, 0.6)  # standard deviations, of each quantity's range; tried in turn
 MOST_SEARCHES = 12  # about one end after another, as far as they get better
 
 
-def improved(task: Task, problem: Problem, best: End, seed: int) -> End:
+def improved(task: TuningTask, problem: Problem, best: End, seed: int) -> End:
     """The best end that searches from about it reach; itself where none in a row of :data:`STEPS` gets better."""
     random, size, failed = np.random.default_rng([seed, len(problem.moves)]), len(problem.moves), 0
     for number in range(MOST_SEARCHES):

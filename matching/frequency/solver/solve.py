@@ -17,7 +17,7 @@ from matching.frequency.solver.finish import finish, first_that_holds
 from matching.frequency.solver.given_point import from_given, given_end, never_worse
 from matching.frequency.solver.perturbed import improved
 from matching.frequency.solver.starts import gentler, numbered_start, start, start_at
-from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, Task
+from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, TuningTask
 from matching.studies import finished
 
 AGREEING_STARTS = 3  # starts that agree on the best before the search ends
@@ -28,7 +28,7 @@ PROCESS_WORTH_SECONDS = 4.0  # s that a start takes
 
 
 def solve(
-    task: Task, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None,
+    task: TuningTask, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None,
     near: Near | None = None,
 ) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
@@ -37,7 +37,7 @@ def solve(
 
     Parameters
     ----------
-    task : Task
+    task : TuningTask
     seed : int
         Of the random starts; the first is the case's own start with a gentle loop.
     starts : int
@@ -81,7 +81,7 @@ def solve(
     return never_worse(task, first_that_holds(task, kept, objectives), given)
 
 
-def _agree(task: Task, ends: list[End | None], enough: int, given: End | None) -> bool:
+def _agree(task: TuningTask, ends: list[End | None], enough: int, given: End | None) -> bool:
     """Whether enough ends agree on the best of them, and that is no worse than the given point."""
     best = min((end for end in ends if end), key=lambda end: end.objective, default=None)
     if best is None or not follows_targets(task, best):
@@ -94,7 +94,7 @@ def _agree(task: Task, ends: list[End | None], enough: int, given: End | None) -
     return agreeing >= max(enough, tried / ONE_AGREES_OF)
 
 
-def _ends(task: Task, seed: int, starts: int, workers: int) -> Generator[End | None]:
+def _ends(task: TuningTask, seed: int, starts: int, workers: int) -> Generator[End | None]:
     """The ends of the starts, in order; in other processes only where one takes longer than they take to begin."""
     problem, began = task.build(), time.monotonic()
     yield _one(problem, seed, 0)
@@ -112,7 +112,7 @@ def _ends(task: Task, seed: int, starts: int, workers: int) -> Generator[End | N
             yield ended.pop(place)
 
 
-def _built(task: Task) -> Problem:
+def _built(task: TuningTask) -> Problem:
     """The programme, once a process."""
     return task.build()
 
@@ -126,7 +126,7 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
     return next(stable_ends(problem.oscillating(), [numbered_start(problem, seed, number)]), None)
 
 
-def _from(task: Task, near: Near) -> Solution:
+def _from(task: TuningTask, near: Near) -> Solution:
     """The best end from the solutions of like cases, with their eigenpairs and with those on their targets."""
     problem = task.build()
     begins = [start_at(problem, values, own) for values, pairs in near.solutions for own in (pairs, ())]
@@ -139,7 +139,7 @@ def _from(task: Task, near: Near) -> Solution:
     return found
 
 
-def warm(task: Task, near: Solution) -> Solution | None:
+def warm(task: TuningTask, near: Solution) -> Solution | None:
     """Solve a programme from the solution of a neighbouring one and from gentler loops; None if all are unstable."""
     problem = task.build()
     known = {move.name: near.values.get(move.name, move.start) for move in task.moves}

@@ -55,7 +55,7 @@ class NoBetter(Exception):
 
 
 @dataclass(frozen=True)
-class Task:
+class TuningTask:
     """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it."""
 
     case: Case

@@ -16,7 +16,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from matching.frequency.solver.task import Near
 from matching.frequency.studies.map_axis import Axis, axis, quantities
-from matching.frequency.studies.map_passes import Task, improved
+from matching.frequency.studies.map_passes import PointTask, improved
 from matching.frequency.studies.map_point import Point, improved_at, match_at
 from matching.studies import run
 from modelling.common.display import Displayed, labelled
@@ -113,7 +113,7 @@ def map_case(
 
     with nullcontext(executor) if executor else executor_of(workers) as own:
 
-        def solved(chunks: list[Task]) -> list[Any]:
+        def solved(chunks: list[PointTask]) -> list[Any]:
             nonlocal before
             rows = run(
                 _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, own,
@@ -135,7 +135,7 @@ def _prepare(given: Prepared) -> Prepared:
     return given
 
 
-def _point_at(given: Prepared, task: Task) -> dict[str, Any] | None:
+def _point_at(given: Prepared, task: PointTask) -> dict[str, Any] | None:
     """A point as plain values: from starts of its own, or from its neighbours' solutions where there are such."""
     case, names, seed, starts = given
     x, y = zip(names, (task["x"], task["y"]), strict=True)

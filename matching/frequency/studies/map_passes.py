@@ -17,11 +17,11 @@ from typing import Any
 
 from matching.frequency.studies.map_point import Point
 
-Task = dict[str, Any]
+PointTask = dict[str, Any]
 Place = tuple[int, int]
 
 
-def improved(points: Sequence[Sequence[Point]], solve: Callable[[list[Task]], list[Any]]) -> list[list[Point]]:
+def improved(points: Sequence[Sequence[Point]], solve: Callable[[list[PointTask]], list[Any]]) -> list[list[Point]]:
     """The points (y, x) after as many passes as it takes.
 
     Parameters
@@ -62,6 +62,6 @@ def _near(rows: Sequence[Sequence[Point]], place: Place, changed: set[Place]) ->
     return [own for own in found if own.objective is not None]
 
 
-def _task(own: Point, near: list[Point]) -> Task:
+def _task(own: Point, near: list[Point]) -> PointTask:
     solutions = [[dict(one.values), list(one.pairs)] for one in near]
     return {"x": own.x, "y": own.y, "below": own.objective, "near": solutions}

@@ -28,7 +28,7 @@ class Need:
 
 
 @dataclass(frozen=True)
-class Check:
+class ResultCheck:
     """One check of the result: what was checked, the outcome, whether it passed."""
 
     what: str
@@ -78,14 +78,14 @@ def needs(result: MatchResult) -> list[Need]:
     return peaks
 
 
-def checks(result: MatchResult) -> list[Check]:
+def checks(result: MatchResult) -> list[ResultCheck]:
     """Every check with its outcome, stability first."""
     verification = result.verification
-    rows = [Check(*_in_words(name, verification), holds) for name, holds in verification.checks.items()]
+    rows = [ResultCheck(*_in_words(name, verification), holds) for name, holds in verification.checks.items()]
     limits = result.case.limits
     margin, (least, at) = verification.modulus_margin, verification.least_damping
     rows.append(
-        Check(
+        ResultCheck(
             "Modulus margin of the feedback loop, exact dead time",
             f"{number(margin, 3)} at {number(verification.margin_frequency, 3)} Hz, "
             f"at least {number(limits['modulus_margin'])} required",
@@ -93,21 +93,23 @@ def checks(result: MatchResult) -> list[Check]:
         )
     )
     rows.append(
-        Check(
+        ResultCheck(
             "Smallest damping ratio of any mode of the loop",
             f"{number(least, 3)} at {number(at, 3)} Hz, at least {number(limits['damping_ratio'])} required",
             least >= limits["damping_ratio"] * (1 - ROUNDING),
         )
     )
     for target in result.targets:
-        rows.append(Check(f"Mode {target.vehicle_mode} identified from the simulated manoeuvre", *_identified(target)))
+        rows.append(
+            ResultCheck(f"Mode {target.vehicle_mode} identified from the simulated manoeuvre", *_identified(target))
+        )
     exceeded = [row for row in verification.violations if row.limit not in ("modulus_margin", "damping_ratio")]
     for violation in exceeded:
         si = PEAK_UNITS[violation.where.rsplit(".", 1)[1]]
         outcome = f"{practical(violation.value, si)}, {practical(violation.allowed, si)} allowed"
-        rows.append(Check(f"Limit of {violation.where}", outcome, False))
+        rows.append(ResultCheck(f"Limit of {violation.where}", outcome, False))
     if not exceeded:
-        rows.append(Check("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
+        rows.append(ResultCheck("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
     return rows
 
 

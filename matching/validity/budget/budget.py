@@ -14,7 +14,7 @@ from modelling.units import Unit
 
 
 @dataclass(frozen=True)
-class Input:
+class InputQuantity:
     """One input quantity: best estimate and standard uncertainty in SI, and the distribution behind it.
 
     ``group`` names the simultaneous readings (or fitted line) it comes from; inputs of one group are correlated and
@@ -51,7 +51,7 @@ class Budget:
 
     title: str
     measurands: tuple[Measurand, ...]
-    inputs: tuple[Input, ...]
+    inputs: tuple[InputQuantity, ...]
     correlation: np.ndarray
     coverage: float = 0.95
     coverage_factor: float | None = None

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.validity.budget.budget import Budget, Input, Measurand
+from matching.validity.budget.budget import Budget, InputQuantity, Measurand
 from matching.validity.budget.dimensions import check_turns, dimension_of, result_unit
 from matching.validity.budget.formula import functions, parse_formula
 from matching.validity.budget.inputs import read_input, read_line
@@ -47,7 +47,7 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     )
 
 
-def _inputs(tables: dict[str, Any], where: str) -> tuple[list[Input], dict[tuple[str, str], float]]:
+def _inputs(tables: dict[str, Any], where: str) -> tuple[list[InputQuantity], dict[tuple[str, str], float]]:
     given = tables.get("inputs", {})
     lines = tables.get("lines", {})
     for key, group in (("inputs", given), ("lines", lines)):
@@ -57,7 +57,7 @@ def _inputs(tables: dict[str, Any], where: str) -> tuple[list[Input], dict[tuple
         raise InputError(where, "there are no inputs", "write at least one [inputs.name]")
     if len(given) + 2 * len(lines) > MOST_INPUTS:
         raise InputError(f"{where}: inputs", f"there are more than {MOST_INPUTS}", "join those that hardly contribute")
-    inputs: list[Input] = []
+    inputs: list[InputQuantity] = []
     readings: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name, table in given.items():
         _check_name(name, where)
@@ -129,7 +129,7 @@ def _correlation(given: Any, correlated: dict[tuple[str, str], float], names: li
     return matrix
 
 
-def _measurands(tables: dict[str, Any], inputs: list[Input], where: str) -> tuple[Measurand, ...]:
+def _measurands(tables: dict[str, Any], inputs: list[InputQuantity], where: str) -> tuple[Measurand, ...]:
     if ("measurand" in tables) == ("measurands" in tables):
         raise InputError(where, "there must be either [measurand] or [measurands.name]", "write one of them")
     known = ("name", "formula", "unit", "description")

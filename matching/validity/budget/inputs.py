@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from matching.validity.budget.budget import Input
+from matching.validity.budget.budget import InputQuantity
 from matching.validity.budget.distributions import NAMES, Distribution
 from modelling.common.errors import InputError
 from modelling.common.tables import check_keys, number, numbers, one_of, text
@@ -34,7 +34,7 @@ KNOWN = (
 LINE = ("abscissa", "ordinate", "abscissa_unit", "ordinate_unit", "origin", "cause", "description")
 
 
-def read_input(name: str, table: Any, where: str) -> tuple[Input, np.ndarray]:
+def read_input(name: str, table: Any, where: str) -> tuple[InputQuantity, np.ndarray]:
     """The input and its readings in SI (empty where it has none)."""
     check_keys(table, KNOWN, where)
     unit = unit_of(table.get("unit", "1"), f"{where}.unit")
@@ -51,13 +51,13 @@ def read_input(name: str, table: Any, where: str) -> tuple[Input, np.ndarray]:
         for key in ("distribution", "degrees_of_freedom", "beta", "coverage_factor", "half_width_tolerance"):
             if key in table:
                 raise InputError(where, f"{key} without an uncertainty", "give half_width, uncertainty or drop it")
-        return Input(name, value, 0.0, unit, **told), np.empty(0)
+        return InputQuantity(name, value, 0.0, unit, **told), np.empty(0)
     tolerance = _width_tolerance(table, where)
     freedom = 0.5 / tolerance**2 if tolerance else math.inf  # GUM G.4.2
     freedom = number(table, "degrees_of_freedom", where, positive=True) if "degrees_of_freedom" in table else freedom
     distribution = replace(_distribution(table, freedom, where), width_tolerance=tolerance)
     u = unit.difference_to_si(_standard_uncertainty(table, distribution, where))
-    return Input(name, value, abs(u), unit, distribution, freedom, **told), np.empty(0)
+    return InputQuantity(name, value, abs(u), unit, distribution, freedom, **told), np.empty(0)
 
 
 def _width_tolerance(table: Any, where: str) -> float:
@@ -119,7 +119,9 @@ def _standard_uncertainty(table: Any, distribution: Distribution, where: str) ->
     return amount * math.sqrt(distribution.weight())
 
 
-def _from_readings(name: str, table: Any, unit: Unit, told: dict[str, Any], where: str) -> tuple[Input, np.ndarray]:
+def _from_readings(
+    name: str, table: Any, unit: Unit, told: dict[str, Any], where: str
+) -> tuple[InputQuantity, np.ndarray]:
     for key in (
         "value",
         "half_width",
@@ -136,7 +138,7 @@ def _from_readings(name: str, table: Any, unit: Unit, told: dict[str, Any], wher
     values = unit.value_to_si(np.array(numbers(table["readings"], f"{where}.readings")))
     freedom = len(values) - 1
     group = text(table, "simultaneous", where, "") or None
-    one = Input(
+    one = InputQuantity(
         name,
         float(values.mean()),
         float(values.std(ddof=1) / math.sqrt(len(values))),
@@ -149,7 +151,7 @@ def _from_readings(name: str, table: Any, unit: Unit, told: dict[str, Any], wher
     return one, values
 
 
-def read_line(name: str, table: Any, where: str) -> tuple[Input, Input, float]:
+def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQuantity, float]:
     """Intercept and slope of a straight line fitted to readings by least squares (GUM H.3), and their correlation.
 
     The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``.
@@ -173,9 +175,11 @@ def read_line(name: str, table: Any, where: str) -> tuple[Input, Input, float]:
         0.0,
         units[1].dimension / units[0].dimension,
     )
-    intercept = Input(
+    intercept = InputQuantity(
         f"{name}_intercept", float(fit.intercept), float(fit.intercept_stderr), units[1], spread, freedom, name, **told
     )
-    slope = Input(f"{name}_slope", float(fit.slope), float(fit.stderr), slope_unit, spread, freedom, name, **told)
+    slope = InputQuantity(
+        f"{name}_slope", float(fit.slope), float(fit.stderr), slope_unit, spread, freedom, name, **told
+    )
     r = -float(x.mean() * fit.stderr / fit.intercept_stderr) if fit.intercept_stderr > 0 else 0.0
     return intercept, slope, max(-1.0, min(1.0, r))

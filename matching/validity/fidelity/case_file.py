@@ -21,7 +21,7 @@ from modelling.fidelity.fidelity import (
     MEASUREMENT_DOMAIN,
     Fidelity,
     FidelityMethod,
-    Sensor,
+    SensorUncertainty,
     SignalFidelity,
     SignalPair,
 )
@@ -263,17 +263,19 @@ def _uncertainty_of_budget(table: dict[str, Any], where: str, path: Path) -> _St
     )
 
 
-def _sensor(name: str, table: Any, where: str, path: Path, signals: dict[str, tuple[SignalFidelity, ...]]) -> Sensor:
+def _sensor(
+    name: str, table: Any, where: str, path: Path, signals: dict[str, tuple[SignalFidelity, ...]]
+) -> SensorUncertainty:
     check_keys(table, SENSOR_KEYS, where)
     if "fidelity" in table:
-        return Sensor(name, 1 - _fraction(table, "fidelity", where), _degrees_of_freedom(table, where))
+        return SensorUncertainty(name, 1 - _fraction(table, "fidelity", where), _degrees_of_freedom(table, where))
     stated = _uncertainty(table, where, path)
     if "signal" in table:
         wanted = text(table, "signal", where)
         for members in signals.values():
             for signal in members:
                 if signal.name == wanted and signal.pair is not None:
-                    return Sensor(name, stated.expanded / signal.width, stated.degrees_of_freedom)
+                    return SensorUncertainty(name, stated.expanded / signal.width, stated.degrees_of_freedom)
         raise InputError(
             f"{where}.signal", f"there is no measured signal '{wanted}'", "name one taken from the recordings"
         )
@@ -284,4 +286,4 @@ def _sensor(name: str, table: Any, where: str, path: Path, signals: dict[str, tu
         raise InputError(f"{where}.range", f"{width:g} is not positive", "give the range of the signal")
     if dimension != stated.dimension:
         raise InputError(f"{where}.range", "and the uncertainty have unlike dimensions", "give both in the same unit")
-    return Sensor(name, stated.expanded / width, stated.degrees_of_freedom)
+    return SensorUncertainty(name, stated.expanded / width, stated.degrees_of_freedom)

@@ -10,7 +10,7 @@ from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.inverse import required, wanted_uncertainty
 from matching.validity.uncertainty.montecarlo import MonteCarlo, monte_carlo
 from matching.validity.uncertainty.propagate import Propagation, coverage_factor, output_correlation, propagate
-from matching.validity.uncertainty.result import Check, MeasurandResult, Row, Uncertainty
+from matching.validity.uncertainty.result import MeasurandResult, PropagationValidation, Row, Uncertainty
 from matching.validity.uncertainty.rounding import numerical_tolerance
 
 SHARPER = 5.0  # times the numerical tolerance of the check, that of the draws must be (JCGM 101, 8.2)
@@ -67,7 +67,7 @@ def evaluate_measurand(
         parts = float(np.sum(np.abs(first.sensitivities) * budget.standard_uncertainties))
         rounding = ROUNDING * (abs(first.value) + parts)
 
-        def checked(drawn: MonteCarlo, u: float) -> Check:
+        def checked(drawn: MonteCarlo, u: float) -> PropagationValidation:
             return compare(first.value, k * u, u, drawn, digits, rounding)
 
         def undecided(drawn: MonteCarlo) -> bool:
@@ -93,7 +93,7 @@ def evaluate_measurand(
 
 def compare(
     value: float, expanded: float, uncertainty: float, drawn: MonteCarlo, digits: int, rounding: float = 0.0
-) -> Check:
+) -> PropagationValidation:
     """The check of JCGM 101, 8.1: d_low and d_high against δ of the propagated uncertainty.
 
     A symmetric interval about the estimate is compared with the shortest interval of the draws. The verdict stands as
@@ -111,7 +111,7 @@ def compare(
         verdict = "good"
     else:
         verdict = "open"
-    return Check(distances, tolerance, verdict)
+    return PropagationValidation(distances, tolerance, verdict)
 
 
 def _rows(budget: Budget, first: Propagation) -> tuple[Row, ...]:
@@ -135,7 +135,9 @@ def _rows(budget: Budget, first: Propagation) -> tuple[Row, ...]:
     return tuple(sorted(rows, key=lambda row: -abs(row.share)))
 
 
-def _warnings(budget: Budget, first: Propagation, drawn: MonteCarlo | None, check: Check | None) -> list[str]:
+def _warnings(
+    budget: Budget, first: Propagation, drawn: MonteCarlo | None, check: PropagationValidation | None
+) -> list[str]:
     found = []
     if first.refusal and budget.coverage_factor is None:
         found.append(

@@ -18,7 +18,7 @@ from modelling.units import Unit
 
 
 @dataclass(frozen=True)
-class Check:
+class PropagationValidation:
     """The validation of JCGM 101, 8: whether the interval by propagation agrees with that by Monte Carlo.
 
     Attributes
@@ -85,8 +85,8 @@ class MeasurandResult:
     expanded: float
     rows: tuple[Row, ...]
     monte_carlo: MonteCarlo | None
-    check: Check | None
-    check_second_order: Check | None
+    check: PropagationValidation | None
+    check_second_order: PropagationValidation | None
     warnings: tuple[str, ...]
 
     @property

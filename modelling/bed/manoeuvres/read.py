@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from modelling.bed.manoeuvres.sequence import Recorded, Segments
+from modelling.bed.manoeuvres.sequence import RecordedTorque, Segments
 from modelling.bed.manoeuvres.shapes import KINDS, UNITS, Manoeuvre, TipIn
 from modelling.common.errors import InputError, unknown
 from modelling.measurement.read import read_signals
@@ -99,7 +99,7 @@ def _ramp(entry: Mapping[str, Any], begin: float, where: str) -> TipIn:
     return TipIn(amplitude=to - begin, offset=begin, at=0.0, rise_time=over, duration=over + hold)
 
 
-def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, held: float) -> Recorded:
+def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, held: float) -> RecordedTorque:
     for key in entry:
         if key not in ("file", "absolute"):
             raise unknown(str(key), ["file", "absolute"], where)
@@ -113,4 +113,4 @@ def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, hel
         raise InputError(f"{where}.file", f"{file} has no column {name!r}", "call its torque as the input is called")
     if unit := recording.units.get(name):
         to_si(f"1 {unit}", "N*m", f"{where}.file: {name}")
-    return Recorded.of(recording.time, recording[name] - (held if absolute else 0.0))
+    return RecordedTorque.of(recording.time, recording[name] - (held if absolute else 0.0))

@@ -55,7 +55,7 @@ class Segments(Manoeuvre):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded(Manoeuvre):
+class RecordedTorque(Manoeuvre):
     """A recorded torque, straight between its samples; ``amplitude`` is its range.
 
     ``times`` (t,) in s from 0 on, ``torques`` (t,) in N·m.
@@ -69,7 +69,7 @@ class Recorded(Manoeuvre):
         """The recording was checked when it was read."""
 
     @classmethod
-    def of(cls, time: np.ndarray, torque: np.ndarray) -> Recorded:
+    def of(cls, time: np.ndarray, torque: np.ndarray) -> RecordedTorque:
         """From samples (t,) in s and N·m."""
         times = np.asarray(time, float) - time[0]
         return cls(

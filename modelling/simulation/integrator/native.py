@@ -14,7 +14,7 @@ import numpy as np
 from modelling.simulation.integrator import rosenbrock
 from modelling.simulation.integrator.c_library import driver, library
 from modelling.simulation.integrator.functions import Functions, functions
-from modelling.simulation.integrator.task import Task, Trajectories, band_order
+from modelling.simulation.integrator.task import IntegrationTask, Trajectories, band_order
 
 SHARES = 2  # a thread, at least: threads end together though not all shares take as long
 INTERRUPTIBLE = 3e7  # operations, some 30 ms: what takes longer runs beside the main thread, which takes signals
@@ -55,7 +55,7 @@ _METHOD = np.concatenate(
 )
 
 
-def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1) -> Trajectories | None:
+def run(task: IntegrationTask, states: bool = True, readings: bool = True, threads: int = 1) -> Trajectories | None:
     """Run a task; None without a compiler.
 
     What is not asked for comes back empty. The rows of a batch may be shared out among ``threads``; no result depends
@@ -66,7 +66,7 @@ def run(task: Task, states: bool = True, readings: bool = True, threads: int = 1
 
 
 def run_all(
-    tasks: Sequence[Task], states: bool = True, readings: bool = True, threads: int = 1
+    tasks: Sequence[IntegrationTask], states: bool = True, readings: bool = True, threads: int = 1
 ) -> list[Trajectories] | None:
     """The same for several tasks of one model, side by side.
 
@@ -117,7 +117,7 @@ class _Prepared:
 
     def __init__(
         self,
-        task: Task,
+        task: IntegrationTask,
         made: Functions,
         code: ctypes.CDLL,
         constant: np.ndarray,

@@ -16,7 +16,7 @@ from modelling.equations.shaft_law import CONTACT_TIME
 
 
 @dataclass(frozen=True)
-class Task:
+class IntegrationTask:
     """A batch of simulations of one model on one recording.
 
     Attributes
@@ -96,7 +96,7 @@ def make_task(
     names: list[str] | None = None,
     implicit: bool = False,
     refinement: int = 1,
-) -> Task:  # all that defines a simulation
+) -> IntegrationTask:  # all that defines a simulation
     """Collect a task; a closing lash gets its damping over one step.
 
     Parameters
@@ -131,7 +131,7 @@ def make_task(
     if names:
         for columns, jacobian in zip(by_columns, _delay_jacobians(model), strict=True):
             columns[:, selected >= 0] = jacobian[:, selected[selected >= 0]]
-    return Task(
+    return IntegrationTask(
         model, time, inputs, p, start, float(steps_per_second), refinement, implicit, _contiguous(delays[0]),
         _contiguous(np.hstack([np.zeros((len(p), 1)), delays[1][:, delayed]])), group,
         selected, start_derivative, _contiguous(by_columns[0]), _contiguous(by_columns[1]),

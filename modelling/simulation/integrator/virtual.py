@@ -10,7 +10,7 @@ import numpy as np
 
 from modelling.simulation.integrator import rosenbrock_steps
 from modelling.simulation.integrator.functions import Functions, functions
-from modelling.simulation.integrator.task import Task, Trajectories
+from modelling.simulation.integrator.task import IntegrationTask, Trajectories
 
 CHUNK = 256  # steps a call
 
@@ -19,7 +19,7 @@ CHUNK = 256  # steps a call
 class _Row:
     """One row of a batch: its constants (c,), and the columns' parameters as a matrix (p, s)."""
 
-    task: Task
+    task: IntegrationTask
     made: Functions
     b: int
     constants: np.ndarray
@@ -34,7 +34,7 @@ class _Nodes:
     states: np.ndarray
 
 
-def run(task: Task, states: bool = True, readings: bool = True) -> Trajectories:
+def run(task: IntegrationTask, states: bool = True, readings: bool = True) -> Trajectories:
     """As :func:`modelling.simulation.integrator.native.run`, same result to rounding."""
     made = functions(task.model, task.columns > 0, task.implicit)
     selection = np.zeros((len(task.model.parameters), task.columns))
@@ -79,7 +79,7 @@ def mesh(time: np.ndarray, steps_per_second: float, refinement: int) -> tuple[np
     return first, nodes
 
 
-def _inputs_at(task: Task, b: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _inputs_at(task: IntegrationTask, b: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Inputs and their time derivatives (·, u) at times: linear between samples, held outside the recording."""
     time, values = task.time, task.inputs
     u, du = np.empty((len(at), values.shape[1])), np.zeros((len(at), values.shape[1]))

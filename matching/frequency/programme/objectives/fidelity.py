@@ -28,7 +28,7 @@ from matching.frequency.case.case import Case, Compared, Move
 from matching.frequency.loop.emulated import on_emulated_side
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.parts import interface_speed, parts_of, shaft_torque, watched
-from matching.frequency.programme.closed_loop import ClosedLoop, closed_loop
+from matching.frequency.programme.closed_loop import ClosedLoopFunctions, closed_loop
 from matching.frequency.programme.constraints import CommonParts
 from matching.frequency.programme.evaluators import together, value, weighted_gradient
 from matching.frequency.programme.objective import Objective, ObjectiveBlock
@@ -81,7 +81,7 @@ class FidelityObjective(Objective):
         """See :meth:`Objective.block`; its loop has more sensors than the case's and so functions of its own."""
         loop = closed_loop(self.case, [move.together for move in moves])
         functions = _response_functions(loop, moves, compiled)
-        return _Block(CommonParts(functions, common.v, common.size, fixed_numbers(loop, moves)), self)
+        return _FidelityBlock(CommonParts(functions, common.v, common.size, fixed_numbers(loop, moves)), self)
 
     def loss(self, re: Any, im: Any) -> Any:
         """Weighted 1 − R² of both domains, from responses (h, f) in the order of ``case.compared`` (CasADi)."""
@@ -108,7 +108,7 @@ class FidelityObjective(Objective):
 
 
 @dataclass(frozen=True)
-class _Block(ObjectiveBlock):
+class _FidelityBlock(ObjectiveBlock):
     """1 − R² over the manoeuvre."""
 
     common: CommonParts
@@ -139,7 +139,7 @@ class _Block(ObjectiveBlock):
         return self.aim.loss(H[:h, :], H[h:, :])
 
 
-def _response_functions(loop: ClosedLoop, moves: Sequence[Move], compiled: bool) -> dict[str, ca.Function]:
+def _response_functions(loop: ClosedLoopFunctions, moves: Sequence[Move], compiled: bool) -> dict[str, ca.Function]:
     """Responses and their derivatives."""
     free, fixed, p = symbols(len(loop.fixed), tuple(is_logarithmic(move) for move in moves))
     term = response(loop.general, free, p, fixed)

@@ -44,11 +44,11 @@ class ResponseErrorObjective(Objective):
 
     def block(self, common: CommonParts, moves: Sequence[Move], compiled: bool) -> ObjectiveBlock:
         """See :meth:`Objective.block`."""
-        return _Block(common, self.frequencies, self.vehicle)
+        return _ResponseErrorBlock(common, self.frequencies, self.vehicle)
 
 
 @dataclass(frozen=True)
-class _Block(ObjectiveBlock):
+class _ResponseErrorBlock(ObjectiveBlock):
     """Mean square of |log(H/reference)| over frequencies (f,) in Hz and functions, phase unwrapped."""
 
     common: CommonParts

@@ -21,7 +21,7 @@ SETTLED_RATIO = 1.1  # of the scales between two rounds
 OPTIONS = FitOptions(exact=False)
 
 
-def balanced(fit: Fit) -> Fit:
+def iteratively_reweighted(fit: Fit) -> Fit:
     """The fit with each sensor weighted by what the model leaves of it, see :class:`Weighting`."""
     for _ in range(ROUNDS):
         weighting, before = discrepancy(fit), fit.problem.weighting
