@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.diagnosis.figures import figures
     from matching.report.diagnosis.page import content, page
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
     from modelling.measurement.read import read_recording
     from modelling.model.files import dumps, load
@@ -55,11 +55,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         drawn = {name: image(figure) for name, figure in figures(found, system).items()}
     result = content(found)
     units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"diagnosis.json": strict_json(result), "extended.toml": dumps(found.extended)}
+    files: dict[str, str | bytes] = {"extended.toml": dumps(found.extended)}
     files["report.html"] = page(result, system.title, units, drawn)
     files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
-    write_all(arguments.out, files)
-    return result
+    return write_results(arguments.out, "diagnosis.json", result, files)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.validity.fidelity.case_file import read_case
     from matching.validity.fidelity.result import xil_fidelity
     from modelling.common.errors import InputError
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
 
     if not 100 <= arguments.draws <= 10**7:
@@ -48,7 +48,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     judged = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
     answer = xil_fidelity(*judged, arguments.draws, arguments.seed).to_dict()
     files: dict[str, str | bytes] = {
-        "fidelity.json": strict_json(answer),
         "fidelity.txt": text.summary(answer),
         "delay.svg": style.image(fidelity_figures.delay_curve(answer)),
     }
@@ -56,8 +55,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         files["attribution.svg"] = style.image(fidelity_figures.attribution(answer))
     if "bands" in answer:
         files["bands.svg"] = style.image(fidelity_figures.bands(answer))
-    write_all(arguments.out, files)
-    return answer
+    return write_results(arguments.out, "fidelity.json", answer, files)
 
 
 def summary(answer: dict[str, Any]) -> str:

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.studies.map_axis import axis
     from matching.report.common.style import image
     from matching.report.map.figure import map_figure
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
 
     case = load_case(arguments.case)
     x, y = (axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y"))
@@ -65,9 +65,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     result = found.to_dict()
     drawn = map_figure(found)
     pictures = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
-    write_all(arguments.out, {"map.json": strict_json(result), **pictures})
+    written = write_results(arguments.out, "map.json", result, pictures)
     record.unlink(missing_ok=True)
-    return result
+    return written
 
 
 def summary(result: dict[str, Any]) -> str:

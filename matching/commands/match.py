@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.match.figures import figures
     from matching.report.match.page import page
     from matching.report.match.text import content
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
 
     case = load_case(arguments.case)
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
@@ -44,11 +44,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), **effort)
     result = content(found)
     drawn = {name: image(figure) for name, figure in figures(found).items()}
-    files: dict[str, str | bytes] = {"result.json": strict_json(result), "report.html": page(found, drawn)}
+    files: dict[str, str | bytes] = {"report.html": page(found, drawn)}
     files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
     files |= case_files(found.tuned)
-    write_all(arguments.out, files)
-    return result
+    return write_results(arguments.out, "result.json", result, files)
 
 
 def summary(result: dict[str, Any]) -> str:

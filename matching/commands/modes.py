@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import VEHICLE, image
     from matching.report.modes.figures import Column, energy_figure, shares_figure
     from modelling.common.errors import InputError
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
     from modelling.modal.damped_modes import damped_modes
     from modelling.modal.modes import modes
     from modelling.modal.reduction import reduced, reduced_values, speed_ratios
@@ -74,12 +74,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
     title = system.title or str(arguments.model)
     files: dict[str, str | bytes] = {
-        "modes.json": strict_json(result),
         "modes.svg": image(energy_figure([Column(title, VEHICLE, found)])),
         "energy_shares.svg": image(shares_figure(found, title)),
     }
-    write_all(arguments.out, files)
-    return result
+    return write_results(arguments.out, "modes.json", result, files)
 
 
 def _changes(given: list[str], system: "System") -> dict[str, float]:

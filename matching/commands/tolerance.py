@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.studies.tolerance import tolerance
     from matching.report.common.style import image
     from matching.report.tolerance.view import plot
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
 
     case = load_case(arguments.case)
     added = dict(_tolerance(text) for text in arguments.tolerance)
@@ -63,9 +63,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             case, arguments.draws, executor, seed=arguments.seed, added=added, record=record, progress=advance
         )
     result = found.to_dict()
-    write_all(arguments.out, {"tolerance.json": strict_json(result), "tolerance.svg": image(plot(found))})
+    written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": image(plot(found))})
     record.unlink(missing_ok=True)
-    return result
+    return written
 
 
 def summary(result: dict[str, Any]) -> str:

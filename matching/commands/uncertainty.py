@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.validity.budget.budget_file import read_budget
     from matching.validity.uncertainty.evaluate import evaluate
     from modelling.common.errors import InputError
-    from modelling.common.output import file_stem, strict_json, write_all
+    from modelling.common.output import file_stem, write_results
 
     if arguments.draws is not None and not 1000 <= arguments.draws <= 10**9:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 1000 ... 1e9")
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     answer = evaluate(
         budget, seed=arguments.seed, draws=arguments.draws, digits=arguments.digits, wanted=arguments.wanted
     ).to_dict()
-    files: dict[str, str | bytes] = {"uncertainty.json": strict_json(answer), "uncertainty.txt": summary(answer)}
+    files: dict[str, str | bytes] = {"uncertainty.txt": summary(answer)}
     prefixes: list[str] = []
     for one in answer["measurands"]:
         prefix = f"{file_stem(one['name'])}_" if len(answer["measurands"]) > 1 else ""
@@ -59,8 +59,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         prefixes.append(prefix)
         files[f"{prefix}contributions.svg"] = style.image(uncertainty_figures.contributions(one))
         files[f"{prefix}ishikawa.svg"] = style.image(uncertainty_figures.ishikawa(one))
-    write_all(arguments.out, files)
-    return answer
+    return write_results(arguments.out, "uncertainty.json", answer, files)
 
 
 def summary(answer: dict[str, Any]) -> str:

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
     from matching.report.common.style import image
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
 
     case = tuned_case(arguments.case).tuned
@@ -39,10 +39,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     found = judge(case, read_recordings(arguments.recordings, case, channels))
     result = found.to_dict()
     drawn = {"responses": image(responses(found))}
-    files: dict[str, str | bytes] = {"verification.json": strict_json(result), "report.html": page(result, drawn)}
+    files: dict[str, str | bytes] = {"report.html": page(result, drawn)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
-    write_all(arguments.out, files)
-    return result
+    return write_results(arguments.out, "verification.json", result, files)
 
 
 def summary(result: dict[str, Any]) -> str:

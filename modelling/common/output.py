@@ -63,6 +63,23 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         raise
 
 
+def write_results(
+    directory: str | Path, name: str, result: Mapping[str, Any], files: Mapping[str, str | bytes]
+) -> dict[str, Any]:
+    """Write a result file and others as :func:`write_all` does; returns the result with all their names as ``files``.
+
+    Pictures and pages listed by the result file of that name that was there before, and not written again, are removed.
+
+    Raises
+    ------
+    InputError, FloatingPointError, TypeError, ValueError
+        As :func:`write_all` and :func:`strict_json`.
+    """
+    listed = {**result, "files": sorted(set(files) | {name})}
+    write_all(directory, {name: strict_json(listed), **files})
+    return listed
+
+
 def _remove_if_empty(folders: list[Path]) -> None:
     for folder in folders:
         try:

@@ -3,6 +3,7 @@
 While they are written the hidden folder ``.writing-…`` holds them. When all are on the disk it is renamed to
 ``unfinished-…``, the files are moved, and it is removed. A kill leaves one of the two: what was not whole is removed by
 the next run that writes there, what was whole is moved to its places. Until then ``unfinished-…`` marks the folder.
+Pictures and pages that belonged to the results that are replaced are removed, see :mod:`modelling.common.outdated`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from errno import EISDIR
 from pathlib import Path
+
+from modelling.common.outdated import outdated
 
 WRITING, UNFINISHED = ".writing-", "unfinished-"
 EMPTY_SECONDS = 60.0  # for which an empty folder may be one that another process has just made
@@ -85,6 +88,8 @@ def recover(directory: Path) -> None:
 
 
 def _finish(marked: Path, directory: Path) -> None:
+    for path in list(outdated(directory, marked)):  # first: afterwards the old list is gone
+        path.unlink(missing_ok=True)
     for path in sorted(marked.rglob("*")):
         if not path.is_dir():
             (directory / path.relative_to(marked)).parent.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from modelling.common import interruption, staging
 from modelling.common.errors import InputError, of_the_machine
-from modelling.common.output import strict_json, write_all
+from modelling.common.output import strict_json, write_all, write_results
 from modelling.common.reservation import reserved
 
 PLAIN = st.recursive(
@@ -233,3 +234,37 @@ def test_names_stay_inside(tmp_path, name):
     with pytest.raises(ValueError, match="stay inside"):
         write_all(tmp_path / "out", {name: ""})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_of_an_earlier_run_do_not_stay_beside_other_results(tmp_path):
+    first = {"figures/a.svg": "a", "figures/b.svg": "b", "report.html": "page", "tuned.toml": "model"}
+    write_results(tmp_path, "result.json", {"value": 1}, first)
+    (tmp_path / "figures" / "mine.svg").write_text("mine")
+    write_results(tmp_path, "map.json", {"value": 2}, {"map.svg": "of another command"})
+    write_results(tmp_path, "result.json", {"value": 3}, {"figures/b.svg": "new"})
+    kept = contents(tmp_path)
+    assert set(kept) == {"result.json", "map.json", "map.svg", "tuned.toml", "figures/b.svg", "figures/mine.svg"}
+    assert json.loads(kept["result.json"]) == {"value": 3, "files": ["figures/b.svg", "result.json"]}
+
+
+@pytest.mark.parametrize("name", ["../outside.svg", "{absolute}", "link/outside.svg", "a\0.svg"])
+def test_a_list_of_files_cannot_lead_out_of_its_folder(tmp_path, name):
+    outside, out = tmp_path / "outside.svg", tmp_path / "out"
+    outside.write_text("mine")
+    out.mkdir()
+    (out / "link").symlink_to(tmp_path)
+    (out / "result.json").write_text(json.dumps({"files": [name.format(absolute=outside)]}))
+    write_results(out, "result.json", {}, {})
+    assert outside.read_text() == "mine"
+
+
+def test_a_kill_between_old_and_new_results_leaves_no_old_picture_after_the_next_run(tmp_path, monkeypatch):
+    write_results(tmp_path, "result.json", {}, {"old.svg": "old"})
+    monkeypatch.setattr(staging, "_finish", lambda *_: sys.exit("killed"))
+    with pytest.raises(SystemExit):
+        write_results(tmp_path, "result.json", {}, {})
+    monkeypatch.undo()
+    assert staging.unfinished(tmp_path)
+    assert (tmp_path / "old.svg").exists()
+    staging.recover(tmp_path)
+    assert set(contents(tmp_path)) == {"result.json"}
