@@ -211,7 +211,7 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     """
     from matching.bed_test.judge import judge
     from matching.bed_test.recorded import read_recordings
-    from matching.fmu.given import tuned_case
+    from matching.fmu.export_source import tuned_case
     from modelling.measurement.channels import read_channels
 
     tuned = tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def count(least: int) -> Callable[[str], int]:
-    """An argument that is a whole number, ``least`` or more."""
+    """An argument that is a whole number, ``least`` or more; else the parser raises with one line."""
 
     def whole(text: str) -> int:
         try:

@@ -62,7 +62,7 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
 
     if named["command"] == "verify":
         from matching.bed_test.recorded import read_recordings
-        from matching.fmu.given import tuned_case
+        from matching.fmu.export_source import tuned_case
 
         case = tuned_case(named["case"]).tuned
         read_recordings(named["recordings"], case, channels)

@@ -30,7 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Judge and write; returns the object of ``fidelity.json``."""
+    """Judge and write; returns the object of ``fidelity.json``.
+
+    Raises
+    ------
+    InputError
+        One line that names option, file or key.
+    """
     from matching.report.common import style
     from matching.report.fidelity import figures as fidelity_figures
     from matching.report.fidelity import text

@@ -17,7 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Write the files; the result object names them."""
+    """Write the files; the result object names them.
+
+    Raises
+    ------
+    InputError
+        If the directory is not empty.
+    """
     from importlib.resources import files
     from pathlib import Path
 

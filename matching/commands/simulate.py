@@ -38,7 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
+    """Simulate and write files; the result object holds what was run, and the misfit by sensor.
+
+    Raises
+    ------
+    InputError
+        One line that names option, file or key.
+    """
     import numpy as np
 
     from matching.report.common.style import image

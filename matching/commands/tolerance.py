@@ -41,7 +41,13 @@ def _quantities(arguments: argparse.Namespace) -> list[str]:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Study and write; the result object is the content of ``tolerance.json``."""
+    """Study and write; the result object is the content of ``tolerance.json``.
+
+    Raises
+    ------
+    InputError
+        One line that names option, file or key.
+    """
     from pathlib import Path
 
     from matching.arguments import cores, progress

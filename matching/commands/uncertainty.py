@@ -34,7 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Evaluate and write; returns the object of ``uncertainty.json``."""
+    """Evaluate and write; returns the object of ``uncertainty.json``.
+
+    Raises
+    ------
+    InputError
+        One line that names option, file or key.
+    """
     from matching.report.common import style
     from matching.report.uncertainty import figures as uncertainty_figures
     from matching.validity.budget.budget_file import read_budget

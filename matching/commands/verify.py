@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Judge and write files; the result object is the content of ``verification.json``."""
     from matching.bed_test.judge import judge
     from matching.bed_test.recorded import read_recordings
-    from matching.fmu.given import tuned_case
+    from matching.fmu.export_source import tuned_case
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
     from matching.report.common.style import image

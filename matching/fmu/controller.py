@@ -45,7 +45,10 @@ def _law(parts: Parts) -> ControlLaw:
     case, loop = parts.case, parts.case.loop
     reference = cut(case.vehicle, case.rig)
     k = len(loop.dynamometers)
-    sensors = (*(own.torque_sensor for own in loop.dynamometers), *(own.speed_sensor for own in loop.dynamometers))
+    sensors = (
+        *(dynamometer.torque_sensor for dynamometer in loop.dynamometers),
+        *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
+    )
     signs = np.concatenate([parts.toward, np.ones(k)])
     observer = loop.structure.observer(case.rig, reference, loop)
     if observer is not None:
@@ -64,7 +67,10 @@ def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settin
     speeds = StateSpace(
         bed.A, bed.B, bed.C[k : 2 * k], bed.D[k : 2 * k], bed.inputs, tuple(bed.outputs[k : 2 * k])
     )  # fmt: skip
-    rotors = [next(part.on for part in case.rig.inputs if part.name == own.torque_input) for own in loop.dynamometers]
+    rotors = [
+        next(part.on for part in case.rig.inputs if part.name == dynamometer.torque_input)
+        for dynamometer in loop.dynamometers
+    ]
     inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
     proportional, integral = hold_gains(speeds, inertias, loop["dead_time"], loop["inverter_lag"], loop["sample_time"])
     unexpected = np.full(len(law.sensors), NO_LIMIT)

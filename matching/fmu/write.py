@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.fmu.controller import exported_controller
-from matching.fmu.given import given, tuned_case
+from matching.fmu.export_source import read_export_source, tuned_case
 from modelling.common.errors import InputError
 from modelling.common.output import write_all
 from modelling.controller.c_source import memory_bytes
@@ -23,26 +23,31 @@ def write(source: str, path: str, fmi: str) -> dict[str, Any]:
         If the name does not end in ``.fmu``, or ``source`` is nothing that can be exported.
     """
     target = _target(path, "--fmu")
-    wanted = given(source)
+    wanted = read_export_source(source)
     made = fmu(wanted.block, fmi, wanted.step)
     write_all(target.parent, {target.name: made.content})
     notes = [*wanted.notes, *_lacking(made)]
-    own = wanted.block
+    block = wanted.block
     return {
         "fmu": str(target),
         "fmi": fmi,
         "of": wanted.kind,
-        "title": own.title,
+        "title": block.title,
         "identifier": made.identifier,
         "token": made.token,
         "platform": made.platform,
         "communication_step": wanted.step,
-        "steps_per_second": own.steps_per_second,
-        "inputs": {one.name: one.unit for one in own.inputs},
-        "outputs": {one.name: one.unit for one in own.outputs},
+        "steps_per_second": block.steps_per_second,
+        "inputs": {variable.name: variable.unit for variable in block.inputs},
+        "outputs": {variable.name: variable.unit for variable in block.outputs},
         "parameters": [
-            {"name": one.name, "value": one.start, "unit": one.unit, "tuned": one.name in wanted.tuned}
-            for one in own.parameters
+            {
+                "name": parameter.name,
+                "value": parameter.start,
+                "unit": parameter.unit,
+                "tuned": parameter.name in wanted.tuned,
+            }
+            for parameter in block.parameters
         ],
         "notes": notes,
     }

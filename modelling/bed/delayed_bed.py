@@ -31,7 +31,10 @@ class DelayedBed:
 
 
 def delayed_bed(A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_time: float, step: float) -> DelayedBed:
-    """Exact discretisation of ẋ = A·x + commands·u(t − dead_time) + torques·w over a step, s."""
+    """Exact discretisation of ẋ = A·x + commands·u(t − dead_time) + torques·w over a step, both in s.
+
+    A (x, x), commands (x, k), torques (x, w).
+    """
     delay = int(np.floor(dead_time / step + WHOLE_SAMPLE))
     late = max(dead_time - delay * step, 0.0)  # of a sample: for so long the command before still acts
     k = commands.shape[1]
@@ -48,7 +51,7 @@ def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndar
 
 
 def of_model(model: BedModel, dead_time: float, step: float) -> DelayedBed:
-    """The model of rig, lags and residual vehicle; its inputs are the commands, then the measured torques."""
+    """The model of rig, lags and residual vehicle, sampled (s); inputs: the commands, then the measured torques."""
     k = len(model.speed_error)
     plant = model.space
     return delayed_bed(plant.A, plant.B[:, :k], plant.B[:, k:], dead_time, step)

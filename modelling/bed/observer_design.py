@@ -54,7 +54,7 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
 
 
 def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> SampledController:
-    """The controller of a model that runs ahead, a state feedback and a correction."""
+    """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y)."""
     bed, n = model.bed, model.states
     x, e, fifo = len(bed.whole), model.estimated, len(model.dynamometers) * (bed.delay + 1)
     A, B, W = _shifting(model)
@@ -105,7 +105,13 @@ def runs_ahead(model: ObserverModel) -> Ahead:
 
 
 def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT, change: float = 0.0) -> FeedForward:
-    """What the controller makes of bed and residual vehicle when it knows all: state [x; commands of the last step]."""
+    """What the controller makes of bed and residual vehicle when it knows all: state [x; commands of the last step].
+
+    Raises
+    ------
+    InputError
+        If the design's Riccati equation has no stabilising solution.
+    """
     feedback, _ = _feedback(model, command_weight, change)
     A, B = _arriving(model)
     bed, k, w = model.bed, len(model.dynamometers), len(model.known)
@@ -166,7 +172,13 @@ def _feedback(model: ObserverModel, command_weight: float, change: float) -> tup
 
 
 def state_feedback(model: ObserverModel, command_weight: float, change: float) -> np.ndarray:
-    """Gains (k, x + fifo + e + w) on what is known now, the state predicted across the dead time."""
+    """Gains (k, x + fifo + e + w) on what is known now, the state predicted across the dead time.
+
+    Raises
+    ------
+    InputError
+        If the design's Riccati equation has no stabilising solution.
+    """
     feedback, of_torques = _feedback(model, command_weight, change)
     bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
     fifo, stay = k * (bed.delay + 1), 1 - FORGETTING_PER_SAMPLE
@@ -187,7 +199,13 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
 
 
 def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray:
-    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one."""
+    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one.
+
+    Raises
+    ------
+    InputError
+        If the filter's Riccati equation has no stabilising solution.
+    """
     bed, n, e, k = model.bed, model.states, model.estimated, len(model.dynamometers)
     root = np.sqrt(model.sample_time)
     push = bed.torques[:n, :e]

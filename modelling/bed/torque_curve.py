@@ -26,7 +26,7 @@ class TorqueCurve:
     torques: tuple[float, ...]
 
     def at(self, speed: np.ndarray) -> np.ndarray:
-        """Largest torque at speeds of any sign; beyond the last speed that of the last."""
+        """Largest torque (b,), N·m, at speeds (b,) of any sign, rad/s; beyond the last speed that of the last."""
         return np.interp(np.abs(speed), self.speeds, self.torques)
 
     def used(self, torque: np.ndarray, speed: np.ndarray) -> float:

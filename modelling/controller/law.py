@@ -106,7 +106,9 @@ def law_of_feed_forward(
     ----------
     feed_forward, feedback : FeedForward, StateSpace
         As in :func:`law_of_feedback`; known torques are those of the feed-forward.
-    signs, sensors
+    signs : ndarray (y,)
+        As in :func:`law_of_feedback`.
+    sensors : tuple of str
         As in :func:`law_of_feedback`.
     """
     names, delay = feedback.outputs, feed_forward.delay

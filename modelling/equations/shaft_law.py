@@ -46,7 +46,13 @@ def begin(shaft: Shaft, assembly: LawAssembly) -> ShaftLaw:
 
 
 def close(law: ShaftLaw, assembly: LawAssembly) -> None:
-    """Write the law into energies where it is elastic and viscous, into virtual work where it is not."""
+    """Write the law into energies where it is elastic and viscous, into virtual work where it is not.
+
+    Raises
+    ------
+    InputError
+        If two effects on one shaft cannot be combined.
+    """
     twist = law.first - law.second
     stand_in, rate = law.rate, twist.speed
     x = _TWIST

@@ -87,7 +87,7 @@ def assemble(
     step: float | None = None,
     where: str = "fidelity",
 ) -> Fidelity:
-    """R_XiL (Eqs. 14, 16) from the fidelities of signals by domain and from the sensors.
+    """R_XiL (Eqs. 14, 16) from the fidelities of signals by domain and from the sensors; ``step`` is in s.
 
     Raises
     ------

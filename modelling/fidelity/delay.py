@@ -109,7 +109,7 @@ def _identical(reference: np.ndarray, step: float, longest: float | None) -> Del
 
 
 def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lags −reach…reach in samples and the correlation coefficient of what overlaps at each.
+    """Lags −reach…reach in samples, (2·reach + 1,), and the correlation coefficient of what overlaps at each.
 
     Zero where the overlap holds less than a quarter of either signal's variance: there chance decides.
     """
@@ -147,9 +147,9 @@ def _noise_level(reference: np.ndarray, test: np.ndarray) -> float:
 
 
 def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None:
-    """The least-squares delay near a whole-sample one (in samples), at the best of several cut-offs.
+    """The least-squares delay of signals (t,) near a whole-sample one (in samples), at the best of several cut-offs.
 
-    From coarse to fine, each cut-off starts from the given delay and from the best so far, and the better fit counts:
+    From coarse to fine, each cut-off starts from ``start`` and from the best so far, and the better fit counts:
     the former finds the sharp peak of wide-band signals, the latter passes the small peaks of noise on a broad one.
     """
     best: _Fit | None = None

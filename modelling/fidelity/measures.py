@@ -23,7 +23,13 @@ WEIGHTS = {"system_dynamics": 0.4, "residual_vehicle_model": 0.4, "measurement_u
 
 
 def signal_range(reference: np.ndarray, where: str = "signal") -> float:
-    """Range of the reference signal; raises ``InputError`` where it is zero, for nothing can be normalised by it."""
+    """Range of the reference signal (t,).
+
+    Raises
+    ------
+    InputError
+        If it is zero: nothing can be normalised by it.
+    """
     width = float(np.max(reference) - np.min(reference))
     if not width > 1e-12 * float(np.max(np.abs(reference))):
         raise InputError(
@@ -45,14 +51,20 @@ def chi(f_max: float) -> float:
 
 
 def delay_fidelity(delay: float | np.ndarray, f_max: float) -> Any:
-    """R_τ of Eq. 19 for delays in s; the sign of a delay does not matter."""
+    """R_τ of Eq. 19 for delays in s, one or (b,); the sign of a delay does not matter."""
     return 1 - 2 / math.pi * np.arctan(chi(f_max) * np.abs(delay) ** 3)
 
 
 def dynamics_fidelity(
     nrmse: Sequence[float], delays: Sequence[float], arithmetic: str = "definition", where: str = "fidelity"
 ) -> float:
-    """R_SD or R_RVM (Eqs. 17, 21) from R_NRMSE and R_τ of the m signals."""
+    """R_SD or R_RVM (Eqs. 17, 21) from R_NRMSE and R_τ of the m signals, all dimensionless.
+
+    Raises
+    ------
+    InputError
+        If ``arithmetic`` is ``"published"`` and m is not the paper's number of signals.
+    """
     total = math.fsum(r * r for r in (*nrmse, *delays))
     if arithmetic == "published":
         _like_the_paper(len(nrmse), 2, where)
@@ -61,7 +73,13 @@ def dynamics_fidelity(
 
 
 def measurement_fidelity(ratios: Sequence[float], arithmetic: str = "definition", where: str = "fidelity") -> float:
-    """R_MU (Eq. 22) from U/range of the m signals (Eq. 23), cut at 0."""
+    """R_MU (Eq. 22) from U/range of the m signals (Eq. 23), cut at 0.
+
+    Raises
+    ------
+    InputError
+        If ``arithmetic`` is ``"published"`` and m is not the paper's number of sensors.
+    """
     total = math.fsum(ratio * ratio for ratio in ratios)
     if arithmetic == "published":
         _like_the_paper(len(ratios), 4, where)
@@ -98,6 +116,11 @@ def representativeness(
     """R_A of dos Santos (Eq. 13): time-weighted sum of shape factor K times reliability C over the samples of a group.
 
     ``total_time`` is t_T in the unit of ``times``, by default their sum.
+
+    Raises
+    ------
+    InputError
+        If the lists differ in length, a time is negative or the total is not positive.
     """
     if not (len(times) == len(shapes) == len(reliabilities) > 0):
         raise InputError(

@@ -10,7 +10,7 @@ from modelling.fidelity.delay import Delay
 
 
 def step_delay(time: np.ndarray, reference: np.ndarray, test: np.ndarray) -> Delay:
-    """Delay by comparing step responses: the time between the 50 % crossings of both.
+    """Delay by comparing step responses (t,): the time between the 50 % crossings of both; ``time`` in s.
 
     Levels are the medians of the first and last tenth. The standard uncertainty is that of a straight line through the
     samples between 30 % and 70 % of each step. Undetermined where a signal has no step that stands out of its noise.

@@ -137,33 +137,36 @@ def block(
     """
     notes = notes or {}
     models = [compiled(system) for system in systems]
-    parameters = {own.name: own for model in models for own in variables.parameters(model)}
+    parameters = {parameter.name: parameter for model in models for parameter in variables.parameters(model)}
     steps = max(steps_per_second(model, _extremes(model, bounds or {})) for model in models)
     parameters[STEPS] = Variable(
         STEPS, "parameter", "1/s", steps, "least number of internal steps a second", 0.0, nonzero=True
     )
     inputs, outputs, states = (
-        [own for model in models for own in of(model)] for of in (variables.inputs, variables.outputs, variables.states)
+        [variable for model in models for variable in of(model)]
+        for of in (variables.inputs, variables.outputs, variables.states)
     )
     groups = inputs, outputs, list(parameters.values()), states
-    _distinct([own.name for group in groups for own in group])
-    told = [tuple(_noted(own, notes) for own in group) for group in groups]
+    _distinct([variable.name for group in groups for variable in group])
+    noted = [tuple(_noted(variable, notes) for variable in group) for group in groups]
     stacked = _functions(models, list(parameters))
     return Block(
-        title, name, told[0], told[1], told[2], told[3], *stacked, _contact(models), _delay(models), _speeds(models)
+        title, name, noted[0], noted[1], noted[2], noted[3], *stacked, _contact(models), _delay(models), _speeds(models)
     )
 
 
-def _noted(own: Variable, notes: Mapping[str, str]) -> Variable:
-    return replace(own, description=f"{own.description}; {notes[own.name]}") if own.name in notes else own
+def _noted(variable: Variable, notes: Mapping[str, str]) -> Variable:
+    if variable.name not in notes:
+        return variable
+    return replace(variable, description=f"{variable.description}; {notes[variable.name]}")
 
 
 def _delay(models: list[Model]) -> float:
     """Longest delays of an input and a reading together; a little even where they are 0 now but can be set."""
     longest = 0.0
     for model in models:
-        own = model.equations.assembly
-        delays = [path.delay for path in own.inputs.values()] + [path.delay for path in own.sensors.values()]
+        assembly = model.equations.assembly
+        delays = [path.delay for path in assembly.inputs.values()] + [path.delay for path in assembly.sensors.values()]
         if any(delay != 0 for delay in delays):
             parts = [np.array(part).max(initial=0.0) for part in model.delays(model.p0)]
             longest = max(longest, 1e-3, float(sum(parts)))
@@ -171,19 +174,19 @@ def _delay(models: list[Model]) -> float:
 
 
 def _speeds(models: list[Model]) -> tuple[int, ...]:
-    found: list[int] = []
+    speeds: list[int] = []
     for model in models:
-        first = len(found) + model.n
-        found += [*range(first, first + model.n), *([-1] * (len(model.states) - model.n))]
-    return tuple(found)
+        first = len(speeds) + model.n
+        speeds += [*range(first, first + model.n), *([-1] * (len(model.states) - model.n))]
+    return tuple(speeds)
 
 
 def _extremes(model: Model, bounds: Mapping[str, tuple[float, float]]) -> np.ndarray:
     """The values, and with every quantity that has bounds at the end that makes the model fast: (b, p)."""
     p = np.stack([model.p0, model.p0])
     for i, name in enumerate(model.parameters):
-        own = model.system.parameters.get(name)
-        known = (None, None) if own is None else (own.lower, own.upper)
+        quantity = model.system.parameters.get(name)
+        known = (None, None) if quantity is None else (quantity.lower, quantity.upper)
         low, high = bounds.get(name, known)
         if low is not None and high is not None:
             p[1, i] = low if name.endswith(".J") else high
@@ -205,14 +208,14 @@ def _functions(models: list[Model], names: list[str]) -> tuple[ca.Function, ca.F
     made = [functions(model) for model in models]
     p, contact, t = ca.SX.sym("p", len(names)), ca.SX.sym("contact"), ca.SX.sym("t")
     constants, delays = [], []
-    for model, own in zip(models, made, strict=True):
+    for model, function in zip(models, made, strict=True):
         mine = ca.vertcat(*(contact if name == CONTACT_TIME else p[names.index(name)] for name in model.parameters))
-        constants.append(own.constants(mine))
+        constants.append(function.constants(mine))
         delays.append(model.delays(mine))
-    delay = ca.vertcat(*(own[0] for own in delays), *(own[1] for own in delays))
-    x, u, c = (_stacked(what, [own.field.size1_in(i) for own in made]) for i, what in enumerate("xuc"))
-    rates = [own.field(*z) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
-    values = [own.reading(*z, t) for own, z in zip(made, zip(x, u, c, strict=True), strict=True)]
+    delay = ca.vertcat(*(delay[0] for delay in delays), *(delay[1] for delay in delays))
+    x, u, c = (_stacked(what, [functions.field.size1_in(i) for functions in made]) for i, what in enumerate("xuc"))
+    rates = [functions.field(*z) for functions, z in zip(made, zip(x, u, c, strict=True), strict=True)]
+    values = [functions.reading(*z, t) for functions, z in zip(made, zip(x, u, c, strict=True), strict=True)]
     xs, us, cs = (ca.vertcat(*part) for part in (x, u, c))
     return (
         ca.Function("constants", [p, contact], [ca.densify(ca.vertcat(*constants)), ca.densify(delay)]),

@@ -37,7 +37,7 @@ class ControllerContents:
 
 def contents(controller: ExportedController, name: str = "controller") -> ControllerContents:
     """Variables in the order of ``sources/controller_motion.c``."""
-    law, own = controller.law, controller.settings
+    law, settings = controller.law, controller.settings
     readings = [
         Variable(sensor, "input", unit, 0.0, "reading of the bed")
         for sensor, unit in zip(law.sensors, controller.units, strict=True)
@@ -73,16 +73,16 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             ("hold_integral", "N*m/rad", "of the speed hold"),
             ("lost_torque", "N*m", "a flange torque above it that is gone at once is a fault"),
         ):
-            value = float(getattr(own, key)[j])
+            value = float(getattr(settings, key)[j])
             parameters.append(Variable(f"{dynamometer}.{key}", "parameter", unit, value, meaning, 0.0))
-    for sensor, unit, value in zip(law.sensors, controller.units, own.unexpected, strict=True):
+    for sensor, unit, value in zip(law.sensors, controller.units, settings.unexpected, strict=True):
         meaning = "how far the reading may be from what the controller's model expects"
         parameters.append(Variable(f"{sensor}.unexpected", "parameter", unit, float(value), meaning, 0.0))
     for key, meaning in (
         ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
         ("life_samples", "samples without a change of life that are a fault; 0: no check"),
     ):
-        parameters.append(Variable(key, "parameter", "1", float(getattr(own, key)), meaning, 0.0, MOST_SAMPLES))
+        parameters.append(Variable(key, "parameter", "1", float(getattr(settings, key)), meaning, 0.0, MOST_SAMPLES))
     return ControllerContents(
         xml(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
         tuple(parameters),
@@ -98,31 +98,31 @@ def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:
     fmi : str
         ``"2.0"`` or ``"3.0"``.
     """
-    own = contents(controller)
+    inside = contents(controller)
     page = page_of(
-        "controller.html", contents=own, sample_time=controller.law.sample_time, bytes=memory_bytes(controller),
+        "controller.html", contents=inside, sample_time=controller.law.sample_time, bytes=memory_bytes(controller),
         states=len(controller.law.A),
     )  # fmt: skip
     return package(
-        own,
+        inside,
         fmi,
         controller.law.sample_time,
         page,
-        lambda identifier, token: _code(controller, own, fmi, identifier, token),
+        lambda identifier, token: _code(controller, inside, fmi, identifier, token),
     )
 
 
 def _code(
-    controller: ExportedController, own: ControllerContents, fmi: str, identifier: str, token: str
+    controller: ExportedController, inside: ControllerContents, fmi: str, identifier: str, token: str
 ) -> dict[str, str]:
     defines = {
         "IDENTIFIER": c_string(identifier),
         "TOKEN": c_string(token),
-        "N_INPUTS": str(len(own.inputs)),
-        "N_OUTPUTS": str(len(own.outputs)),
-        "N_PARAMETERS": str(len(own.parameters)),
+        "N_INPUTS": str(len(inside.inputs)),
+        "N_OUTPUTS": str(len(inside.outputs)),
+        "N_PARAMETERS": str(len(inside.parameters)),
     }
-    table = variable_table(own.title, defines, own.variables, own.parameters)
+    table = variable_table(inside.title, defines, inside.variables, inside.parameters)
     return {
         **c_sources(controller),
         **interface(fmi, "controller_motion.c"),

@@ -48,8 +48,8 @@ def description(block: Contents, identifier: str, fmi: str, token: str, step: fl
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step))
     variables = ET.SubElement(root, "ModelVariables")
     time = Variable("time", "independent", "s", description="time")
-    for reference, own in enumerate((time, *block.variables)):
-        (_variable2 if two else _variable3)(variables, own, reference)
+    for reference, variable in enumerate((time, *block.variables)):
+        (_variable2 if two else _variable3)(variables, variable, reference)
     structure = ET.SubElement(root, "ModelStructure")
     first = 1 + len(block.inputs)
     _structure(structure, range(first, first + len(block.outputs)), two)
@@ -59,34 +59,35 @@ def description(block: Contents, identifier: str, fmi: str, token: str, step: fl
 
 def _units(root: ET.Element, block: Contents) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({"s", *(own.unit for own in block.variables)}):
+    for unit in sorted({"s", *(variable.unit for variable in block.variables)}):
         powers = {name: str(power) for name, power in exponents(unit).items()}
         ET.SubElement(ET.SubElement(definitions, "Unit", name=unit), "BaseUnit", powers)
 
 
-def _about(own: Variable) -> dict[str, str]:
-    about = {"causality": own.causality, "variability": VARIABILITY[own.causality]}
-    if own.causality in ("parameter", "local", "output"):
-        about["initial"] = "calculated" if own.causality == "output" else "exact"
+def _about(variable: Variable) -> dict[str, str]:
+    about = {"causality": variable.causality, "variability": VARIABILITY[variable.causality]}
+    if variable.causality in ("parameter", "local", "output"):
+        about["initial"] = "calculated" if variable.causality == "output" else "exact"
     return about
 
 
-def _values(own: Variable) -> dict[str, str]:
-    found = {"unit": own.unit}
-    found |= {key: repr(end) for key, end in (("min", own.lower), ("max", own.upper)) if math.isfinite(end)}
-    if own.causality in ("input", "parameter", "local"):
-        found["start"] = repr(own.start)
-    return found
+def _values(variable: Variable) -> dict[str, str]:
+    attributes = {"unit": variable.unit}
+    bounds = {"min": variable.lower, "max": variable.upper}
+    attributes |= {key: repr(end) for key, end in bounds.items() if math.isfinite(end)}
+    if variable.causality in ("input", "parameter", "local"):
+        attributes["start"] = repr(variable.start)
+    return attributes
 
 
-def _variable2(parent: ET.Element, own: Variable, reference: int) -> None:
-    about = {"name": own.name, "valueReference": str(reference), "description": own.description}
-    ET.SubElement(ET.SubElement(parent, "ScalarVariable", about | _about(own)), "Real", _values(own))
+def _variable2(parent: ET.Element, variable: Variable, reference: int) -> None:
+    about = {"name": variable.name, "valueReference": str(reference), "description": variable.description}
+    ET.SubElement(ET.SubElement(parent, "ScalarVariable", about | _about(variable)), "Real", _values(variable))
 
 
-def _variable3(parent: ET.Element, own: Variable, reference: int) -> None:
-    about = {"name": own.name, "valueReference": str(reference), "description": own.description}
-    ET.SubElement(parent, "Float64", about | _about(own) | _values(own))
+def _variable3(parent: ET.Element, variable: Variable, reference: int) -> None:
+    about = {"name": variable.name, "valueReference": str(reference), "description": variable.description}
+    ET.SubElement(parent, "Float64", about | _about(variable) | _values(variable))
 
 
 def _structure(parent: ET.Element, outputs: range, two: bool) -> None:

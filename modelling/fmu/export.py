@@ -62,8 +62,10 @@ def package(contents: Contents, fmi: str, step: float, page: str, code_of: Calla
     ----------
     contents : Contents
         With a title that XML can hold.
-    fmi, step
+    fmi : str
         As in :func:`fmu`.
+    step : float
+        s, communication step to suggest.
     page : str
         HTML of the documentation.
     code_of : callable

@@ -51,17 +51,17 @@ def variable_table(
 
 
 def _header(block: Block, identifier: str, token: str) -> str:
-    own = (block.constants, block.field, block.reading)
+    functions = (block.constants, block.field, block.reading)
     sizes = {
         "N_INPUTS": len(block.inputs),
         "N_OUTPUTS": len(block.outputs),
         "N_PARAMETERS": len(block.parameters),
         "N_STATES": len(block.states),
         "N_CONSTANTS": block.field.size1_in(2),
-        "N_ARG": max(function.sz_arg() for function in own),
-        "N_RES": max(function.sz_res() for function in own),
-        "N_W": max(function.sz_w() for function in own) + 1,  # C knows no empty array
-        "N_IW": max(function.sz_iw() for function in own) + 1,
+        "N_ARG": max(function.sz_arg() for function in functions),
+        "N_RES": max(function.sz_res() for function in functions),
+        "N_W": max(function.sz_w() for function in functions) + 1,  # C knows no empty array
+        "N_IW": max(function.sz_iw() for function in functions) + 1,
         "N_TAKEN": math.ceil(LOOK_BACK * block.delay * block.steps_per_second) + 8 if block.delay else 0,
         "HAS_CONTACT": int(not math.isnan(block.contact)),
     }
@@ -69,8 +69,8 @@ def _header(block: Block, identifier: str, token: str) -> str:
     defines |= {name: str(value) for name, value in sizes.items()}
     defines["CONTACT"] = repr(0.0 if math.isnan(block.contact) else block.contact)
     lines = variable_table(block.title, defines, block.variables, block.parameters)
-    lines += _array("int SPEED", (str(own) for own in block.speeds))
-    lines += _array("int NOT_ZERO", (str(int(own.nonzero)) for own in block.parameters))
+    lines += _array("int SPEED", (str(speed) for speed in block.speeds))
+    lines += _array("int NOT_ZERO", (str(int(parameter.nonzero)) for parameter in block.parameters))
     return "\n".join(lines) + "\n"
 
 

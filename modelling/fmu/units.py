@@ -19,8 +19,8 @@ def exponents(unit: str) -> dict[str, int]:
     InputError
         If it is no coherent SI unit.
     """
-    own = registry()
-    factor, base = own.get_base_units(own.parse_units("dimensionless" if unit == "1" else unit))
+    units = registry()
+    factor, base = units.get_base_units(units.parse_units("dimensionless" if unit == "1" else unit))
     powers = dict(base._units)
     if abs(factor - 1) > 1e-12 or not set(powers) <= set(BASE) or any(power % 1 for power in powers.values()):
         raise InputError("", f"{unit!r} is no coherent SI unit", "the unit of a variable of an FMU is needed")

@@ -27,59 +27,62 @@ class Variable:
 
 def inputs(model: Model) -> list[Variable]:
     """Torques."""
-    return [Variable(own.name, "input", "N*m", 0.0, f"torque on {own.on}") for own in model.system.inputs]
+    return [Variable(torque.name, "input", "N*m", 0.0, f"torque on {torque.on}") for torque in model.system.inputs]
 
 
 def outputs(model: Model) -> list[Variable]:
     """Readings of the sensors."""
-    return [Variable(own.name, "output", own.unit, 0.0, f"{own.measures} of {own.of}") for own in model.system.sensors]
+    return [
+        Variable(sensor.name, "output", sensor.unit, 0.0, f"{sensor.measures} of {sensor.of}")
+        for sensor in model.system.sensors
+    ]
 
 
 def parameters(model: Model) -> list[Variable]:
     """Every quantity of the model; the contact time of a closing lash is the step's own affair."""
-    system, found = model.system, []
+    system, variables = model.system, []
     for name, value in zip(model.parameters, model.p0, strict=True):
         place, _, key = name.rpartition(".")
         if name == CONTACT_TIME:
             continue
         if name == STICK_SPEED:
             meaning = "speed over which the sign of dry friction turns"
-            found.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
+            variables.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
             continue
         low, high, nonzero = _bounds(system, name)
         meaning = f"{key} of {place}"
-        found.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
-    return found
+        variables.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
+    return variables
 
 
 def _bounds(system: System, name: str) -> tuple[float, float, bool]:
     """Physical bounds of a parameter, and whether 0 is impossible."""
     place, _, key = name.rpartition(".")
-    effect = next((own for own in system.effects if own.name == place), None)
+    effect = next((effect for effect in system.effects if effect.name == place), None)
     if effect is None:
         return (-math.inf if key == "ratio" else 0.0), math.inf, key in ("J", "ratio")
     if effect.law.replaces_quantity:
         return _bounds(system, effect.at)
-    own = effect.law.parameters[key]
-    return own.lower, own.upper, False
+    parameter = effect.law.parameters[key]
+    return parameter.lower, parameter.upper, False
 
 
 def states(model: Model) -> list[Variable]:
     """Angles, speeds and what effects bring along."""
-    found = []
+    variables = []
     for name in model.states:
         kind, _, of = name.partition("(")
         if of:
             unit, meaning = ("rad" if kind == "angle" else "rad/s"), f"{kind} of {of[:-1]}"
         else:
             unit, meaning = _further(model.system, name)
-        found.append(Variable(name, "local", unit, 0.0, meaning))
-    return found
+        variables.append(Variable(name, "local", unit, 0.0, meaning))
+    return variables
 
 
 def _further(system: System, name: str) -> tuple[str, str]:
     """Unit and meaning of a state that an effect brings along."""
     place, _, kind = name.rpartition(".")
-    effect = next(own for own in system.effects if own.kind == kind and place in own.places)
+    effect = next(effect for effect in system.effects if effect.kind == kind and place in effect.places)
     assert effect.law.state is not None
     return effect.law.state_unit(place, system), effect.law.state.meaning.format(place=place)

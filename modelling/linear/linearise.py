@@ -77,7 +77,13 @@ def linearise(
 
 
 def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Linear:
-    """:func:`linearise` for vectors of a compiled model."""
+    """:func:`linearise` for vectors of a compiled model: p (p,), x (x,), u (u,).
+
+    Raises
+    ------
+    FloatingPointError
+        If an element of A, B, C or D is not finite.
+    """
     check_size(model)
     A, B, C, D = (part.full() for part in model.jacobians(x, u, p, 0.0))
     for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):

@@ -43,7 +43,13 @@ def reference_motion(model: Model, p: np.ndarray) -> ReferenceMotion:
 
 
 def reference_states(model: Model, p: np.ndarray) -> np.ndarray:
-    """States of :func:`reference_motion` at parameter sets (b, p): (x,) where all are one, else (b, x)."""
+    """States of :func:`reference_motion` at parameter sets (b, p): (x,) where all are one, else (b, x).
+
+    Raises
+    ------
+    InputError
+        If there is no equilibrium at the operating point.
+    """
     if model.system.operating_point is None or is_linear(model.system):
         return rest_state(model, p)
     return np.stack([_solved(model, row).state for row in p])

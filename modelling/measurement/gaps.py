@@ -32,7 +32,7 @@ def long_gaps(time: np.ndarray) -> list[tuple[float, float]]:
 
 
 def bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (t,), not all NaN, with short gaps filled by straight lines.
+    """Values (t,), not all NaN, at times (t,) in s with short gaps filled by straight lines.
 
     NaN stays in long gaps, before the first and after the last value.
     """
@@ -46,7 +46,7 @@ def bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def missing_note(name: str, time: np.ndarray, values: np.ndarray, treatment: str) -> str:
-    """A note that values (t,) of a channel are missing, where first, and what was done."""
+    """A note that values (t,) of a channel are missing, at what time (s) first, and what was done."""
     missing = ~np.isfinite(values)
     plural = "values are" if missing.sum() > 1 else "value is"
     return f"{name}: {missing.sum()} {plural} missing, first at {time[np.argmax(missing)]:g} s; {treatment}"

@@ -48,7 +48,13 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
 
 
 def recording_from_table(table: Table, system: System, source: str) -> Recording:
-    """The channels of a system in SI from a table with the model's names; see :func:`read_recording`."""
+    """The channels of a system in SI from a table with the model's names; see :func:`read_recording`.
+
+    Raises
+    ------
+    InputError
+        One line that names file, column or row.
+    """
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)

@@ -90,7 +90,7 @@ def _on_grid(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gap_notes(time: np.ndarray) -> list[str]:
-    """A note of the gaps in time (t,), if there are any."""
+    """A note of the gaps in time (t,), s, if there are any."""
     step = np.diff(time)
     gaps = np.flatnonzero(step > GAP_STEPS * np.median(step))
     if not len(gaps):

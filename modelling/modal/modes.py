@@ -210,7 +210,13 @@ def modes_batch(
 
 
 def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Modes:
-    """Undamped modes of a compiled model at parameter sets (b, p); see :func:`modes_batch`."""
+    """Undamped modes of a compiled model at parameter sets (b, p); see :func:`modes_batch`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not finite or the stiffness is negative.
+    """
     if not np.isfinite(p).all():
         raise InputError("values", "a parameter is not finite", "give finite numbers")
     parts = elements(model, p, reference_states(model, p) if state is None else state)

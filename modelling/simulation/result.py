@@ -91,7 +91,10 @@ class Sensitivity:
 
 
 def raise_if_failed(failed: np.ndarray, time: np.ndarray, states: Sequence[str]) -> None:
-    """Raise for the first row of ``failed`` (b, 2: sample, state; −1 where all went well)."""
+    """Raise ``SimulationError`` for the first row of ``failed`` (b, 2) that tells of a failure.
+
+    A row holds sample and state, −1 where all went well; ``time`` (t,) in s.
+    """
     rows = np.flatnonzero(failed[:, 0] >= 0)
     if rows.size:
         sample, state = failed[rows[0]]

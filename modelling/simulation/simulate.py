@@ -144,6 +144,8 @@ def sensitivities(
 
     Parameters
     ----------
+    time : ndarray (t,)
+        s.
     parameters : ndarray (p,)
         Used as they are, see :func:`simulate_batch`.
     names : sequence of str
@@ -183,7 +185,7 @@ def with_stick_speed(
 ) -> np.ndarray:  # a simulation and what of it is fixed
     """Parameters (p,) with a stick speed that fits the motion, unless ``fixed`` names it or nothing sticks.
 
-    Simulates once where there is dry friction. A fit calls this once.
+    Simulates once where there is dry friction; ``time`` (t,) in s. A fit calls this once.
 
     Raises
     ------

@@ -131,7 +131,10 @@ def explicit_steps(rates: Rates) -> float:
 
 
 def suited(rates: Rates, time: np.ndarray) -> Stepping:
-    """Implicit steps where far fewer follow every vibration than explicit ones need to be stable; else explicit."""
+    """Implicit steps where far fewer follow every vibration than explicit ones need to be stable; else explicit.
+
+    ``time`` (t,) in s.
+    """
     explicit = explicit_steps(rates)
     accurate = max(rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
     if explicit > IMPLICIT_COST * max(accurate, 1 / float(np.median(np.diff(time)))):

@@ -114,7 +114,13 @@ def unit_of(text: Any, where: str) -> Unit:
 
 
 def signal_unit(text: Any, where: str) -> Unit:
-    """The unit of a signal, as :func:`unit_of`, but Hz is refused: a speed in Hz could count radians or turns."""
+    """The unit of a signal, as :func:`unit_of`, but Hz is refused: a speed in Hz could count radians or turns.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown or in Hz.
+    """
     unit = unit_of(text, where)
     if unit.counts == "cycles":
         raise InputError(where, f"{text!r} leaves open whether it counts radians or turns", "write rad/s or 1/min")

@@ -28,7 +28,7 @@ def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
     assert result.status == "matched", result.limits
     target = result.targets[0]
     assert target.matched == pytest.approx(target.vehicle, rel=0.01)
-    assert target.seen == pytest.approx(target.vehicle, rel=0.02)
+    assert target.identified == pytest.approx(target.vehicle, rel=0.02)
     assert result.response_error.after < 0.02 < result.response_error.before
     assert result.response_error.unmeasured < result.case.unmeasured_tolerance
 

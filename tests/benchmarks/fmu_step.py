@@ -27,13 +27,13 @@ def main() -> int:
     if not possible():
         print("FMU steps are not timed: needs a C compiler and the GNU C library")
         return 0
-    from matching.fmu.given import given
+    from matching.fmu.export_source import read_export_source
     from modelling.fmu.export import fmu
 
     with tempfile.TemporaryDirectory() as work:
         for number, (what, source, span) in enumerate(ASKED):
             path = Path(work) / f"{number}.fmu"
-            path.write_bytes(fmu(given(EXAMPLES / source).block).content)
+            path.write_bytes(fmu(read_export_source(EXAMPLES / source).block).content)
             found = timed(path, work, STEPS, span)
             asked = f"aim 20 µs; median {found.median:.2f}, 99.9 % {found.slow:.2f}, longest {found.longest:.0f} µs"
             print(row(f"FMU step, {what}", found.mean, AIM, f"{asked} of {STEPS} steps of {span * 1e3:g} ms", "µs"))

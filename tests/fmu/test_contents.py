@@ -6,14 +6,14 @@ from dataclasses import replace
 import fmpy
 import pytest
 
-from matching.fmu.given import given
+from matching.fmu.export_source import read_export_source
 from modelling.fmu import export
 from modelling.fmu.export import LICENCE, fmu
 
 
 @pytest.mark.parametrize(("fmi", "wrapper"), [("2.0", "fmi2.c"), ("3.0", "fmi3.c")])
 def test_names_of_the_files(lashed_model, fmi, wrapper, tmp_path):
-    made = fmu(given(lashed_model).block, fmi)
+    made = fmu(read_export_source(lashed_model).block, fmi)
     path = tmp_path / "a.fmu"
     path.write_bytes(made.content)
     able = fmpy.read_model_description(str(path)).coSimulation
@@ -38,4 +38,4 @@ def test_names_of_the_files(lashed_model, fmi, wrapper, tmp_path):
 ])  # fmt: skip
 def test_identifier_is_a_name_in_c(monkeypatch, lashed_model, name, identifier):
     monkeypatch.setattr(export, "binary", lambda code, model: None)
-    assert fmu(replace(given(lashed_model).block, name=name)).identifier == identifier
+    assert fmu(replace(read_export_source(lashed_model).block, name=name)).identifier == identifier

@@ -9,7 +9,7 @@ from fmu.slave import slave
 from needs import compiles
 from scipy.signal import cont2discrete
 
-from matching.fmu.given import acceleration
+from matching.fmu.export_source import acceleration
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply

@@ -6,7 +6,7 @@ import pytest
 from fmu.slave import slave
 from needs import compiles
 
-from matching.fmu.given import given
+from matching.fmu.export_source import read_export_source
 from matching.frequency.case.load import load_case
 from modelling.bed.manoeuvres import TipIn
 from modelling.equations.compiled import compiled
@@ -85,7 +85,7 @@ def assert_equal(found, wanted):
 
 
 def test_residual_vehicle_with_inputs_that_vary_linearly(export, reference_case):
-    wanted = given(reference_case)
+    wanted = read_export_source(reference_case)
     time = np.arange(1001) * 1e-3
     inputs = torques([one.name for one in wanted.block.inputs], time)
     found = linearly(export(reference_case), time, inputs)
@@ -100,7 +100,7 @@ OTHER = {"shafts.link.stiffness": 260.0, "inertias.load.J": 0.7, "shafts.link.ba
 @pytest.mark.parametrize("values", [{}, OTHER], ids=["as exported", "overridden"])
 @pytest.mark.parametrize("held", [True, False], ids=["held", "linear"])
 def test_bent_model(export, lashed_model, values, held):
-    wanted = given(lashed_model)
+    wanted = read_export_source(lashed_model)
     time = np.arange(301) * 1e-3
     inputs = torques(["motor_torque", "load_torque"], time)
     run = through_fmpy if held else linearly
@@ -110,7 +110,7 @@ def test_bent_model(export, lashed_model, values, held):
 
 @pytest.mark.parametrize("change", [{}, {"inputs.motor_torque.dead_time.delay": 0.02}], ids=["as exported", "longer"])
 def test_delayed_inputs_and_readings(export, delayed_model, change):
-    wanted = given(delayed_model)
+    wanted = read_export_source(delayed_model)
     time = np.arange(301) * 1e-3
     inputs = torques(["motor_torque", "load_torque"], time)
     found = linearly(export(delayed_model), time, inputs, change)
@@ -141,7 +141,7 @@ def test_an_overridden_parameter_matters(export, lashed_model):
 
 def test_communication_steps_of_any_length(export, reference_case):
     """Steps that are no multiple of anything, each held input by held input, against rigmatch from state to state."""
-    wanted = given(reference_case)
+    wanted = read_export_source(reference_case)
     part = load_case(reference_case).residual_vehicle.parts[0]
     names = [one.name for one in part.inputs]
     rng = np.random.default_rng(5)
@@ -167,7 +167,7 @@ def test_communication_steps_of_any_length(export, reference_case):
 
 
 def test_a_parameter_may_change_while_it_runs(export, reference_case):
-    wanted = given(reference_case)
+    wanted = read_export_source(reference_case)
     part = load_case(reference_case).residual_vehicle.parts[0]
     change = {"inertias.body_left.J": 70.0}
     time = np.array([0.0, 0.01])
@@ -195,7 +195,7 @@ def test_readings_follow_an_input_at_once(export, reference_case):
 
 def test_start_states(export, reference_case):
     """A vehicle that rolls from the beginning goes on rolling."""
-    names = [one.name for one in given(reference_case).block.states if one.name.startswith("speed(")]
+    names = [one.name for one in read_export_source(reference_case).block.states if one.name.startswith("speed(")]
     with slave(export(reference_case)) as one:
         one.begin(given=dict.fromkeys(names, 30.0))
         one.step(0.05)

@@ -21,7 +21,7 @@ def test_targets(reference):
         assert target.vehicle == pytest.approx(frequency, rel=1e-3)
         assert target.matched == pytest.approx(target.vehicle, rel=0.01)
         assert target.matched_damping == pytest.approx(target.vehicle_damping, abs=0.02)
-        assert target.seen == pytest.approx(target.vehicle, rel=0.02)
+        assert target.identified == pytest.approx(target.vehicle, rel=0.02)
 
 
 def test_stable_under_every_check(reference):

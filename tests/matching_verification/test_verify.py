@@ -72,7 +72,9 @@ def test_reference_case_is_stable_under_every_check(verified):
 
 
 def test_targets_are_read_off_the_simulation(verified):
-    for seen, (number, mode, likeness), wanted in zip(verified.seen, verified.targets, (1.5997, 8.4421), strict=True):
+    for seen, (number, mode, likeness), wanted in zip(
+        verified.identified, verified.targets, (1.5997, 8.4421), strict=True
+    ):
         assert seen.vehicle_mode == number
         assert mode.answers == "announced"
         assert likeness > 0.99
@@ -83,7 +85,7 @@ def test_targets_are_read_off_the_simulation(verified):
 
 def test_feedback_modes_are_read_off_too(feedback):
     checked = verify(feedback, deviations=False)
-    for seen, (_, mode, _) in zip(checked.seen, checked.targets, strict=True):
+    for seen, (_, mode, _) in zip(checked.identified, checked.targets, strict=True):
         assert mode.answers == "feedback"
         assert seen.matched.frequency == pytest.approx(mode.frequency, rel=2e-3)
         assert seen.matched.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-3)
@@ -133,7 +135,7 @@ def test_an_unstable_loop_is_never_called_stable(reference):
 def test_one_residual_vehicle_with_two_interfaces(compact):
     checked = verify(compact, deviations=False)
     assert checked.stable
-    first, second = checked.seen
+    first, second = checked.identified
     assert first.matched.frequency == pytest.approx(first.vehicle.frequency, rel=0.01)
     # wheel against wheel: neither the motor nor the road on the one body moves it
     assert second.vehicle is None
@@ -178,9 +180,9 @@ def test_a_flange_may_point_either_way(single, structure):
     assert back.errors.after == pytest.approx(forth.errors.after, rel=1e-6)
     assert back.peaks["dynamometers.one.torque"] == pytest.approx(forth.peaks["dynamometers.one.torque"], rel=1e-6)
     # a sweep leaves no free motion: the mode is read off a kick of its own
-    assert forth.seen[0].excited_by == "motor_torque"
+    assert forth.identified[0].excited_by == "motor_torque"
     if structure == "model_based":  # this gain leaves nothing like the mode to the feedback alone
-        assert forth.seen[0].matched.frequency == pytest.approx(forth.targets[0][1].frequency, rel=5e-3)
+        assert forth.identified[0].matched.frequency == pytest.approx(forth.targets[0][1].frequency, rel=5e-3)
 
 
 def test_a_motion_that_leaves_every_bound_is_no_result(feedback):
@@ -192,7 +194,7 @@ def test_a_motion_that_leaves_every_bound_is_no_result(feedback):
     assert np.abs(checked.sampled).max() > 1.1
     assert checked.traces is None
     assert not checked.checks["simulation"]
-    assert all(own.matched is None for own in checked.seen)
+    assert all(own.matched is None for own in checked.identified)
     json.dumps(checked.to_dict(), allow_nan=False)
 
 

@@ -33,7 +33,7 @@ def hand_made(case):
     found = ComparedBed(tuned).at(np.geomspace(0.3, 50, 200))
     vehicle, rig = tuple(modes(case.vehicle)), tuple(modes(case.rig))
     targets = []
-    for (number, mode, _), own in zip(seen.targets, seen.seen, strict=True):
+    for (number, mode, _), own in zip(seen.targets, seen.identified, strict=True):
         aim = vehicle[number - 1]
         like = next(one for one in rig if one.symmetry == aim.symmetry and one.frequency > 0)
         targets.append(

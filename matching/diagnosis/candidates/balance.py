@@ -55,7 +55,10 @@ class TorqueBalance:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """ẋ = A·x + B·T, y = C·x + D·T with a torque T on every inertia, then in every shaft."""
+    """ẋ = A·x + B·T, y = C·x + D·T with a torque T (u,) on every inertia, then in every shaft.
+
+    A (x, x), B (x, u), C (y, x), D (y, u).
+    """
 
     model: Model
     A: np.ndarray

@@ -45,7 +45,7 @@ class BedSet:
 
 
 def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
-    """Beds with the values given, see :func:`bed_of`."""
+    """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
     beds = [bed_of(case, one) for one in values]
     longest = max(bed.sampled.delay for bed in beds) + 1
     step = case.loop["sample_time"]
@@ -113,7 +113,7 @@ def action(controller: SampledController, frequencies: np.ndarray, ahead: np.nda
 
 
 def ahead_states(controller: SampledController, frequencies: np.ndarray) -> np.ndarray:
-    """States (f, m, w) of the model that runs ahead, for known torques."""
+    """States (f, m, w) of the model that runs ahead, for known torques, at frequencies (f,) in Hz."""
     space, o, y = controller.space, controller.observed, len(controller.sensors)
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     return _resolved(space.A[o:, o:], space.B[o:, y:], z)
@@ -133,7 +133,10 @@ def closed_matrices(beds: BedSet, controller: SampledController) -> np.ndarray:
 
 
 def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Largest magnitude (b,) of poles (b, x), and smallest damping ratio (b,) of what swings."""
+    """Largest magnitude (b,) of poles (b, x) of a loop with this sampling interval (s), and least damping ratio (b,).
+
+    Poles that do not swing have no damping ratio.
+    """
     size = np.abs(z)
     s = np.log(np.where(size > FORGOTTEN, z, 0.5).astype(complex)) / step
     swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)

@@ -57,7 +57,7 @@ class Planned:
 
 
 def planned(case: Case, uncertainty: np.ndarray) -> Planned:
-    """Prepare the bed as planned."""
+    """Prepare the bed as planned; ``uncertainty`` (y,): standard uncertainties of the controller's sensors, SI."""
     top = 0.499 / case.loop["sample_time"]
     every = np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
     return Planned(
@@ -68,7 +68,7 @@ def planned(case: Case, uncertainty: np.ndarray) -> Planned:
 def loop_figures(
     bed: Planned, controller: SampledController, required: Requirements, ahead: np.ndarray | None = None
 ) -> LoopFigures:  # fmt: skip
-    """Margin, roll-off and noise of a controller; ``ahead`` as for :func:`action`."""
+    """Margin, roll-off and noise of a controller; ``ahead`` (f, m, w) as for :func:`action`."""
     f = bed.every.frequencies
     acting = action(controller, f, ahead)
     difference = return_difference(bed.every, acting)[0]
@@ -87,7 +87,7 @@ def loop_figures(
 
 @dataclass(frozen=True)
 class BedFigures:
-    """Of b beds: largest pole magnitude, least damping ratio, response errors to measured and unmeasured torques."""
+    """Of b beds, each (b,): largest pole, least damping ratio, response errors to measured, unmeasured torques."""
 
     largest_pole: np.ndarray
     damping_ratio: np.ndarray
@@ -102,7 +102,7 @@ class BedFigures:
 def bed_figures(
     beds: BedSet, controller: SampledController, told: Sequence[str], ahead: np.ndarray | None = None
 ) -> BedFigures:  # fmt: skip
-    """Figures of every bed of a set; ``ahead`` as for :func:`action`."""
+    """Figures of every bed of a set; ``ahead`` (f, m, w) as for :func:`action`."""
     acting = action(controller, beds.frequencies, ahead)
     size, ratio = damping(np.linalg.eigvals(closed_matrices(beds, controller)), controller.sample_time)
     measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (told, ()))

@@ -47,7 +47,7 @@ class Tuner:
     Attributes
     ----------
     names : tuple of str
-        Of the weights, in the order of the search's variables, which are their decimal logarithms.
+        Of the weights, in the order of the search's variables (w,), which are their decimal logarithms.
     """
 
     case: Case
@@ -63,7 +63,7 @@ class Tuner:
     _states_ahead: dict[int, np.ndarray] = field(default_factory=dict)
 
     def controller(self, logarithms: np.ndarray) -> SampledController:
-        """The controller at a point of the search; gains that were worked out lately are kept."""
+        """The controller at a point of the search, decimal logarithms (w,) of the weights; recent gains are kept."""
         weights = dict(zip(self.names, 10.0**logarithms, strict=True))
         of_regulator = tuple(weights[name] for name in REGULATOR)
         of_filter = tuple(weight for name, weight in weights.items() if name not in REGULATOR)
@@ -78,7 +78,7 @@ class Tuner:
         return self._states_ahead[id(beds)]
 
     def judged(self, logarithms: np.ndarray) -> Judged:
-        """Cost and requirements at a point of the search; what was worked out is kept."""
+        """Cost and requirements at a point of the search, decimal logarithms (w,) of the weights; results are kept."""
         key = tuple(logarithms.tolist())
         if key not in self.known:
             self.known[key] = self._judged(logarithms)

@@ -27,7 +27,7 @@ class Law:
 
 
 def speed_controller(case: Case, s: np.ndarray) -> Law:
-    """lead·[(kp + ki/s)·(reference − speed) + ka·s·reference − kt·torque], speeds as s times angles."""
+    """lead·[(kp + ki/s)·(reference − speed) + ka·s·reference − kt·torque] at s (f,), speeds as s times angles."""
     loop = case.loop
     lead = (1 + s * loop["lead_time"]) / (1 + s * loop["lead_time"] / 5)
     error = s * loop["proportional_gain"] + loop["integral_gain"]

@@ -64,7 +64,7 @@ class DrawnBed:
         return rows
 
     def moved(self, s: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Coordinates (f, n, d) for generalised torques (n, d)."""
+        """Coordinates (f, n, d) in rad for generalised torques (n, d) in N·m at s (f,)."""
         load = np.broadcast_to(torques.astype(complex), (len(s), *torques.shape))
         return np.linalg.solve(self.rig.stiffness(s), load)
 
@@ -77,7 +77,13 @@ class DrawnBed:
 
     @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, their rates, air gap, flanges]."""
+        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, their rates, air gap, flanges].
+
+        Raises
+        ------
+        NotCovered
+            If the rig's dynamic stiffness is no polynomial of second degree in s.
+        """
         K, plus, minus, other = np.real(self.rig.stiffness(np.array([0.0, 1.0, -1.0, 2.0], complex)))
         M, D = (plus + minus) / 2 - K, (plus - minus) / 2
         if np.abs(4 * M + 2 * D + K - other).max() > POLYNOMIAL * np.abs(other).max():
@@ -103,7 +109,7 @@ class DrawnBed:
 
     @cached_property
     def stepped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C from sample to sample; the commands on their way are further states, oldest first."""
+        """A (x, x), B (x, k), C (y, x) from sample to sample; states end with commands on their way, oldest first."""
         A, B, C = self.rates
         x, k, step = len(A), B.shape[1], self.case.loop["sample_time"]
         late = self._delay / step
@@ -125,7 +131,7 @@ class DrawnBed:
         return whole, drive, np.hstack([C, np.zeros((len(C), k * waiting))])
 
     def closed(self, controller: SampledController) -> np.ndarray:
-        """State matrix of bed and controller, one sample after the other as they run."""
+        """State matrix (x + o, x + o) of bed and controller, one sample after the other as they run."""
         A, B, C = self.stepped
         o, x = controller.observed, len(A)
         state = np.eye(x + o)

@@ -41,21 +41,21 @@ def emulated(
     time = np.arange(count) * loop["sample_time"]
     lag = ([1.0], [loop["torque_sensor_lag"], 1.0])
     measured = {
-        own.torque: sign * lsim(lag, traces[dyno.torque_sensor], time)[1]
-        for dyno, own, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
+        cut.torque: sign * lsim(lag, traces[dyno.torque_sensor], time)[1]
+        for dyno, cut, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
     }
-    found: dict[str, np.ndarray] = {}
-    for one in bodies:
-        space, nothing = one.space, np.zeros(count)
+    outputs: dict[str, np.ndarray] = {}
+    for part in bodies:
+        space, nothing = part.space, np.zeros(count)
         system = space.A, space.B, space.C, space.D
         drive = np.stack([measured.get(name, torques.get(name, nothing)) for name in space.inputs], axis=1)
         y = lsim(system, drive, time)[1].reshape(count, -1)
-        found |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
-    return found
+        outputs |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
+    return outputs
 
 
 def on_emulated_side(vehicle: System, parts: Parts) -> tuple[str, ...]:
     """Sensors of the vehicle that the residual vehicle has too, less those right at the cuts, which the rotors show."""
-    ends = {own.vehicle_end for own in parts.cuts}
+    ends = {cut.vehicle_end for cut in parts.cuts}
     there = {sensor.name for part in parts.residual for sensor in part.system.sensors if sensor.of not in ends}
     return tuple(sensor.name for sensor in vehicle.sensors if sensor.name in there)

@@ -151,10 +151,10 @@ def modulus_margin(difference: Difference, frequencies: np.ndarray, values: np.n
     best = float(sizes.min()), float(frequencies[np.argmin(sizes)])
     for i in valleys[np.argsort(sizes[valleys])][:5]:
         low, high = np.log(frequencies[max(i - 1, 0)]), np.log(frequencies[min(i + 1, len(sizes) - 1)])
-        found = minimize_scalar(
+        minimum = minimize_scalar(
             lambda x: np.linalg.svd(difference(np.array([2j * np.pi * np.exp(x)])), compute_uv=False)[0, -1],
             bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low) + 1e-12},
         )  # fmt: skip
-        if found.fun < best[0]:
-            best = float(found.fun), float(np.exp(found.x))
+        if minimum.fun < best[0]:
+            best = float(minimum.fun), float(np.exp(minimum.x))
     return best

@@ -123,11 +123,11 @@ def _listed(
 def _energies(rows: list[tuple[Body, slice, str]], vector: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
     kinetic: dict[str, float] = {}
     potential: dict[str, float] = {}
-    for own, place, prefix in rows:
-        speeds, twists = own.turns @ vector[place], own.twists @ vector[place]
-        kinetic |= {prefix + name: float(e) for name, e in zip(own.masses, own.J * np.abs(speeds) ** 2, strict=True)}
+    for side, place, prefix in rows:
+        speeds, twists = side.turns @ vector[place], side.twists @ vector[place]
+        kinetic |= {prefix + name: float(e) for name, e in zip(side.masses, side.J * np.abs(speeds) ** 2, strict=True)}
         potential |= {
-            prefix + name: float(e) for name, e in zip(own.springs, own.stiffness * np.abs(twists) ** 2, strict=True)
+            prefix + name: float(e) for name, e in zip(side.springs, side.stiffness * np.abs(twists) ** 2, strict=True)
         }
     return _shares(kinetic), _shares(potential)
 
@@ -145,22 +145,22 @@ def _rigid(
     rows: list[tuple[Body, slice, str]],
 ) -> np.ndarray:
     """Which eigenvalues (m,) are rig and vehicle coasting as one: real, nothing twists, each rotor turns as its cut."""
-    found = np.zeros(len(eigenvalues), bool)
+    rigid = np.zeros(len(eigenvalues), bool)
     for i in np.flatnonzero(np.abs(eigenvalues.imag) <= 1e-9):
         vector = vectors[:, i]
-        moving = sum(float(own.J @ np.abs(own.turns @ vector[place]) ** 2) for own, place, _ in rows)
-        twisted = sum(float(own.stiffness @ np.abs(own.twists @ vector[place]) ** 2) for own, place, _ in rows)
+        moving = sum(float(side.J @ np.abs(side.turns @ vector[place]) ** 2) for side, place, _ in rows)
+        twisted = sum(float(side.stiffness @ np.abs(side.twists @ vector[place]) ** 2) for side, place, _ in rows)
         slip, speed = 0.0, 1.0 if not residual else 0.0
         for dyno, cut in zip(parts.dynamometers, parts.cuts, strict=True) if residual else ():
             rotor = parts.rig.space.output(dyno.speed_sensor) @ vector[rows[0][1]]
             wanted = sum(
-                own.space.output(cut.speed) @ vector[place]
-                for own, place, _ in rows[1:]
-                if cut.speed in own.space.outputs
+                side.space.output(cut.speed) @ vector[place]
+                for side, place, _ in rows[1:]
+                if cut.speed in side.space.outputs
             )
             slip, speed = slip + abs(rotor - wanted) ** 2, speed + abs(rotor) ** 2
-        found[i] = twisted < 1e-2 * moving and slip < 1e-2 * speed
-    return found
+        rigid[i] = twisted < 1e-2 * moving and slip < 1e-2 * speed
+    return rigid
 
 
 def _names_in_vehicle(parts: Parts) -> dict[str, str]:

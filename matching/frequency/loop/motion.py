@@ -89,7 +89,7 @@ class NonlinearMotion:
     ----------
     start, drift : ndarray (x,)
         States at the operating point at time 0, and their rates: angles turn on.
-    seen : ca.Function
+    deviation_readings : ca.Function
         x → signed lagged flange torques and rotor speeds (2·k,), less those at the operating point.
     readings : ca.Function
         (x of the model, added inputs (u,)) → y, absolute.
@@ -133,18 +133,18 @@ class NonlinearMotion:
             still = ca.Function("flange", [x, w], [flange])
             self.start[n + k :] = still(self.start, np.zeros(w.shape[0])).full().ravel()
             names = [*(d.speed_sensor for d in dynos), *loop.further_sensors]
-            seen = ca.vertcat(x[n + k :], *(readings[model.sensors.index(name)] for name in names))
-            seen = ca.substitute(seen, w, ca.DM.zeros(w.shape))
-            seen = seen - ca.Function("seen", [x], [seen])(self.start)
-            self.seen = ca.Function("seen", [x], [seen])
+            deviations = ca.vertcat(x[n + k :], *(readings[model.sensors.index(name)] for name in names))
+            deviations = ca.substitute(deviations, w, ca.DM.zeros(w.shape))
+            deviations = deviations - ca.Function("seen", [x], [deviations])(self.start)
+            self.deviation_readings = ca.Function("deviation_readings", [x], [deviations])
         slope = ca.Function("slope", [x, v, w], [ca.vertcat(*rates)])
         h = step / self._pieces
         k1 = slope(x, v, w)
         k2 = slope(x + h / 2 * k1, v, w)
         k3 = slope(x + h / 2 * k2, v, w)
         k4 = slope(x + h * k3, v, w)
-        one = ca.Function("one", [x, v, w], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-        self._run = one.mapaccum("sample", self._pieces)
+        single_step = ca.Function("one", [x, v, w], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        self._run = single_step.mapaccum("sample", self._pieces)
         self.drift = np.concatenate([about.state[model.n : 2 * model.n], np.zeros(n + 2 * k - model.n)])
         self._count = k
         self.twists = elements(model, p[None]).deflection_jacobian
@@ -160,6 +160,6 @@ class NonlinearMotion:
         return path[:, -1].full().ravel()
 
 
-def body_motion(own: Body, step: float) -> LinearMotion:
-    """Motion of a vehicle or a free rig."""
-    return LinearMotion(own.space.A, own.space.B, 0, step)
+def body_motion(linear_body: Body, step: float) -> LinearMotion:
+    """Motion of a vehicle, or of a rig without control, in steps of s."""
+    return LinearMotion(linear_body.space.A, linear_body.space.B, 0, step)

@@ -42,7 +42,7 @@ def _section(pole: complex) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
 
 
 def parallel(delay: float, order: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The same for ``count`` signals at once: A (count·n, count·n), B, C, D; nothing but D = 1 without delay."""
+    """The same for ``count`` signals at once, delayed by s: A (count·n, count·n), B, C, D; only D = 1 without delay."""
     if delay <= 0:
         return np.zeros((0, 0)), np.zeros((0, count)), np.zeros((count, 0)), np.eye(count)
     A, B, C, D = pade(delay, order)

@@ -147,9 +147,9 @@ def parts_of(case: Case, rig: System | None = None, untuned: System | None = Non
     taken = {cut.torque for cut in residual.interfaces}
     simulated = tuple(name for part in bodies for name in part.space.inputs if name not in taken)
     toward = np.array([_toward(rig, dyno) for dyno in case.loop.dynamometers])
-    own = body(watched(rig, cuts, rig_side=True))
-    free = own if untuned is None else body(watched(untuned, cuts, rig_side=True))
-    return Parts(case, own, bodies, cuts, toward, simulated, free)
+    rig_body = body(watched(rig, cuts, rig_side=True))
+    free = rig_body if untuned is None else body(watched(untuned, cuts, rig_side=True))
+    return Parts(case, rig_body, bodies, cuts, toward, simulated, free)
 
 
 def watched(system: System, cuts: tuple[Interface, ...], *, rig_side: bool) -> System:
@@ -177,7 +177,7 @@ def _toward(rig: System, dyno: Dynamometer) -> float:
         for sensor in rig.sensors
         if sensor.name == dyno.torque_sensor and sensor.of == shaft.name
     )
-    rotor = next(own.on for own in rig.inputs if own.name == dyno.torque_input)
+    rotor = next(torque.on for torque in rig.inputs if torque.name == dyno.torque_input)
     joints = [set(part.between) for part in rig.shafts if part.name != flange.name]
     joints += [set(part.between) for part in rig.gears]
     joints += [{part.cage, part.left, part.right} for part in rig.differentials]

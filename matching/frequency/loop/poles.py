@@ -48,7 +48,7 @@ class Approximation:
 
 
 def resting_and_right(poles: np.ndarray, neutral: int) -> tuple[int, int]:
-    """Poles at 0 that are rigid motions without drag, and poles that are not stable.
+    """How many poles (x,), 1/s, at 0 are rigid motions without drag, and how many poles are not stable.
 
     At most ``neutral`` poles at 0 are taken for such motions, which the vehicle has as well; more are not stable.
     """
@@ -58,7 +58,10 @@ def resting_and_right(poles: np.ndarray, neutral: int) -> tuple[int, int]:
 
 
 def closed_matrix(parts: Parts, order: int, dead_time: float | None = None) -> np.ndarray:
-    """State matrix (x, x) of the closed feedback loop: states [bed, controller, dead time]."""
+    """State matrix (x, x) of the closed feedback loop: states [bed, controller, dead time].
+
+    ``dead_time`` (s) replaces that of the case.
+    """
     delay = parts.case.loop["dead_time"] if dead_time is None else dead_time
     bed, controller, k = parts.bed, parts.controller, len(parts.dynamometers)
     Ap, Bp, Cp, Dp = parallel(delay, order, k)
@@ -77,7 +80,7 @@ def closed_matrix(parts: Parts, order: int, dead_time: float | None = None) -> n
 def approximations(
     parts: Parts, dead_time: float | None = None, orders: tuple[int, ...] = ORDERS
 ) -> tuple[Approximation, ...]:
-    """Poles for every order, lowest first."""
+    """Poles for every Padé order, lowest first, with the case's dead time (s) or another."""
     delay = parts.case.loop["dead_time"] if dead_time is None else dead_time
     band = np.linspace(0, parts.case.band[1], 50)
     return tuple(
@@ -120,12 +123,12 @@ def sampled_poles(parts: Parts) -> np.ndarray:
 
 def orders_for(delay: float, edge: float) -> tuple[int, ...]:
     """Orders to take: 3, 5, 8 and as many more as bring the phase error at ``edge`` (Hz) to 5°."""
-    found = list(ORDERS)
+    orders = list(ORDERS)
     for order in MORE:
-        if phase_error(delay, found[-1], np.array([edge]))[0] <= BELIEVED:
+        if phase_error(delay, orders[-1], np.array([edge]))[0] <= BELIEVED:
             break
-        found.append(order)
-    return tuple(found)
+        orders.append(order)
+    return tuple(orders)
 
 
 def neutral_motions(parts: Parts) -> int:

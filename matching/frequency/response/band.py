@@ -63,12 +63,12 @@ def converged_nodes(
 
 
 def resonances(space: StateSpace) -> np.ndarray:
-    """Natural frequencies of a system in Hz, without motions that do not swing."""
+    """Natural frequencies (m,) of a system in Hz, without motions that do not swing."""
     return _swinging(np.linalg.eigvals(space.A))
 
 
 def antiresonances(space: StateSpace, source: str, output: str) -> np.ndarray:
-    """Frequencies in Hz of the zeros of one transfer function: eigenvalues of the Rosenbrock pencil."""
+    """Frequencies (m,) in Hz of the zeros of one transfer function: eigenvalues of the Rosenbrock pencil."""
     n = len(space.A)
     through = space.D[space.outputs.index(output), space.inputs.index(source)]
     system = np.block([[space.A, space.input(source)[:, None]], [space.output(output)[None], np.array([[through]])]])

@@ -41,6 +41,6 @@ class ObservedBed(ComparedBed):
         return Responses(f, self.pairs, self.of_vehicle(f), free, matched, unmeasured)
 
     def held(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nothing: no feed-forward has a design of its own here."""
+        """Two arrays (f, h) of NaN at frequencies (f,) in Hz: no feed-forward is designed apart from the observer."""
         empty = np.full((len(frequencies), len(self.pairs)), np.nan, complex)
         return empty, empty

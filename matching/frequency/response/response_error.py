@@ -78,7 +78,7 @@ class _Squares:
 
 
 def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
-    """|log(H_rig/H_vehicle)|², complex logarithm, principal value; arrays of one shape."""
+    """|log(H_rig/H_vehicle)|², complex logarithm, principal value; arrays of one shape, such as (f, h)."""
     with np.errstate(invalid="ignore"):  # NaN where a torque has no path
         return np.abs(np.log(rig / vehicle)) ** 2
 
@@ -123,7 +123,7 @@ def figures_of(bed: ComparedBed) -> ErrorFigures:
 
 
 def pooled(errors: Sequence[float] | np.ndarray) -> float:
-    """Root mean square of the errors of several functions."""
+    """Root mean square of the errors (h,) of several functions."""
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

@@ -115,11 +115,11 @@ def _missed(case: Case, target: TargetResult) -> str:
         undone = target.rig or float("nan")
         return f"{wanted}: the closed loop has no such mode; with nothing done the rig shows it at {undone:.2f} Hz"
     words = f"{wanted} is reached at {target.matched:.3f} Hz with damping ratio {target.matched_damping:.3f}"
-    if target.seen is None:
+    if target.identified is None:
         return words + (
             ", and cannot be read off the simulation: it is moved too little, or dies away before it can be told apart"
         )
-    return words + f"; the simulation shows {target.seen:.3f} Hz with {target.seen_damping:.3f}"
+    return words + f"; the simulation shows {target.identified:.3f} Hz with {target.identified_damping:.3f}"
 
 
 def _violation(own: Violation) -> str:

@@ -22,7 +22,7 @@ from modelling.modal.modes import Mode
 class TargetResult:
     """A target mode in vehicle, rig and matched loop; frequencies in Hz, None where the mode was not found.
 
-    ``seen`` and ``seen_damping`` are read off the simulated manoeuvre, by a method of its own.
+    ``identified`` (Hz) and ``identified_damping`` are identified from the simulated manoeuvre, by a separate method.
     """
 
     vehicle_mode: int
@@ -32,8 +32,8 @@ class TargetResult:
     rig: float | None
     matched: float | None
     matched_damping: float | None
-    seen: float | None
-    seen_damping: float | None
+    identified: float | None
+    identified_damping: float | None
     met: bool
 
     def to_dict(self) -> dict[str, Any]:
@@ -41,8 +41,8 @@ class TargetResult:
         return {
             "vehicle_mode": self.vehicle_mode, "symmetry": self.symmetry, "vehicle": self.vehicle,
             "vehicle_damping": self.vehicle_damping, "rig": self.rig, "matched": self.matched,
-            "matched_damping": self.matched_damping, "seen_in_simulation": self.seen,
-            "seen_damping": self.seen_damping, "met": self.met,
+            "matched_damping": self.matched_damping, "seen_in_simulation": self.identified,
+            "seen_damping": self.identified_damping, "met": self.met,
         }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequenc
 def reached(
     frequency: float, damping_ratio: float, wanted: Mode, frequency_tolerance: float, damping_tolerance: float
 ) -> bool:
-    """Whether a mode lies within the tolerances, relative in frequency and absolute in damping ratio."""
+    """Whether a mode at a frequency (Hz) is within the tolerances: relative in frequency, absolute in damping ratio."""
     return (
         abs(frequency / wanted.frequency - 1) <= frequency_tolerance
         and abs(damping_ratio - wanted.damping_ratio) <= damping_tolerance
@@ -28,12 +28,13 @@ def target_results(question: Question, checked: Verification) -> tuple[TargetRes
 def _target(question: Question, checked: Verification, number: int) -> TargetResult:
     wanted, target = question.targets[number][1], question.case.targets[number]
     mode, on_rig = checked.targets[number][1], question.on_rig[number]
-    seen = checked.seen[number].matched
+    simulated = checked.identified[number].matched
     met = (
-        mode is not None and seen is not None
+        mode is not None and simulated is not None
         and reached(mode.frequency, mode.damping_ratio, wanted, target.frequency_tolerance, target.damping_tolerance)
         and reached(
-            seen.frequency, seen.damping_ratio, wanted, SIMULATED_FREQUENCY_TOLERANCE, target.damping_tolerance
+            simulated.frequency, simulated.damping_ratio, wanted,
+            SIMULATED_FREQUENCY_TOLERANCE, target.damping_tolerance,
         )
     )  # fmt: skip
     return TargetResult(
@@ -44,7 +45,7 @@ def _target(question: Question, checked: Verification, number: int) -> TargetRes
         rig=None if on_rig is None else on_rig.frequency,
         matched=None if mode is None else mode.frequency,
         matched_damping=None if mode is None else mode.damping_ratio,
-        seen=None if seen is None else seen.frequency,
-        seen_damping=None if seen is None else seen.damping_ratio,
+        identified=None if simulated is None else simulated.frequency,
+        identified_damping=None if simulated is None else simulated.damping_ratio,
         met=met,
     )

@@ -31,7 +31,7 @@ class End(NamedTuple):
 
 
 def stable_ends(problem: Problem, begins: Sequence[np.ndarray], extra: np.ndarray | tuple[()] = ()) -> Iterator[End]:
-    """The feasible and stable ends from several starts, each sought when it is asked for."""
+    """The feasible and stable ends from several starts (v,), each sought when it is asked for."""
     for begin in begins:
         end = run_from(problem, begin, extra)
         if end:
@@ -41,9 +41,9 @@ def stable_ends(problem: Problem, begins: Sequence[np.ndarray], extra: np.ndarra
 
 
 def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()) -> End | None:
-    """IPOPT from a start; its word is not taken: finite, within bounds and constraints, or None.
+    """IPOPT from a start (v,); the end if it is finite and within bounds and constraints, else None.
 
-    ``extra`` are frequencies in Hz at which the margin is to hold beside the grid.
+    What IPOPT itself reports is not used. ``extra``: frequencies in Hz at which the margin is to hold beside the grid.
     """
     p, bounds = problem.extra(extra), {"lbg": problem.g_lower, "ubg": problem.g_upper}
     found = solved(problem.solver, x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
@@ -57,6 +57,6 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
 
 
 def check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
-    """Modulus margin, where (Hz), and stability by encirclements on the exact loop, by code of its own."""
+    """Modulus margin, where (Hz), and stability of decisions (v,), by the Nyquist criterion on the exact loop."""
     found = encirclements(parts_of(apply(problem.case, problem.values(v))))
     return found.modulus_margin, found.margin_frequency, found.unstable == 0 and found.clear

@@ -14,12 +14,12 @@ VIOLATION_WEIGHT = 10.0  # on a missed constraint, scaled, in choosing a start
 
 
 def numbered_start(problem: Problem, seed: int, number: int) -> np.ndarray:
-    """A start by its number; 0 is the case's own."""
+    """A start (v,) by its number; 0 is the case's own."""
     return start(problem, np.random.default_rng([seed, number]) if number else None)
 
 
 def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
-    """Mechanics around their own values, a loop gentle enough to be stable, eigenpairs on their targets.
+    """A start (v,): mechanics at their start values, a loop gentle enough to be stable, eigenpairs on their targets.
 
     The case's own start, or the most promising of some drawn at random.
     """
@@ -46,7 +46,7 @@ def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
 
 
 def start_at(problem: Problem, values: Mapping[str, float], pairs: Sequence[float] = ()) -> np.ndarray:
-    """A start at given values, eigenpairs as given or on their targets."""
+    """A start (v,) at values by name (SI), eigenpairs as passed or on their targets."""
     begin = start(problem, None)
     own = [scaled(values[move.name], move) for move in problem.moves]
     begin[: len(own)] = np.clip(own, 0.01, 0.99)
@@ -56,6 +56,6 @@ def start_at(problem: Problem, values: Mapping[str, float], pairs: Sequence[floa
 
 
 def gentler(problem: Problem, v: np.ndarray) -> list[np.ndarray]:
-    """The same with the loop's quantities turned back by a tenth and by a quarter of their ranges."""
+    """The same start (v,) with the loop's quantities turned back by a tenth and by a quarter of their ranges."""
     loop = np.array([move.name.startswith("loop.") for move in problem.moves] + [False] * (len(v) - len(problem.moves)))
     return [np.where(loop, np.clip(v - back, 0.01, 0.99), v) for back in (0.1, 0.25)]

@@ -56,7 +56,7 @@ class NoBetter(Exception):
 
 @dataclass(frozen=True)
 class TuningTask:
-    """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it."""
+    """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it; ``weights`` (moves,)."""
 
     case: Case
     moves: tuple[Move, ...]

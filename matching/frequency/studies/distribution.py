@@ -72,7 +72,7 @@ def spread(name: str, unit: str, nominal: float, values: np.ndarray, inputs: Seq
         shares = np.sum(coefficients.reshape(2, -1) ** 2, axis=0).tolist()
         explained = float(1 - np.mean((wanted - terms @ coefficients) ** 2))
     counts, edges = np.histogram(values, BINS)
-    ranked = sorted(zip(inputs, shares, strict=True), key=lambda one: -one[1])
+    ranked = sorted(zip(inputs, shares, strict=True), key=lambda pair: -pair[1])
     return Spread(
         name, unit, float(nominal), float(values.mean()), size,
         dict(zip(LEVELS, np.quantile(values, LEVELS).tolist(), strict=True)), quantile_intervals(values),
@@ -87,12 +87,13 @@ def quantile_intervals(values: np.ndarray) -> dict[float, tuple[float | None, fl
     least as often as stated.
     """
     ordered, count = np.sort(values), len(values)
-    found: dict[float, tuple[float | None, float | None]] = {}
+    intervals: dict[float, tuple[float | None, float | None]] = {}
     for level in LEVELS:
         first = int(binom.ppf((1 - CONFIDENCE) / 2, count, level)) - 1  # this many draws and one lie below, or fewer
         last = int(binom.ppf((1 + CONFIDENCE) / 2, count, level))
-        found[level] = (float(ordered[first]) if first >= 0 else None, float(ordered[last]) if last < count else None)
-    return found
+        below = float(ordered[first]) if first >= 0 else None
+        intervals[level] = (below, float(ordered[last]) if last < count else None)
+    return intervals
 
 
 def _standard(x: np.ndarray) -> np.ndarray:

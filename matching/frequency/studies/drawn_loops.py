@@ -41,7 +41,7 @@ class Loops:
     def __init__(self, case: Case, names: Sequence[str], center: np.ndarray, corners: Sequence[float], near: float):
         self.k, self.center = len(case.loop.dynamometers), center
         self.difference = external(closed_loop(case, [(name,) for name in names]).difference.map(AT_ONCE))
-        about = [own * np.linspace(0.92, 1.08, 9) for own in (near, *corners)]
+        about = [part * np.linspace(0.92, 1.08, 9) for part in (near, *corners)]
         fine = np.geomspace(0.5 * min(corners, default=1.0), 2 * max(corners, default=1.0), 500)
         self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 140), fine, *about]))
         self.nominal = determinant(self.returns(2j * np.pi * self.frequencies, center[None])[0])
@@ -53,20 +53,20 @@ class Loops:
     def _at(self, s: np.ndarray, x: np.ndarray) -> np.ndarray:
         """I + L (n, k, k), each s (n,) with its own draw (n, p)."""
         out = np.empty((len(s), self.k * self.k), complex)
-        given: list[Any] = [np.ones(AT_ONCE), np.ones(AT_ONCE), np.tile(self.center, (AT_ONCE, 1))]
-        found: list[Any] = [np.empty((AT_ONCE, self.k * self.k)) for _ in range(2)]
+        operands: list[Any] = [np.ones(AT_ONCE), np.ones(AT_ONCE), np.tile(self.center, (AT_ONCE, 1))]
+        results: list[Any] = [np.empty((AT_ONCE, self.k * self.k)) for _ in range(2)]
         calls: tuple[Any, Any] = self.difference.buffer()
         buffer, evaluate = calls  # of this call: threads may share what is prepared
-        for place, array in enumerate(given):
+        for place, array in enumerate(operands):
             buffer.set_arg(place, memoryview(array))
-        for place, array in enumerate(found):
+        for place, array in enumerate(results):
             buffer.set_res(place, memoryview(array))
         for begin in range(0, len(s), AT_ONCE):
             part = slice(begin, begin + AT_ONCE)
             count = len(s[part])
-            given[0][:count], given[1][:count], given[2][:count] = s[part].real, s[part].imag, x[part]
+            operands[0][:count], operands[1][:count], operands[2][:count] = s[part].real, s[part].imag, x[part]
             evaluate()
-            out[part].real, out[part].imag = found[0][:count], found[1][:count]
+            out[part].real, out[part].imag = results[0][:count], results[1][:count]
         return out.reshape(-1, self.k, self.k)
 
     def margins(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,15 +97,15 @@ class Loops:
         drawn = x[rows]
 
         inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-        found = [distance(place, drawn) for place in inner]
+        distances = [distance(place, drawn) for place in inner]
         least = on_grid.min(axis=1)
         for _ in range(SECTIONS):
-            left = found[0] < found[1]
+            left = distances[0] < distances[1]
             high, low = np.where(left, inner[1], high), np.where(left, low, inner[0])
             new = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
             at_new = distance(new, drawn)
             inner = [np.where(left, new, inner[1]), np.where(left, inner[0], new)]
-            found = [np.where(left, at_new, found[1]), np.where(left, found[0], at_new)]
+            distances = [np.where(left, at_new, distances[1]), np.where(left, distances[0], at_new)]
             np.minimum.at(least, rows, at_new)
         return least
 
@@ -140,14 +140,14 @@ class Loops:
             step = np.angle(last / first)
             small = np.abs(step) <= 0.5 * FOLLOWED
             np.add.at(total, of[small], step[small])
-            low, high, first, last, of = (own[~small] for own in (low, high, first, last, of))
+            low, high, first, last, of = (part[~small] for part in (low, high, first, last, of))
             if not len(of):
                 break
         return total, np.isin(np.arange(len(x)), of)
 
     def roots(self, x: np.ndarray, goals: Sequence[complex]) -> np.ndarray:
         """Eigenvalues (b, goals) of the loop, each followed from the nominal one by the secant rule on det(I + L)."""
-        found = np.empty((len(x), len(goals)), complex)
+        eigenvalues = np.empty((len(x), len(goals)), complex)
         for j, goal in enumerate(goals):
             before, s = np.full(len(x), goal * (1 + 1e-4)), np.full(len(x), goal)
             last = determinant(self._at(before, x))
@@ -160,8 +160,8 @@ class Loops:
                 before, last, s = s, value, s - step
                 if np.abs(step).max() < 1e-9 * abs(goal):
                     break
-            found[:, j] = s
-        return found
+            eigenvalues[:, j] = s
+        return eigenvalues
 
 
 def determinant(D: np.ndarray) -> np.ndarray:

@@ -35,19 +35,19 @@ class Varied:
 def draw(varied: tuple[Varied, ...], seed: int, number: int, count: int) -> np.ndarray:
     """Values (count, p) of chunk ``number``."""
     random = np.random.default_rng([seed, number])
-    lower, upper = (np.array([getattr(one, key) for one in varied]) for key in ("lower", "upper"))
+    lower, upper = (np.array([getattr(quantity, key) for quantity in varied]) for key in ("lower", "upper"))
     return lower + (upper - lower) * random.random((count, len(varied)))
 
 
 class Prepared(Loops):
     """What all chunks share, built once a worker."""
 
-    def __init__(self, given: tuple[Case, tuple[Varied, ...], int]):
-        self.case, self.varied, self.seed = given
+    def __init__(self, task: tuple[Case, tuple[Varied, ...], int]):
+        self.case, self.varied, self.seed = task
         self.parts: Parts = parts_of(self.case)
         corners = [mode.frequency for mode in modes(self.case.rig) if 0 < mode.frequency < 1000]
-        center = np.array([one.value for one in self.varied])
-        names = [one.name for one in self.varied]
+        center = np.array([quantity.value for quantity in self.varied])
+        names = [quantity.name for quantity in self.varied]
         super().__init__(self.case, names, center, corners, encirclements(self.parts).margin_frequency)
         self.margin = float(self.margins(center[None])[0][0])
         near = self._goals()
@@ -61,49 +61,54 @@ class Prepared(Loops):
     def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
         """Whether each draw is stable, (b,)."""
         turning, unclear = self.turning(x, determinants)
-        found = ~turning
+        stable = ~turning
         for i in np.flatnonzero(unclear):
             winding = encirclements(self.true(x[i]), self.dead_time(x[i]))
-            found[i] = winding.unstable == 0 and winding.clear
-        return found
+            stable[i] = winding.unstable == 0 and winding.clear
+        return stable
 
     def true(self, x: np.ndarray) -> Parts:
-        """The bed as drawn, with the controller as it is."""
-        values = {one.name.removeprefix("rig."): v for one, v in zip(self.varied, x) if one.name.startswith("rig.")}
+        """The bed of a draw (p,), with the controller as it is."""
+        values = self._drawn(x, "rig.")
         system = self.case.rig.with_values(values)
-        loop = {one.name.removeprefix("loop."): v for one, v in zip(self.varied, x) if one.name.startswith("loop.")}
+        loop = self._drawn(x, "loop.")
         case = replace(self.case, loop=self.case.loop.with_values(loop)) if loop else self.case
         return replace(self.parts, case=case, rig=body(watched(system, self.parts.cuts, rig_side=True)))
 
+    def _drawn(self, x: np.ndarray, prefix: str) -> dict[str, float]:
+        """Values of a draw (p,) by name, of the quantities whose names begin so."""
+        by_name = {quantity.name: value for quantity, value in zip(self.varied, x)}
+        return {name.removeprefix(prefix): value for name, value in by_name.items() if name.startswith(prefix)}
+
     def dead_time(self, x: np.ndarray) -> float:
-        """Dead time of a draw, s."""
-        names = [one.name for one in self.varied]
+        """Dead time (s) of a draw (p,)."""
+        names = [quantity.name for quantity in self.varied]
         return float(x[names.index("loop.dead_time")]) if "loop.dead_time" in names else self.case.loop["dead_time"]
 
     def errors(self, x: np.ndarray) -> list[float]:
-        """Response error of a draw to all torques as the case announces them, and to torques nobody announces."""
-        own = {one.name.removeprefix("rig."): v for one, v in zip(self.varied, x)}
-        shared = {name: v for name, v in own.items() if name in self.case.vehicle.parameters}
+        """Response error of a draw (p,) to all torques as the case measures them, and to unmeasured torques."""
+        rig_values = {quantity.name.removeprefix("rig."): value for quantity, value in zip(self.varied, x)}
+        shared = {name: v for name, v in rig_values.items() if name in self.case.vehicle.parameters}
         vehicle = body(self.case.vehicle.with_values(shared)) if shared else self.vehicle
-        found = ComparedBed(self.case, self.true(x), self.feed_forward, vehicle, self.dead_time(x)).at(
+        responses = ComparedBed(self.case, self.true(x), self.feed_forward, vehicle, self.dead_time(x)).at(
             self.nodes.frequencies
         )
-        matched = [found.matched, found.unmeasured] if self.feed_forward is not None else [found.unmeasured]
-        return [pooled(self.nodes.root_mean(log_squares(one, found.vehicle))) for one in matched]
+        matched = [responses.matched, responses.unmeasured] if self.feed_forward is not None else [responses.unmeasured]
+        return [pooled(self.nodes.root_mean(log_squares(response, responses.vehicle))) for response in matched]
 
     def _goals(self) -> dict[int, complex]:
         """Modes of the nominal feedback loop near the targets, as far as it has any, by the target's mode number."""
-        found = {}
-        own = [
+        goals = {}
+        eigenvalues = [
             mode.eigenvalue for mode in feedback_modes(self.parts) if mode.frequency > 0 and mode.eigenvalue.imag > 0
         ]
         plain = modes(self.case.vehicle)
         for target in self.case.targets:
             wanted = 2j * np.pi * plain[target.mode - 1].frequency
-            near = min(own, key=lambda s: abs(s - wanted), default=0j)
+            near = min(eigenvalues, key=lambda s: abs(s - wanted), default=0j)
             if abs(near - wanted) < CLOSE * abs(wanted):
-                found[target.mode] = complex(near)
-        return found
+                goals[target.mode] = complex(near)
+        return goals
 
 
 def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:

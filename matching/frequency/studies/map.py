@@ -36,13 +36,13 @@ class Map(Displayed):
 
     def errors(self, which: str = "error") -> np.ndarray:
         """Response errors (y, x), or ``unmeasured`` or ``bound``; NaN where there is none."""
-        found = [[getattr(own, which) for own in row] for row in self.points]
-        return np.array([[np.nan if own is None else own for own in row] for row in found])
+        values = [[getattr(point, which) for point in row] for row in self.points]
+        return np.array([[np.nan if value is None else value for value in row] for row in values])
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``map.json``."""
         axes = {key: {**vars(axis), "values": list(axis.values)} for key, axis in (("x", self.x), ("y", self.y))}
-        points = [own.to_dict() for row in self.points for own in row]
+        points = [point.to_dict() for row in self.points for point in row]
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
 
     def to_xarray(self) -> Any:
@@ -53,7 +53,8 @@ class Map(Displayed):
         InputError
             If xarray is not installed.
         """
-        margin = [[np.nan if own.modulus_margin is None else own.modulus_margin for own in row] for row in self.points]
+        margins = [[point.modulus_margin for point in row] for row in self.points]
+        margin = [[np.nan if value is None else value for value in row] for row in margins]
         names = [self.y.name, self.x.name]
         return labelled(
             {"error": (names, self.errors(), "1"), "modulus_margin": (names, np.array(margin), "1")},
@@ -99,7 +100,7 @@ def map_case(
     InputError
         If a quantity is unknown, or both are the same.
     """
-    x, y = (axis(case, own) if isinstance(own, str) else own for own in (x, y))
+    x, y = (axis(case, end) if isinstance(end, str) else end for end in (x, y))
     together = quantities(case)[x.name][2]
     if y.name in together:
         raise InputError(y.name, "is on both axes", "name two quantities")
@@ -111,12 +112,12 @@ def map_case(
         if progress:
             progress(before + done, before + total)
 
-    with nullcontext(executor) if executor else executor_of(workers) as own:
+    with nullcontext(executor) if executor else executor_of(workers) as pool:
 
         def solved(chunks: list[PointTask]) -> list[Any]:
             nonlocal before
             rows = run(
-                _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, own,
+                _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, pool,
                 content=content, record=record, progress=advance,
             )  # fmt: skip
             before += len(chunks)
@@ -131,15 +132,15 @@ def map_case(
 Prepared = tuple[Case, tuple[str, str], int, int]
 
 
-def _prepare(given: Prepared) -> Prepared:
-    return given
+def _prepare(prepared: Prepared) -> Prepared:
+    return prepared
 
 
-def _point_at(given: Prepared, task: PointTask) -> dict[str, Any] | None:
+def _point_at(prepared: Prepared, task: PointTask) -> dict[str, Any] | None:
     """A point as plain values: from starts of its own, or from its neighbours' solutions where there are such."""
-    case, names, seed, starts = given
+    case, names, seed, starts = prepared
     x, y = zip(names, (task["x"], task["y"]), strict=True)
     if "near" not in task:
         return vars(match_at(case, x, y, seed, starts))
-    found = improved_at(case, x, y, Near(tuple((values, pairs) for values, pairs in task["near"]), task["below"]))
-    return None if found is None else vars(found)
+    point = improved_at(case, x, y, Near(tuple((values, pairs) for values, pairs in task["near"]), task["below"]))
+    return None if point is None else vars(point)

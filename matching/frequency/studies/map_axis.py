@@ -51,13 +51,13 @@ def axis(case: Case, text: str, where: str = "") -> Axis:
     InputError
         If the quantity is unknown, or the range is empty or impossible.
     """
-    name, given, span = text.partition("=")
+    name, equals, span = text.partition("=")
     known = quantities(case)
     if name not in known:
         raise unknown(name, list(known), where)
     here, unit, _ = known[name]
     low, high = _usual(case, name, here)
-    if not given:
+    if not equals:
         values = _spread(low, high, STEPS)
     elif "," in span:
         values = tuple(_si(part, unit, where, name) for part in span.split(","))

@@ -38,10 +38,10 @@ def improved(points: Sequence[Sequence[Point]], solve: Callable[[list[PointTask]
     while changed:
         asked = {place: near for place in _places(rows) if (near := _near(rows, place, changed))}
         tasks = [_task(rows[i][j], near) for (i, j), near in asked.items()]
-        found = solve(tasks) if tasks else []
+        solved = solve(tasks) if tasks else []
         better = {
             place: new
-            for place, new in zip(asked, found, strict=True)
+            for place, new in zip(asked, solved, strict=True)
             if new is not None and new.beats(rows[place[0]][place[1]])
         }
         for (i, j), new in better.items():
@@ -52,16 +52,16 @@ def improved(points: Sequence[Sequence[Point]], solve: Callable[[list[PointTask]
 
 def _places(rows: Sequence[Sequence[Point]]) -> list[Place]:
     """Of points that a match could be tried at."""
-    return [(i, j) for i, row in enumerate(rows) for j, own in enumerate(row) if own.status != "impossible"]
+    return [(i, j) for i, row in enumerate(rows) for j, point in enumerate(row) if point.status != "impossible"]
 
 
 def _near(rows: Sequence[Sequence[Point]], place: Place, changed: set[Place]) -> list[Point]:
     """The neighbours that changed and are solutions."""
     i, j = place
-    found = [rows[a][b] for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)) if (a, b) in changed]
-    return [own for own in found if own.objective is not None]
+    changed_near = [rows[a][b] for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)) if (a, b) in changed]
+    return [neighbour for neighbour in changed_near if neighbour.objective is not None]
 
 
-def _task(own: Point, near: list[Point]) -> PointTask:
-    solutions = [[dict(one.values), list(one.pairs)] for one in near]
-    return {"x": own.x, "y": own.y, "below": own.objective, "near": solutions}
+def _task(point: Point, near: list[Point]) -> PointTask:
+    solutions = [[dict(neighbour.values), list(neighbour.pairs)] for neighbour in near]
+    return {"x": point.x, "y": point.y, "below": point.objective, "near": solutions}

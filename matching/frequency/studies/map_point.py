@@ -114,7 +114,7 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
 
 
 def _point(x: float, y: float, result: MatchResult) -> Point:
-    error, seen, objective = result.response_error, result.verification, _finite(result.objective)
+    error, verification, objective = result.response_error, result.verification, _finite(result.objective)
     return Point(
         x=x,
         y=y,
@@ -122,13 +122,13 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         error=_finite(error.after),
         unmeasured=_finite(error.unmeasured),
         bound=_finite(error.bound),
-        stable=bool(seen.stable),
-        modulus_margin=_finite(seen.modulus_margin),
+        stable=bool(verification.stable),
+        modulus_margin=_finite(verification.modulus_margin),
         limits=tuple(result.limits),
         limited_by=_limited_by(result),
         objective=objective,
         first=objective,
-        values={own.name: own.tuned for own in result.parameters},
+        values={parameter.name: parameter.tuned for parameter in result.parameters},
         pairs=tuple(result.pairs),
     )
 
@@ -137,9 +137,9 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
     """Names of what stands in the way: as in ``search.limits``, without the words."""
     if not result.verification.stable:
         return ("stability",)
-    rig = {f"rig.{name}": own.value for name, own in result.tuned.rig.parameters.items()}
+    rig = {f"rig.{name}": parameter.value for name, parameter in result.tuned.rig.parameters.items()}
     names = ["targets"] if any(not target.met for target in result.targets) else []
-    names += [own.limit for own in result.verification.violations]
+    names += [violation.limit for violation in result.verification.violations]
     names += [limit for _, limit, _, _ in demands(result.tuned).broken(rig)]
     return tuple(dict.fromkeys(names))
 

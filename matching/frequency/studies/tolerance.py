@@ -62,8 +62,9 @@ class Tolerance(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tolerance.json``."""
         return {
-            "title": self.title, "draws": self.draws, "seed": self.seed, "varied": [vars(one) for one in self.varied],
-            "quantities": [one.to_dict() for one in self.spreads], "yield": self.shares,
+            "title": self.title, "draws": self.draws, "seed": self.seed,
+            "varied": [vars(quantity) for quantity in self.varied],
+            "quantities": [spread.to_dict() for spread in self.spreads], "yield": self.shares,
             "modulus_margin_asked": self.asked,
         }  # fmt: skip
 
@@ -76,14 +77,14 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
     InputError
         If nothing varies, a name is unknown or belongs to the residual vehicle, or a tolerance is not in (0, 1).
     """
-    known = {f"rig.{name}": (own.value, case.rig.units[name]) for name, own in case.rig.parameters.items()}
+    known = {f"rig.{name}": (parameter.value, case.rig.units[name]) for name, parameter in case.rig.parameters.items()}
     every = movable(case.rig, case.residual_vehicle, case.loop)
-    known |= {name: own[:2] for name, own in every.items() if not name.startswith("rig.")}
-    found = {}
-    for name, own in case.rig.uncertain.items():
-        if own.lower is not None and own.upper is not None and own.lower < own.upper:
+    known |= {name: parameter[:2] for name, parameter in every.items() if not name.startswith("rig.")}
+    varied = {}
+    for name, quantity in case.rig.uncertain.items():
+        if quantity.lower is not None and quantity.upper is not None and quantity.lower < quantity.upper:
             unit = known[f"rig.{name}"][1]
-            found[f"rig.{name}"] = Varied(f"rig.{name}", own.value, own.lower, own.upper, unit)
+            varied[f"rig.{name}"] = Varied(f"rig.{name}", quantity.value, quantity.lower, quantity.upper, unit)
     for name, share in _named(added or {}, known):
         if name.startswith("residual_vehicle."):
             raise InputError(
@@ -92,25 +93,26 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
         value, unit = known[name]
         if not 0 < share < 1 or value == 0:
             raise InputError("--tolerance", f"{name} = {value:g} cannot vary by {share:g}", "give 0 < SHARE < 1")
-        found[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
-    if not found:
+        varied[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
+    if not varied:
         right = "write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance 'rig.*.stiffness=0.05'"
         raise InputError(case.path, "no quantity of the rig has a tolerance", right)
-    return tuple(found.values())
+    return tuple(varied.values())
 
 
 def _named(added: Mapping[str, float], known: Mapping[str, tuple[float, str]]) -> list[tuple[str, float]]:
     """Names with their tolerances; a pattern stands for all of the rig and loop that it fits and that are not zero."""
-    found = []
+    named = []
     for name, share in added.items():
         fitting = [name] if name in known else []
         if "*" in name:
-            own = [one for one in known if known[one][0] != 0 and not one.startswith("residual_vehicle.")]
-            fitting = fnmatch.filter(own, name)
+            not_zero = [candidate for candidate in known if known[candidate][0] != 0]
+            possible = [candidate for candidate in not_zero if not candidate.startswith("residual_vehicle.")]
+            fitting = fnmatch.filter(possible, name)
         if not fitting:
             raise unknown(name, list(known), "--tolerance")
-        found += [(one, share) for one in fitting]
-    return found
+        named += [(match, share) for match in fitting]
+    return named
 
 
 def tuned(case: Case) -> Case:
@@ -150,7 +152,7 @@ def tolerance(
         raise InputError(case.path, "the loop is unstable as it stands", "match first and give DIR/case.toml")
     few = -(-RESPONSES // max(1, -(-draws // CHUNK)))
     chunks = [[number, min(CHUNK, draws - CHUNK * number), few] for number in range(-(-draws // CHUNK))]
-    content = [VERSION, str(seed), *(str(vars(one)) for one in varied)]
+    content = [VERSION, str(seed), *(str(vars(quantity)) for quantity in varied)]
     content += [f"{name}: {text}" for name, text in case_files(case).items()]
     rows = run(
         work, Prepared, (case, varied, seed), chunks, executor,
@@ -162,7 +164,7 @@ def tolerance(
     x = np.concatenate([draw(varied, seed, number, count) for number, count, _ in chunks])
     first = np.concatenate([np.arange(count) < few for _, count, _ in chunks])
     nominal = rows[0]["nominal"]
-    names = [one.name for one in varied]
+    names = [quantity.name for quantity in varied]
     spreads = []
     for name, unit in rows[0]["units"].items():
         drawn = x[first] if len(values[name]) < len(x) else x
@@ -192,4 +194,4 @@ def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked
         elif name.startswith("target"):
             kept[name] = np.abs(values[name] - nominal[name]) <= TARGET_DAMPING_TOLERANCE
     kept["all"] = np.logical_and.reduce(list(kept.values()))
-    return {name: float(one.mean()) for name, one in kept.items()}
+    return {name: float(value.mean()) for name, value in kept.items()}

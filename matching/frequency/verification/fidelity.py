@@ -71,22 +71,24 @@ def match_fidelity(parts: Parts, traces: Traces) -> MatchFidelity | None:
     f_max = parts.case.band[1]
     every = max(int(1 / (RATE * f_max * parts.case.loop["sample_time"])), 1)
     wanted = _signals(parts, traces)
-    resting = tuple(own.name for members in wanted.values() for own in members if np.ptp(own.reference) <= AT_REST)
+    resting = tuple(
+        member.name for members in wanted.values() for member in members if np.ptp(member.reference) <= AT_REST
+    )
     kept = {
-        domain: [own for own in members if own.name not in resting and own.name in traces.matched]
+        domain: [member for member in members if member.name not in resting and member.name in traces.matched]
         for domain, members in wanted.items()
     }
     if not kept["system_dynamics"]:
         return None
     there = {domain for domain, members in kept.items() if members}
-    if any(own.uncertainty for own in kept["system_dynamics"]):
+    if any(member.uncertainty for member in kept["system_dynamics"]):
         there.add("measurement_uncertainty")
     total = sum(WEIGHTS[domain] for domain in there)
     weights = {domain: WEIGHTS[domain] / total for domain in WEIGHTS if domain in there}
 
     def assessed(rig: Mapping[str, np.ndarray]) -> Fidelity:
         dynamics, emulated = (
-            {own.name: own.pair(rig[own.name], every) for own in kept[domain]}
+            {member.name: member.pair(rig[member.name], every) for member in kept[domain]}
             for domain in ("system_dynamics", "residual_vehicle_model")
         )
         longest = min(LONGEST_DELAY, float(traces.time[-1]) / 4)
@@ -111,7 +113,7 @@ class _Signal:
 
 
 def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
-    sensors = {own.name: own for own in parts.case.rig.sensors}
+    sensors = {sensor.name: sensor for sensor in parts.case.rig.sensors}
     dynamics = []
     for dyno in parts.dynamometers:
         for name, sensor in (
@@ -122,29 +124,29 @@ def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
     behind = [_Signal(PLACE + name, traces.vehicle[name], None) for name in on_emulated_side(parts.case.vehicle, parts)]
     if not behind:  # the vehicle has no sensor there: the speed at the cuts that the residual vehicle asks for
         behind = [
-            _Signal(PLACE + own.speed, traces.vehicle[f"interfaces.{own.shaft}.speed"], None) for own in parts.cuts
+            _Signal(PLACE + cut.speed, traces.vehicle[f"interfaces.{cut.shaft}.speed"], None) for cut in parts.cuts
         ]
     return {"system_dynamics": dynamics, "residual_vehicle_model": behind}
 
 
-def _described(own: Fidelity, drawn: FidelityDistribution) -> dict[str, Any]:
+def _described(judged: Fidelity, drawn: FidelityDistribution) -> dict[str, Any]:
     total = drawn.summary()["total"]
-    return {short: own.domains.get(name) for name, short in SHORT.items()} | {
-        "R_XiL": own.total,
+    return {short: judged.domains.get(name) for name, short in SHORT.items()} | {
+        "R_XiL": judged.total,
         "standard_uncertainty": total.standard_uncertainty,
         "interval": list(total.interval),
         "signals": {
             SHORT[domain]: [
                 {
-                    "name": one.name,
-                    "R_NRMSE": one.nrmse,
-                    "R_tau": one.delay_fidelity,
-                    "delay": one.delay.value,
-                    "delay_undetermined": one.delay.reason or None,
+                    "name": member.name,
+                    "R_NRMSE": member.nrmse,
+                    "R_tau": member.delay_fidelity,
+                    "delay": member.delay.value,
+                    "delay_undetermined": member.delay.reason or None,
                 }
-                for one in members
+                for member in members
             ]
-            for domain, members in own.signals.items()
+            for domain, members in judged.signals.items()
         },
-        "sensors": [{"name": one.name, "uncertainty_over_range": one.ratio} for one in own.sensors],
+        "sensors": [{"name": sensor.name, "uncertainty_over_range": sensor.ratio} for sensor in judged.sensors],
     }

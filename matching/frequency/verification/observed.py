@@ -18,7 +18,7 @@ from matching.frequency.loop.poles import neutral_motions, resting_and_right
 from matching.frequency.response.observed import ObservedBed
 from matching.frequency.response.response_error import figures_of
 from matching.frequency.verification.peaks import peaks_of, violations_of
-from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
+from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
 from matching.frequency.verification.robustness import Deviation
 from matching.frequency.verification.simulation import Traces, simulate_case
 from matching.frequency.verification.verify import Verification, inside, target_modes_of
@@ -90,15 +90,15 @@ def verify_observer(
     notes = _notes(case, neutral)
     if fresh.not_covered:
         notes.append(f"beds are not judged by the independent method, which does not cover {fresh.not_covered}")
-    traces, seen = _simulated(parts, controller, checks, notes)
-    found = _modes(case, parts, reference)
-    swinging = [(mode.damping_ratio, mode.frequency) for mode in found if mode.frequency > 0]
+    traces, identified = _simulated(parts, controller, checks, notes)
+    modes = _modes(case, parts, reference)
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     least = min(swinging, default=(1.0, 0.0))
     verification = Verification(
         all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
         figures.modulus_margin, figures.margin_at, None, IndependentCheck(JUDGES_BEDS),
-        (), (), poles, ahead.poles, found, target_modes_of(case, found), least, seen, peaks,
+        (), (), poles, ahead.poles, modes, target_modes_of(case, modes), least, identified, peaks,
         violations_of(case, peaks, figures.modulus_margin, least),
         figures_of(ObservedBed(case, parts, controller)), _deviations(case, controller), traces, tuple(notes),
     )  # fmt: skip
@@ -132,18 +132,18 @@ def _notes(case: Case, neutral: int) -> list[str]:
 
 def _simulated(
     parts: Parts, controller: SampledController, checks: dict[str, bool], notes: list[str]
-) -> tuple[Traces | None, tuple[Seen, ...]]:
+) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
     """Traces of the manoeuvre and the target modes read off them; the check and its note are added."""
-    nothing = tuple(Seen(target.mode, None, None, "nothing") for target in parts.case.targets)
+    nothing = tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
     try:
         traces = simulate_case(parts, controller, *manoeuvre_torques(parts))
-        seen = seen_modes(parts, controller, traces)
+        identified = identified_modes(parts, controller, traces)
     except SimulationError as fault:
         checks["simulation"] = False
         notes.append(f"simulation: {fault.wrong}")
         return None, nothing
     checks["simulation"] = True
-    return traces, seen
+    return traces, identified
 
 
 def _modes(case: Case, parts: Parts, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
@@ -164,7 +164,9 @@ def _deviations(case: Case, controller: SampledController) -> tuple[Deviation, .
         together = {name, mirror_image(name, case.rig)}
         done |= together
         for change in (RELATIVE_CHANGE, -RELATIVE_CHANGE):
-            rows.append((f"rig.{name}", change, {f"rig.{own}": quantity.value * (1 + change) for own in together}))
+            rows.append(
+                (f"rig.{name}", change, {f"rig.{member}": quantity.value * (1 + change) for member in together})
+            )
     for change in (DEAD_TIME_CHANGE, -DEAD_TIME_CHANGE):
         late = max(case.loop["dead_time"] + change, 0.0)
         if late != case.loop["dead_time"]:
@@ -172,10 +174,10 @@ def _deviations(case: Case, controller: SampledController) -> tuple[Deviation, .
     beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, 100))
     figures = bed_figures(beds, controller, case.loop.measured)
     abscissa = np.log(figures.largest_pole) / controller.sample_time
-    found = [
+    deviations = [
         Deviation(name, change, bool(stable), float(at), None, float(error))
         for (name, change, _), stable, at, error in zip(
             rows, figures.stable(), abscissa, figures.unmeasured, strict=True
         )
     ]
-    return tuple(sorted(found, key=lambda one: (one.stable, -one.response_error)))
+    return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))

@@ -47,26 +47,27 @@ def violations_of(
     case: Case, peaks: Mapping[str, float], margin: float, least_damping: tuple[float, float]
 ) -> tuple[Violation, ...]:
     """Broken limits, furthest off first."""
-    found = []
+    violations = []
     for limit, allowed in case.limits.items():
         if limit == "modulus_margin":
             if margin < allowed:
-                found.append(Violation(limit, "feedback loop", margin, allowed))
+                violations.append(Violation(limit, "feedback loop", margin, allowed))
         elif limit == "damping_ratio":
             if least_damping[0] < allowed:
-                found.append(Violation(limit, f"mode at {least_damping[1]:.3g} Hz", least_damping[0], allowed))
+                violations.append(Violation(limit, f"mode at {least_damping[1]:.3g} Hz", least_damping[0], allowed))
         elif limit.startswith("dynamometer_"):
             what = limit.removeprefix("dynamometer_")
             values = {
-                name: own
-                for name, own in peaks.items()
+                name: peak
+                for name, peak in peaks.items()
                 if name.startswith("dynamometers.") and name.endswith(f".{what}")
             }
-            found += [Violation(limit, name, own, allowed) for name, own in values.items() if own > allowed]
+            violations += [Violation(limit, name, value, allowed) for name, value in values.items() if value > allowed]
         elif peaks.get(limit, 0.0) > allowed:
-            found.append(Violation(limit, limit, peaks[limit], allowed))
-    return tuple(sorted(found, key=_excess, reverse=True))
+            violations.append(Violation(limit, limit, peaks[limit], allowed))
+    return tuple(sorted(violations, key=_excess, reverse=True))
 
 
-def _excess(own: Violation) -> float:
-    return own.value / own.allowed if own.value > own.allowed else own.allowed / max(own.value, 1e-12)
+def _excess(violation: Violation) -> float:
+    value, allowed = violation.value, violation.allowed
+    return value / allowed if value > allowed else allowed / max(value, 1e-12)

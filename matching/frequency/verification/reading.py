@@ -21,8 +21,8 @@ NEIGHBOUR_DAMPING = 3.0  # times the target's: what is damped more dies away bef
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A target mode as the simulation shows it; None where it is not seen.
+class IdentifiedMode:
+    """A target mode as the simulation shows it; None where it is not found.
 
     ``excited_by`` is ``manoeuvre`` or the input that an excitation of its own acted on, because the manoeuvre left the
     mode at rest or too little free motion after it.
@@ -35,29 +35,29 @@ class Seen:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        found = {"vehicle_mode": self.vehicle_mode, "excited_by": self.excited_by}
-        return found | {
-            key: None if own is None else dict(vars(own))
-            for key, own in (("vehicle", self.vehicle), ("matched", self.matched))
+        entry = {"vehicle_mode": self.vehicle_mode, "excited_by": self.excited_by}
+        return entry | {
+            key: None if reading is None else dict(vars(reading))
+            for key, reading in (("vehicle", self.vehicle), ("matched", self.matched))
         }
 
 
 def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
-    """Torques of the case's manoeuvre at the samples of the loop, and how many samples at the beginning only lead in.
+    """Torques (t,) in N·m of the case's manoeuvre at the samples of the loop, and how many samples only lead in.
 
     Where torques do not begin at 0 they rise smoothly over 2 s before.
     """
     step, manoeuvres = parts.case.loop["sample_time"], parts.case.manoeuvre
-    time = np.arange(round(max(own.duration for own in manoeuvres.values()) / step) + 1) * step
-    torques = {name: own.torque(time) for name, own in manoeuvres.items()}
-    if not any(own[0] for own in torques.values()):
+    time = np.arange(round(max(manoeuvre.duration for manoeuvre in manoeuvres.values()) / step) + 1) * step
+    torques = {name: manoeuvre.torque(time) for name, manoeuvre in manoeuvres.items()}
+    if not any(torque[0] for torque in torques.values()):
         return torques, 0
     rise = np.linspace(0, 1, round(2 / step), endpoint=False)
     rise = rise * rise * (3 - 2 * rise)
-    return {name: np.concatenate([own[0] * rise, own]) for name, own in torques.items()}, len(rise)
+    return {name: np.concatenate([torque[0] * rise, torque]) for name, torque in torques.items()}, len(rise)
 
 
-def seen_modes(parts: Parts, running: Running, traces: Traces) -> tuple[Seen, ...]:
+def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[IdentifiedMode, ...]:
     """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
 
     Raises
@@ -72,16 +72,17 @@ def seen_modes(parts: Parts, running: Running, traces: Traces) -> tuple[Seen, ..
     chosen = [damped_counterpart(vehicle, swinging, mode) for mode in targets]
     top = max(parts.case.band[1], *(1.5 * mode.frequency for mode in targets))
     read = _read(parts, vehicle, traces, swinging, chosen, top)
-    found = []
-    for mode, index, (own, rig) in zip(targets, chosen, read, strict=True):
+    identified = []
+    for mode, index, (of_vehicle, rig) in zip(targets, chosen, read, strict=True):
         by = "manoeuvre"
-        if own is None and mode.frequency > 0:
+        if of_vehicle is None and mode.frequency > 0:
             kicked = _kick(parts, vehicle, mode)
             if kicked is not None:
                 by, torques = kicked
-                own, rig = _read(parts, vehicle, simulate_case(parts, running, torques), swinging, [index], top)[0]
-        found.append(Seen(mode.number, own, rig, by))
-    return tuple(found)
+                traces = simulate_case(parts, running, torques)
+                of_vehicle, rig = _read(parts, vehicle, traces, swinging, [index], top)[0]
+        identified.append(IdentifiedMode(mode.number, of_vehicle, rig, by))
+    return tuple(identified)
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ def damped_counterpart(vehicle: Body, swinging: SwingingModes, mode: Mode) -> in
     wanted = np.array([mode.shape[name] for name in vehicle.masses])
     turns = vehicle.turns @ swinging.vectors
     weighted = vehicle.J * wanted
-    own = np.sum(vehicle.J[:, None] * np.abs(turns) ** 2, axis=0)
-    mac = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(own * np.vdot(wanted, weighted).real, 1e-300)
+    kinetic = np.sum(vehicle.J[:, None] * np.abs(turns) ** 2, axis=0)
+    mac = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(kinetic * np.vdot(wanted, weighted).real, 1e-300)
     near = np.exp(-np.abs(np.log(np.abs(swinging.values) / max(2 * np.pi * mode.frequency, 1e-300))))
     return int(np.argmax(mac * near))
 
@@ -116,12 +117,12 @@ def neighbours(swinging: SwingingModes, chosen: list[int | None]) -> list[int]:
     """Indices of modes that might be taken for one of the chosen: near in frequency, and not damped much more."""
     sizes = np.abs(swinging.values)
     damping = -swinging.values.real / np.maximum(sizes, 1e-300)
-    found = set[int]()
+    close = set[int]()
     for index in chosen:
         if index is not None:
             near = np.abs(sizes / sizes[index] - 1) < NEIGHBOUR_WITHIN
-            found |= set(np.flatnonzero(near & (damping < NEIGHBOUR_DAMPING * damping[index])).tolist())
-    return sorted(found - set(chosen))
+            close |= set(np.flatnonzero(near & (damping < NEIGHBOUR_DAMPING * damping[index])).tolist())
+    return sorted(close - set(chosen))
 
 
 def _read(
@@ -129,7 +130,7 @@ def _read(
 ) -> list[tuple[Ringing | None, Ringing | None]]:
     """(vehicle, matched) for every chosen mode, off what follows the last change of a torque."""
     changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
-    first = max((int(own[-1]) + 2 for own in changes if len(own)), default=0)
+    first = max((int(change[-1]) + 2 for change in changes if len(change)), default=0)
     step = float(traces.time[1] - traces.time[0])
     names = list(dict.fromkeys(pair.sensor for pair in parts.case.compared))
     rows = [vehicle.space.output(name) for name in names]
@@ -139,8 +140,8 @@ def _read(
     shapes = np.array([np.zeros(len(rows)) if index is None else amplitudes[:, index] for index in chosen])
     others = amplitudes[:, neighbours(swinging, chosen)].T
     pair = []
-    for one in (traces.vehicle, traces.matched):
-        signals = np.stack([one[name][first:] for name in names], axis=1)
+    for trace in (traces.vehicle, traces.matched):
+        signals = np.stack([trace[name][first:] for name in names], axis=1)
         pair.append(read_modes(signals, step, shapes, top, others) if len(signals) >= 40 else [None] * len(shapes))
     return list(zip(*pair, strict=True))
 
@@ -149,7 +150,7 @@ def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np
     """A one-sided pulse, half a period long, on the input that moves the mode most."""
     known = parts.measured or (*parts.drives, *parts.simulated)  # an unmeasured torque shows the feedback's modes
     inputs = [name for name in known if name in vehicle.space.inputs]
-    on = {own.name: f"inertias.{own.on}" for own in vehicle.system.inputs}
+    on = {torque.name: f"inertias.{torque.on}" for torque in vehicle.system.inputs}
     push = {name: abs(mode.shape[on[name]]) for name in dict.fromkeys(inputs)}
     if not push or max(push.values()) < 1e-6:
         return None

@@ -144,13 +144,13 @@ def read_modes(
     others = np.zeros((0, shapes.shape[1]), complex) if neighbours is None else np.asarray(neighbours, complex)
     out: list[Ringing | None] = [None] * len(shapes)
     for length in (len(signals) >> halvings for halvings in range(HALVINGS + 1)):
-        open_yet = [i for i, one in enumerate(out) if one is None]
+        open_yet = [i for i, modes in enumerate(out) if modes is None]
         if not open_yet or length < SHORTEST:
             break
         of_all = _alike(signals[:length], step, np.concatenate([shapes, others]), top)
-        for i, one in ((i, of_all[i]) for i in open_yet):
-            if one is not None and (length == len(signals) or one.fit > EXPLAINED):
-                out[i] = one
+        for i, modes in ((i, of_all[i]) for i in open_yet):
+            if modes is not None and (length == len(signals) or modes.fit > EXPLAINED):
+                out[i] = modes
     return out
 
 
@@ -160,12 +160,12 @@ def _alike(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> 
     spans = ((0, length), (length // 10, length), (0, 4 * length // 5))
     runs = [_read(signals[first:last], step, shapes, top) for first, last in spans]
     out: list[Ringing | None] = []
-    for found in zip(*runs, strict=True):
-        good = [one for one in found if one is not None]
+    for together in zip(*runs, strict=True):
+        good = [mode for mode in together if mode is not None]
         if len(good) < len(spans):
             out.append(None)
             continue
-        frequencies = [one.frequency for one in good]
+        frequencies = [mode.frequency for mode in good]
         spread = (max(frequencies) - min(frequencies)) / frequencies[0]
         out.append(replace(good[0], spread=spread) if spread <= 0.05 else None)
     return out

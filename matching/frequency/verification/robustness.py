@@ -109,6 +109,6 @@ def _judged(deviating: _Deviating, nodes: BandNodes, order: int) -> Deviation:
     _, unstable = resting_and_right(poles, neutral_motions(parts))
     difference = ExactLoop(parts, deviating.dead_time).return_difference
     margin, _ = modulus_margin(difference, GRID_HZ, difference(2j * np.pi * GRID_HZ))
-    found = deviating.bed.at(nodes.frequencies)
-    error = pooled(nodes.root_mean(log_squares(found.matched, found.vehicle)))
+    responses = deviating.bed.at(nodes.frequencies)
+    error = pooled(nodes.root_mean(log_squares(responses.matched, responses.vehicle)))
     return Deviation(deviating.name, float(deviating.change), unstable == 0, float(poles.real.max()), margin, error)

@@ -72,29 +72,35 @@ def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarr
     vehicle = watched(parts.case.vehicle, parts.cuts, rig_side=False)
     count = len(next(iter(torques.values())))
     time = (np.arange(count) - settle) * step
-    found = (
+    motions = (
         free_motion(vehicle, parts, torques, step),
         free_motion(parts.free.system, parts, torques, step, parts.free),
         matched_motion(parts, running, torques),
     )
-    found[1].update(emulated(parts, found[1], torques, tuned=False))
-    found[2].update(emulated(parts, found[2], torques, tuned=running is None))
-    vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in one.items()} for one in found)
-    applied = {name: np.asarray(own)[settle:] for name, own in torques.items()}
+    motions[1].update(emulated(parts, motions[1], torques, tuned=False))
+    motions[2].update(emulated(parts, motions[2], torques, tuned=running is None))
+    vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in motion.items()} for motion in motions)
+    applied = {name: np.asarray(torque)[settle:] for name, torque in torques.items()}
     operating = operating_readings(parts.rig.system)
     return Traces(time[settle:], applied, vehicle_traces, free, matched, operating)
 
 
 def free_motion(
-    system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, own: Body | None = None
+    system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
 ) -> dict[str, np.ndarray]:
-    """Traces of a system on its own."""
+    """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s.
+
+    Raises
+    ------
+    SimulationError
+        If a state is not finite.
+    """
     inputs = [part.name for part in system.inputs]
     count = len(next(iter(torques.values())))
     drives = np.stack([torques.get(name, np.zeros(count)) for name in inputs], axis=1)
     if is_linear(system):
-        own = body(system) if own is None else own
-        motion: LinearMotion | NonlinearMotion = body_motion(own, step)
+        linear_body = body(system) if linear_body is None else linear_body
+        motion: LinearMotion | NonlinearMotion = body_motion(linear_body, step)
     else:
         motion = NonlinearMotion(None, system, step)
     states, no_commands = np.empty((count, len(motion.start))), np.zeros((count, 0))
@@ -103,11 +109,17 @@ def free_motion(
         states[k] = x
         x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], no_commands, k)
     _check(states, count * step)
-    return _readings(system, parts, own, motion, states, drives)
+    return _readings(system, parts, linear_body, motion, states, drives)
 
 
 def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Traces of the rig with its loop closed."""
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m.
+
+    Raises
+    ------
+    SimulationError
+        If a state is not finite.
+    """
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
     step = loop["sample_time"]
     count = len(next(iter(torques.values())))
@@ -127,8 +139,8 @@ def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndar
     x = motion.start
     for k in range(count):
         states[k] = x
-        seen = rows @ x if linear else motion.seen(x).full().ravel()  # type: ignore[union-attr]
-        issued[k] = controller.command(k, seen)
+        readings = rows @ x if linear else motion.deviation_readings(x).full().ravel()  # type: ignore[union-attr]
+        issued[k] = controller.command(k, readings)
         x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
         if k % 8 == 0:
             _check(x[None], k * step)
@@ -174,13 +186,13 @@ class _Feedback:
             measured = {name: torques[name] for name in parts.measured if name in torques}
             self._measured = _stacked(measured, feed_forward.measured, count)
 
-    def command(self, k: int, seen: np.ndarray) -> np.ndarray:
+    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
         """Commands (k,) of feed-forward and feedback together."""
-        seen, ahead = seen[: self._count], np.zeros(self._count // 2)
+        readings, ahead = readings[: self._count], np.zeros(self._count // 2)
         if self._ahead is not None:
             ahead, expected = self._ahead.command(k, self._measured[k])
-            seen = seen - expected
-        return ahead + self._law.command(np.concatenate([seen, self._roads[k]]))
+            readings = readings - expected
+        return ahead + self._law.command(np.concatenate([readings, self._roads[k]]))
 
 
 class _Observer:
@@ -193,9 +205,9 @@ class _Observer:
         self._signs = np.concatenate([1 / parts.toward, np.ones(len(parts.toward) + further)])
         self._limit = parts.case.limits.get("dynamometer_torque", np.inf)
 
-    def command(self, k: int, seen: np.ndarray) -> np.ndarray:
+    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
         """Commands (k,), N·m."""
-        corrected = self._controller.correct(self._state, self._signs * seen)
+        corrected = self._controller.correct(self._state, self._signs * readings)
         sent = np.clip(self._controller.command(corrected, self._known[k]), -self._limit, self._limit)
         self._state = self._controller.predict(corrected, sent, self._known[k])
         return sent
@@ -209,9 +221,9 @@ class _Sampled:
         self._A, self._B, self._C, self._D = law.A, law.B, law.C, law.D
         self._x = np.zeros(len(self._A))
 
-    def command(self, seen: np.ndarray) -> np.ndarray:
-        out = self._C @ self._x + self._D @ seen
-        self._x = self._A @ self._x + self._B @ seen
+    def command(self, readings: np.ndarray) -> np.ndarray:
+        out = self._C @ self._x + self._D @ readings
+        self._x = self._A @ self._x + self._B @ readings
         return out
 
 
@@ -228,23 +240,23 @@ class _RunningFeedForward:
         self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
 
     def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own = self._model
+        model = self._model
         expected = self._C @ self._state + self._D @ measured
-        known = np.concatenate([self._state, self._sent[k : k + own.delay].ravel(), measured])
-        self._sent[k + own.delay] = self._gains @ known
-        self._state = own.A @ self._state + own.B @ self._sent[k] + own.W @ measured
-        return self._sent[k + own.delay], expected
+        known = np.concatenate([self._state, self._sent[k : k + model.delay].ravel(), measured])
+        self._sent[k + model.delay] = self._gains @ known
+        self._state = model.A @ self._state + model.B @ self._sent[k] + model.W @ measured
+        return self._sent[k + model.delay], expected
 
 
 def _stacked(torques: Mapping[str, np.ndarray], names: Sequence[str], count: int) -> np.ndarray:
-    found = [np.asarray(torques.get(name, np.zeros(count)), float) for name in names]
-    return np.stack(found, axis=1) if found else np.zeros((count, 0))
+    columns = [np.asarray(torques.get(name, np.zeros(count)), float) for name in names]
+    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
 
 
 def _readings(
     system: System,
     parts: Parts,
-    own: Body | None,
+    linear_body: Body | None,
     motion: LinearMotion | NonlinearMotion | None,
     states: np.ndarray,
     inputs: np.ndarray,
@@ -259,17 +271,17 @@ def _readings(
         twists = (states - steady) @ motion.twists.T
         springs = elements(compiled(system), compiled(system).p0[None]).springs
     else:
-        assert own is not None
-        values = states @ own.space.C.T + inputs @ own.space.D.T
-        twists, springs = states @ own.twists.T, own.springs
-    found = dict(zip(names, values.T, strict=True))
-    traces = {sensor.name: found[sensor.name] for sensor in system.sensors if not sensor.name.startswith("verified_")}
+        assert linear_body is not None
+        values = states @ linear_body.space.C.T + inputs @ linear_body.space.D.T
+        twists, springs = states @ linear_body.twists.T, linear_body.springs
+    by_name = dict(zip(names, values.T, strict=True))
+    traces = {sensor.name: by_name[sensor.name] for sensor in system.sensors if not sensor.name.startswith("verified_")}
     for shaft in system.shafts:
-        traces[f"shafts.{shaft.name}.torque"] = found[shaft_torque(shaft.name)]
+        traces[f"shafts.{shaft.name}.torque"] = by_name[shaft_torque(shaft.name)]
         if f"shafts.{shaft.name}" in springs:
             traces[f"shafts.{shaft.name}.twist"] = twists[:, springs.index(f"shafts.{shaft.name}")]
     for cut in parts.cuts:
-        traces[f"interfaces.{cut.shaft}.speed"] = found[interface_speed(cut.shaft)]
+        traces[f"interfaces.{cut.shaft}.speed"] = by_name[interface_speed(cut.shaft)]
     return traces
 
 
@@ -277,13 +289,13 @@ def operating_readings(system: System) -> dict[str, float]:
     """Sensors of a watched system at its operating point by trace name, twists of its shafts too; 0 without one."""
     model, about = compiled(system), operating_motion(system)
     values = model.readings(about.state, about.inputs, model.p0, 0.0).full().ravel()
-    found = dict(zip(model.sensors, values.tolist(), strict=True))
+    readings = dict(zip(model.sensors, values.tolist(), strict=True))
     parts = elements(model, model.p0[None])
     twists = dict(zip(parts.springs, (parts.deflection_jacobian @ about.state).tolist(), strict=True))
     for shaft in system.shafts:
-        found[f"shafts.{shaft.name}.torque"] = found[shaft_torque(shaft.name)]
-        found[f"shafts.{shaft.name}.twist"] = twists.get(f"shafts.{shaft.name}", 0.0)
-    return found
+        readings[f"shafts.{shaft.name}.torque"] = readings[shaft_torque(shaft.name)]
+        readings[f"shafts.{shaft.name}.twist"] = twists.get(f"shafts.{shaft.name}", 0.0)
+    return readings
 
 
 def _check(states: np.ndarray, at: float) -> None:

@@ -26,7 +26,7 @@ from matching.frequency.loop.poles import (
 from matching.frequency.response.response_error import ErrorFigures, error_figures
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
-from matching.frequency.verification.reading import Seen, manoeuvre_torques, seen_modes
+from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.residual_vehicle import cut
@@ -76,7 +76,7 @@ class Verification:
         The mode that each target became: with a feed-forward among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
-    seen : tuple of Seen
+    identified : tuple of IdentifiedMode
         Read off the simulation.
     peaks : dict of str to float
         Largest magnitudes over the manoeuvre, by trace name of the matched rig.
@@ -105,7 +105,7 @@ class Verification:
     modes: tuple[LoopMode, ...] = field(repr=False)
     targets: tuple[tuple[int, LoopMode | None, float], ...]
     least_damping: tuple[float, float]
-    seen: tuple[Seen, ...]
+    identified: tuple[IdentifiedMode, ...]
     peaks: dict[str, float]
     violations: tuple[Violation, ...]
     errors: ErrorFigures
@@ -128,11 +128,11 @@ class Verification:
             "independent": self.independent.to_dict() | {"disagreements": list(self.disagreements)},
             "poles": [
                 {
-                    "pade_order": own.order, "spectral_abscissa": own.abscissa,
-                    "phase_error_deg": float(np.degrees(own.phase_error)),
-                    "good_up_to": own.good_up_to if np.isfinite(own.good_up_to) else None,
+                    "pade_order": approximation.order, "spectral_abscissa": approximation.abscissa,
+                    "phase_error_deg": float(np.degrees(approximation.phase_error)),
+                    "good_up_to": approximation.good_up_to if np.isfinite(approximation.good_up_to) else None,
                 }
-                for own in self.approximations
+                for approximation in self.approximations
             ],
             "sampled_largest": float(np.abs(self.sampled).max()),
             "twin_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
@@ -141,10 +141,10 @@ class Verification:
                 {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": likeness}
                 for number, mode, likeness in self.targets
             ],
-            "seen": [own.to_dict() for own in self.seen],
+            "seen": [mode.to_dict() for mode in self.identified],
             "peaks": dict(self.peaks),
-            "violations": [own.to_dict() for own in self.violations],
-            "robustness": [own.to_dict() for own in self.robustness],
+            "violations": [violation.to_dict() for violation in self.violations],
+            "robustness": [deviation.to_dict() for deviation in self.robustness],
             "notes": list(self.notes),
         }  # fmt: skip
 
@@ -172,7 +172,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     winding, sampled, delay = encirclements(parts), sampled_poles(parts), case.loop["dead_time"]
     orders = approximations(parts, orders=orders_for(delay, winding.gain_edge))
     counted = _believed(orders, delay, winding.gain_edge, notes)
-    checks = {f"poles, order {own.order}": own.unstable(neutral) == 0 for own in counted}
+    checks = {f"poles, order {mode.order}": mode.unstable(neutral) == 0 for mode in counted}
     checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
     independent = _independent(case, parts)
     if independent.unstable_poles is not None:
@@ -183,16 +183,16 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
     if feed_forward is not None:
         checks["twin"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
-    traces, seen = None, tuple(Seen(target.mode, None, None, "nothing") for target in case.targets)
+    traces, identified = None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in case.targets)
     try:
         traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
-        seen = seen_modes(parts, feed_forward, traces)
+        identified = identified_modes(parts, feed_forward, traces)
         checks["simulation"] = True
     except SimulationError as fault:
         checks["simulation"] = False
         notes.append(f"simulation: {fault.wrong}")
-    found = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
-    every = (*found, *feedback_modes(parts, orders[-1].order))
+    designed = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
+    every = (*designed, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     errors = error_figures(case, parts, feed_forward)
@@ -208,7 +208,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
         margin, winding.margin_frequency, winding, independent,
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
-        target_modes_of(case, found or every), least, seen, peaks, violations_of(case, peaks, margin, least),
+        target_modes_of(case, designed or every), least, identified, peaks, violations_of(case, peaks, margin, least),
         errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
         tuple(notes),
     )  # fmt: skip
@@ -232,8 +232,8 @@ def inside(z: np.ndarray, neutral: int) -> bool:
 
 def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, notes: list[str]) -> list[Approximation]:
     """The approximations that are good as far as the loop has gain, and the highest order whatever it is."""
-    errors = [float(phase_error(delay, own.order, np.array([edge]))[0]) for own in orders]
-    poor = [str(own.order) for own, error in zip(orders[:-1], errors[:-1], strict=True) if error > BELIEVED]
+    errors = [float(phase_error(delay, order.order, np.array([edge]))[0]) for order in orders]
+    poor = [str(order.order) for order, error in zip(orders[:-1], errors[:-1], strict=True) if error > BELIEVED]
     if poor:
         notes.append(
             f"poles with the dead time approximated to order {', '.join(poor)} do not count: "
@@ -241,15 +241,15 @@ def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, note
         )
     if errors[-1] > BELIEVED:
         notes.append(f"even order {orders[-1].order} misses {np.degrees(errors[-1]):.0f}° of the dead time there")
-    return [own for own, error in zip(orders, errors, strict=True) if error <= BELIEVED or own is orders[-1]]
+    return [order for order, error in zip(orders, errors, strict=True) if error <= BELIEVED or order is orders[-1]]
 
 
 def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
     """For every target its number, the mode that it became, and their likeness."""
     known = modes(case.vehicle)
-    inertia = {f"inertias.{own.name}": own.J.value for own in case.vehicle.inertias}
-    found = []
+    inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
+    reached = []
     for target in case.targets:
         best = match_mode(known[target.mode - 1], candidates, inertia)
-        found.append((target.mode, *(best or (None, 0.0))))
-    return tuple(found)
+        reached.append((target.mode, *(best or (None, 0.0))))
+    return tuple(reached)

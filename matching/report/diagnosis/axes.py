@@ -76,7 +76,7 @@ def _rms(residual: np.ndarray) -> np.ndarray:
 
 
 def styled_residuals(before: np.ndarray, after: np.ndarray) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
-    """Residuals before and after with their line styles; only those before where no effect was added."""
+    """Residuals (t,) before and after with their line styles; only those before where no effect was added."""
     if np.array_equal(before, after, equal_nan=True):
         return ((before, BEFORE),)
     return (before, BEFORE), (after, AFTER)
@@ -88,7 +88,7 @@ def label(sensor: Sensor) -> str:
 
 
 def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
-    """A line, stored as pixels if it is long."""
+    """A line through points x (t,), y (t,), stored as pixels if it is long."""
     axes.plot(x, y, rasterized=len(x) > MOST_VECTOR_POINTS, **look)
 
 
@@ -123,7 +123,7 @@ def noise_line(axes: Any) -> None:
 
 
 def with_gaps(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values with a NaN after each part, so that no line is drawn across a gap."""
+    """Times (t,) in s and values (t,) with a NaN after each part, so that no line is drawn across a gap."""
     pieces = [(np.append(time[p], time[p][-1]), np.append(values[p], np.nan)) for p in parts if p.stop > p.start]
     return np.concatenate([times for times, _ in pieces]), np.concatenate([readings for _, readings in pieces])
 

@@ -40,7 +40,7 @@ def hatch(axes: Any, result: Map, columns: np.ndarray, rows: np.ndarray) -> list
     ----------
     axes : Axes
     result : Map
-    columns, rows : ndarray
+    columns, rows : ndarray (x + 1,), (y + 1,)
         Borders of the fields in x and in y.
 
     Returns

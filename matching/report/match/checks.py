@@ -115,10 +115,12 @@ def checks(result: MatchResult) -> list[ResultCheck]:
 
 def _identified(target: TargetResult) -> tuple[str, bool]:
     """Outcome of a mode's identification from the simulation, and whether it lies near enough to the vehicle's."""
-    if target.seen is None:
+    if target.identified is None:
         return "not identified", False
-    deviation = round(100 * (target.seen / target.vehicle - 1), 2) + 0.0
-    return f"{hertz(target.seen)} Hz, {deviation:+.2f} % from the vehicle", abs(deviation) <= IDENTIFIED_WITHIN_PERCENT
+    deviation = round(100 * (target.identified / target.vehicle - 1), 2) + 0.0
+    return f"{hertz(target.identified)} Hz, {deviation:+.2f} % from the vehicle", abs(
+        deviation
+    ) <= IDENTIFIED_WITHIN_PERCENT
 
 
 def _in_words(name: str, verification: Verification) -> tuple[str, str]:

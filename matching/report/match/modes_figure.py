@@ -52,6 +52,6 @@ def mode_of(entry: dict[str, Any]) -> Mode:
 
 
 def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
-    """The mode of a symmetry whose frequency lies nearest."""
+    """The mode of a symmetry whose frequency lies nearest to a frequency in Hz."""
     alike = [mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= HIGHEST_HZ]
     return min(alike, key=lambda mode: abs(mode.frequency - frequency), default=None)

@@ -28,7 +28,13 @@ def read_budget(path: Path | str) -> Budget:
 
 
 def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
-    """The budget in tables as ``tomllib`` reads them."""
+    """The budget in tables as ``tomllib`` reads them.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
     check_keys(tables, TOP, where)
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:

@@ -35,7 +35,13 @@ LINE = ("abscissa", "ordinate", "abscissa_unit", "ordinate_unit", "origin", "cau
 
 
 def read_input(name: str, table: Any, where: str) -> tuple[InputQuantity, np.ndarray]:
-    """The input and its readings in SI (empty where it has none)."""
+    """The input and its readings (n,) in SI (empty where it has none).
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
     check_keys(table, KNOWN, where)
     unit = unit_of(table.get("unit", "1"), f"{where}.unit")
     told: dict[str, Any] = {
@@ -155,6 +161,11 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
     """Intercept and slope of a straight line fitted to readings by least squares (GUM H.3), and their correlation.
 
     The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
     """
     check_keys(table, LINE, where)
     units = [unit_of(table.get(f"{axis}_unit", "1"), f"{where}.{axis}_unit") for axis in ("abscissa", "ordinate")]

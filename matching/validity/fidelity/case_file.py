@@ -94,7 +94,13 @@ def fidelity_from_tables(
     nrmse: str | None = None,
     channels: Mapping[str, Channel] | None = None,
 ) -> tuple[str, Fidelity]:
-    """As :func:`read_case` for tables as ``tomllib`` reads them; other files are looked for beside ``path``."""
+    """As :func:`read_case` for tables as ``tomllib`` reads them; other files are looked for beside ``path``.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
     where = str(path)
     check_keys(tables, KEYS, where)
     method = _method(tables, where, arithmetic, nrmse)

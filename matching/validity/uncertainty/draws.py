@@ -18,11 +18,16 @@ Draw = Callable[[np.random.Generator, int], dict[int, np.ndarray]]
 
 
 def sampler(budget: Budget) -> Callable[[np.random.Generator, int], list]:
-    """A function (generator, count) → one array ``(count,)`` an input, or its number where it is exactly known.
+    """A function (generator, count) → for every input an array (count,) of draws, or its number where it is exact.
 
     Independent inputs are drawn from their own shapes; simultaneous readings from the multivariate t whose marginals
     are those of JCGM 101, 6.4.9; correlated normal inputs from the multivariate normal; other correlated shapes from
     a normal copula whose coefficients are chosen so that the inputs have the correlation asked for.
+
+    Raises
+    ------
+    InputError
+        If these shapes cannot have these correlations.
     """
     parts: list[Draw] = [_block(budget, members) for members in _blocks(budget)]
     values = [float(value) for value in budget.values]

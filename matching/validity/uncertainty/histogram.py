@@ -12,10 +12,10 @@ BINS = 1 << 16
 
 @dataclass
 class Histogram:
-    """Counts between fixed edges with one open bin at either end, and exact streaming moments.
+    """Counts (bins + 2,) between fixed edges with one open bin at either end, and exact streaming moments.
 
-    ``low`` and ``high`` bound the equal bins; what falls outside is counted between them and the extremes seen. A bin
-    is about 10⁻⁴ standard uncertainties wide, far below what the draws themselves leave uncertain.
+    ``low`` and ``high`` bound the equal bins; what falls outside is counted between them and the extremes. A bin is
+    about 10⁻⁴ standard uncertainties wide, far below what the draws themselves leave uncertain.
     """
 
     low: float
@@ -29,20 +29,20 @@ class Histogram:
 
     @classmethod
     def around(cls, pilot: np.ndarray, coverage: float) -> Histogram:
-        """Edges that hold all but a hundredth of the part outside the coverage, judged by a pilot sample."""
+        """Edges that hold all but a hundredth of the part outside the coverage, judged by a pilot sample (n,)."""
         outside = (1 - coverage) / 200
         low, high = (float(edge) for edge in np.quantile(pilot, [outside, 1 - outside]))
         margin = 0.05 * (high - low) or max(abs(low), 1.0) * 1e-9
         return cls(low - margin, high + margin)
 
     def tally(self, values: np.ndarray) -> np.ndarray:
-        """Counts of the values in the bins, without adding them (threads may call it)."""
+        """Counts (bins + 2,) of values (n,) in the bins, without adding them (threads may call it)."""
         places = (values - self.low) * (BINS / (self.high - self.low))
         np.clip(places, -1, BINS, out=places)
         return np.bincount((places + 1).astype(np.int64), minlength=BINS + 2)
 
     def add(self, counts: np.ndarray, number: int, mean: float, squares: float, least: float, most: float) -> None:
-        """Merges a chunk; moments by the pairwise update of Chan, Golub and LeVeque."""
+        """Merges a chunk's counts (bins + 2,); moments by the pairwise update of Chan, Golub and LeVeque."""
         self.counts += counts
         total = self.number + number
         shift = mean - self.mean if self.number else 0.0

@@ -29,7 +29,7 @@ QUESTION_GROWTH = 1.25  # the question is asked again when there are so many tim
 class MonteCarlo:
     """Expectation, standard uncertainty and coverage intervals by Monte Carlo, in SI.
 
-    ``spread`` holds twice the standard deviation, over the chunks, of the averages of (value, uncertainty, low end,
+    ``spread`` (4,) is twice the standard deviation, over the chunks, of the averages of (value, uncertainty, low end,
     high end): what the draws leave uncertain (JCGM 101, 7.9.4). ``stable`` says that all four are within the
     numerical tolerance.
     """

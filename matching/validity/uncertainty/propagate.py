@@ -93,6 +93,11 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     Second order is GUM 5.1.2 note in matrix form, ``½ tr(HΣHΣ) + cᵀΣt`` with ``t_j = Σ f_jkl Σ_kl``, which is exact to
     that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
+
+    Raises
+    ------
+    InputError
+        If the measurand or a derivative is not finite at the inputs' values.
     """
     with np.errstate(all="ignore"):  # uncertainties near 1e160 have no squares: judged by what comes out
         return _propagated(budget, measurand, _evaluate(budget, measurand))
@@ -130,7 +135,7 @@ def _on_a_kink(budget: Budget, measurand: Measurand) -> bool:
 
 
 def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> tuple[float | None, str]:
-    """Welch–Satterthwaite (GUM G.4.1), with each group of simultaneous readings as one component.
+    """Welch–Satterthwaite (GUM G.4.1) for sensitivities (i,), each group of simultaneous readings as one component.
 
     Any linear combination of jointly normal readings is itself a normal reading with n − 1 degrees of freedom, so a
     group enters with the variance it contributes as a whole. Correlated inputs outside a group are refused unless

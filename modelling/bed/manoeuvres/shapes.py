@@ -57,7 +57,7 @@ class Manoeuvre:
         return self.offset + self.amplitude * self.shape(np.asarray(time, dtype=float) - self.at)
 
     def shape(self, since: np.ndarray) -> np.ndarray:
-        """Share of the amplitude at times since the beginning."""
+        """Share of the amplitude (t,) at times since the beginning (t,), s."""
         raise NotImplementedError
 
     @property
@@ -79,7 +79,7 @@ class Manoeuvre:
         return {"kind": self.kind} | {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
 
     def inputs(self, time: np.ndarray, on: str, others: Mapping[str, float] | None = None) -> dict[str, np.ndarray]:
-        """Torques by input: this one on the input ``on``, constant ones (N·m) on others."""
+        """Torques (t,) in N·m by input at times (t,) in s: this one on the input ``on``, constant ones on others."""
         constant = {name: np.full(len(time), float(value)) for name, value in (others or {}).items()}
         return constant | {on: self.torque(time)}
 
@@ -91,7 +91,7 @@ class Step(Manoeuvre):
     kind = "step"
 
     def shape(self, since: np.ndarray) -> np.ndarray:
-        """0, then 1."""
+        """0, then 1 (t,)."""
         return (since >= 0).astype(float)
 
 
@@ -114,7 +114,7 @@ class BackOut(TipIn):
     kind = "back_out"
 
     def shape(self, since: np.ndarray) -> np.ndarray:
-        """A ramp from 1 to 0."""
+        """A ramp (t,) from 1 to 0."""
         return 1 - super().shape(since)
 
 
@@ -152,7 +152,7 @@ class Sweep(Manoeuvre):
             )
 
     def shape(self, since: np.ndarray) -> np.ndarray:
-        """An exponential chirp."""
+        """An exponential chirp (t,)."""
         length, octaves = self.duration - self.at, np.log(self.last_frequency / self.first_frequency)
         inside = np.clip(since, 0, length)
         return np.sin(2 * np.pi * self.first_frequency * length / octaves * np.expm1(octaves * inside / length))

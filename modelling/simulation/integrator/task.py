@@ -102,6 +102,7 @@ def make_task(
     Parameters
     ----------
     time, inputs, p, start : ndarray (t,), (t, u), (b, p), (b, x)
+        SI.
     names : list of str, optional
         Parameters and start states to differentiate by; explicit steps only.
 

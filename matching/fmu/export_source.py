@@ -24,7 +24,7 @@ STEP = 1e-3  # s, suggested for a model, which has no loop
 
 
 @dataclass(frozen=True)
-class Given:
+class ExportSource:
     """What to export: ``kind`` is ``residual vehicle`` or ``model``, ``step`` (s) the communication step to suggest."""
 
     block: Block
@@ -34,7 +34,7 @@ class Given:
     notes: tuple[str, ...]
 
 
-def given(path: str | Path) -> Given:
+def read_export_source(path: str | Path) -> ExportSource:
     """Read what is to be exported: of a match the tuned residual vehicle, of a case that with its start values.
 
     Parameters
@@ -55,7 +55,7 @@ def given(path: str | Path) -> Given:
     data = read_toml(path)
     if "inertias" in data or not {"vehicle", "rig"} & set(data):
         system = from_dict(data, str(path))
-        return Given(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
+        return ExportSource(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
     return _residual_vehicle(path)
 
 
@@ -99,8 +99,8 @@ def tuned_case(path: str | Path) -> TunedCase:
     case = load_case(case_file)
     known = [move.name for move in case.moves]
     values = {}
-    for number, own in enumerate(result["parameters"]):
-        name, value = (own.get(key) if isinstance(own, dict) else None for key in ("name", "tuned"))
+    for number, row in enumerate(result["parameters"]):
+        name, value = (row.get(key) if isinstance(row, dict) else None for key in ("name", "tuned"))
         if name not in known:
             raise unknown(str(name), known, f"{path}: parameters[{number}].name")
         if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
@@ -114,7 +114,7 @@ def tuned_case(path: str | Path) -> TunedCase:
     return TunedCase(case, values, tuple(notes))
 
 
-def _residual_vehicle(path: Path) -> Given:
+def _residual_vehicle(path: Path) -> ExportSource:
     """The residual vehicle of a match or a case."""
     match = tuned_case(path)
     return _residual(match.case, match.values, match.notes)
@@ -122,19 +122,19 @@ def _residual_vehicle(path: Path) -> Given:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
     except OSError as fault:
         raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
     except (ValueError, RecursionError) as fault:
         raise InputError(str(path), f"is not JSON: {fault}", "give the result.json of a match") from None
-    if not isinstance(found, dict) or not isinstance(found.get("parameters"), list):
+    if not isinstance(result, dict) or not isinstance(result.get("parameters"), list):
         raise InputError(str(path), "holds no result of a match", "give the result.json of a match")
-    return found
+    return result
 
 
-def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> Given:
+def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> ExportSource:
     moves = {move.name: move for move in case.moves}
     spread = {name: value for key, value in values.items() for name in moves[key].together}
     tuned = apply(case, spread)
@@ -151,7 +151,7 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> G
     parts = [_with_accelerations(part, tuned.residual_vehicle) for part in tuned.residual_vehicle.parts]
     title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
     made = _block(parts, title, "residual_vehicle", Path(case.path), about, bounds)
-    return Given(made, "residual vehicle", case.loop["sample_time"], tuple(mine), notes)
+    return ExportSource(made, "residual vehicle", case.loop["sample_time"], tuple(mine), notes)
 
 
 def acceleration(cut: Interface) -> str:
