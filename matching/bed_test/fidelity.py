@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.signal import cont2discrete, dlsim
+import scipy
 
 from matching.bed_test.recorded import BedRecordings
 from matching.frequency.case.case import Case
@@ -34,8 +34,8 @@ def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording)
     drive = np.zeros((len(torques), len(vehicle.inputs)))
     for j, name in enumerate(recorded.inputs):
         drive[:, vehicle.inputs.index(name)] = torques[:, j] - torques[0, j]
-    A, B, C, D, _ = cont2discrete((vehicle.A, vehicle.B, vehicle.C, vehicle.D), step, "foh")
-    answer = dlsim((A, B, C, D, step), drive)[1]
+    A, B, C, D, _ = scipy.signal.cont2discrete((vehicle.A, vehicle.B, vehicle.C, vehicle.D), step, "foh")
+    answer = scipy.signal.dlsim((A, B, C, D, step), drive)[1]
     every = max(int(1 / (SAMPLES_A_PERIOD * case.band[1] * step)), 1)
     units = {sensor.name: sensor.uncertainty for sensor in case.rig.sensors}
     pairs = {}

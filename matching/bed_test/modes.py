@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from matching.bed_test.local_rational import MeasuredResponse
 
@@ -57,7 +57,7 @@ def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) 
 
     start = np.array([np.log(frequency), damping])
     low, high = [np.log(frequency / REACH), 1e-5], [np.log(frequency * REACH), 0.9]
-    found = least_squares(residual, np.clip(start, low, high), bounds=(low, high), x_scale=[0.05, 0.05])
+    found = scipy.optimize.least_squares(residual, np.clip(start, low, high), bounds=(low, high), x_scale=[0.05, 0.05])
     freedom = max(len(found.fun) - 2 - 2 * (RESIDUAL_DEGREE + 1) * values.shape[1], 1)
     # neighbouring values share spectral lines: as many independent ones as windows fit in
     overlap = max(1.0, len(f) * float(np.mean(measured.windows[near])) / np.ptp(f))

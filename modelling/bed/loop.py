@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from scipy.signal import cont2discrete
+import scipy
 
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import ResidualVehicle
@@ -141,7 +141,7 @@ class ControlStructure(ABC):
     def sampled(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """The feedback law as it runs, from sample to sample: :meth:`controller` by Tustin's rule unless overridden."""
         continuous = self.controller(loop, residual, rig)
-        A, B, C, D, _ = cont2discrete(
+        A, B, C, D, _ = scipy.signal.cont2discrete(
             (continuous.A, continuous.B, continuous.C, continuous.D), loop["sample_time"], "bilinear"
         )
         return StateSpace(A, B, C, D, continuous.inputs, continuous.outputs)

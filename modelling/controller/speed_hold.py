@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import cont2discrete
+import scipy
 
 from modelling.common.errors import InputError
 from modelling.linear.state_space import StateSpace
@@ -47,7 +47,7 @@ def hold_gains(
 
 def _is_stable(bed: StateSpace, proportional: np.ndarray, integral: np.ndarray, dead: float, step: float) -> bool:
     k, delay = len(proportional), int(np.ceil(dead / step - 1e-9))
-    A, B, *_ = cont2discrete((bed.A, bed.B[:, :k], bed.C, np.zeros((k, k))), step)
+    A, B, *_ = scipy.signal.cont2discrete((bed.A, bed.B[:, :k], bed.C, np.zeros((k, k))), step)
     n, fifo = len(A), k * delay
     size = n + fifo + k
     law = np.zeros((k, size))  # the command on [bed, commands on their way (oldest first), integrals]

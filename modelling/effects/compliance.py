@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
-from scipy.signal import bilinear
+import scipy
 
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Spring, Symbols
@@ -40,7 +40,7 @@ class Compliance(Kind):
             for share in (0.02, 0.1, 0.4, 1.0):  # of the smaller inertia at its ends
                 k2, J = ratio * k, share * J_end
                 # J·d̈ + c·ḋ + (k + k2)·d = k·twist + c·rate − J·φ̈, with d the middle angle ahead of the second end
-                b, a = bilinear([1.0], [J, c, k + k2], 1 / motion.step)
+                b, a = scipy.signal.bilinear([1.0], [J, c, k + k2], 1 / motion.step)
                 d = motion.filtered(list(b), list(a), drive - J * motion.acceleration[second])
                 d_rate = motion.per_segment(lambda t, s: np.gradient(s, t), d)
                 d_rate2 = motion.per_segment(lambda t, s: np.gradient(s, t), d_rate)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class FittedMotion:
 
     def filtered(self, b: list[float], a: list[float], signal: np.ndarray) -> np.ndarray:
         """A signal (t,) through a discrete filter that has settled at the first sample."""
-        return self.per_segment(lambda _, s: lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
+        return self.per_segment(lambda _, s: scipy.signal.lfilter(b, a, s - s[0]) + s[0] * sum(b) / sum(a), signal)
 
 
 @dataclass(frozen=True)

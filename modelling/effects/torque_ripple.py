@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from scipy.signal import medfilt
+import scipy
 from sympy import sin
 
 from modelling.effects.first_guess import FittedMotion, Guess
@@ -85,7 +85,7 @@ def _orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, fl
     fine = orders[1]
     used = (orders > max(0.4, 2 * fine)) & (orders <= HIGHEST_ORDER)
     orders, strength = orders[used], strength[used]
-    outstanding = strength / (medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
+    outstanding = strength / (scipy.signal.medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
     for _ in range(MOST_ORDERS):
         best = int(np.argmax(outstanding))
         yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)

@@ -12,11 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.fft import next_fast_len
-from scipy.interpolate import PPoly, make_interp_spline
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, correlate, find_peaks, sosfiltfilt
 
 SIGNIFICANT = 4.5  # standard deviations of the correlation of unrelated signals, for the largest among many lags
 RIVAL = 4.0  # standard deviations of the residual's variance beyond which another lag is no rival any more
@@ -116,7 +113,7 @@ def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) 
     x, y = reference - reference.mean(), test - test.mean()
     count = len(x)
     lags = np.arange(-reach, reach + 1)
-    products = correlate(y, x, mode="full", method="fft")[lags + count - 1]
+    products = scipy.signal.correlate(y, x, mode="full", method="fft")[lags + count - 1]
     x_from, y_from = np.maximum(0, -lags), np.maximum(0, lags)
     n = count - np.abs(lags)
 
@@ -134,7 +131,7 @@ def overlapped_correlation(reference: np.ndarray, test: np.ndarray, reach: int) 
 
 def _peaks(correlation: np.ndarray) -> np.ndarray:
     """Places of local maxima that stand out of the noise, highest first."""
-    places, _ = find_peaks(np.concatenate([[-2.0], correlation, [-2.0]]), prominence=0.05)
+    places, _ = scipy.signal.find_peaks(np.concatenate([[-2.0], correlation, [-2.0]]), prominence=0.05)
     places = places - 1
     return places[np.argsort(-correlation[places])]
 
@@ -166,9 +163,11 @@ def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: fl
     settle = math.ceil(3 / cutoff)
     if cutoff < 0.5 and len(reference) < 8 * settle + 2 * abs(start):
         return None
-    sections = butter(4, cutoff, output="sos")
-    smooth, response = (sosfiltfilt(sections, signal, padlen=settle) for signal in (reference, test))
-    curve = PPoly.from_spline(make_interp_spline(np.arange(len(smooth)), smooth, k=5))
+    sections = scipy.signal.butter(4, cutoff, output="sos")
+    smooth, response = (scipy.signal.sosfiltfilt(sections, signal, padlen=settle) for signal in (reference, test))
+    curve = scipy.interpolate.PPoly.from_spline(
+        scipy.interpolate.make_interp_spline(np.arange(len(smooth)), smooth, k=5)
+    )
     slope = curve.derivative()
     shift = start
     ends = (math.ceil(max(0.0, start)) + settle + 2, len(test) - math.ceil(max(0.0, -start)) - settle - 2)
@@ -254,11 +253,11 @@ def _stationary(influence: np.ndarray, residual: np.ndarray) -> float:
     power = np.abs(np.fft.rfft(influence, length)) ** 2
     periodogram = np.abs(np.fft.rfft(residual, length)) ** 2 / (count - 3)
     width = 2 * SMOOTHED * length // count + 1  # in bins of the longer transform
-    smooth = uniform_filter1d(power, width, mode="reflect")
+    smooth = scipy.ndimage.uniform_filter1d(power, width, mode="reflect")
     parts = smooth * periodogram
     total = float(parts.sum())
     if total <= 0:
         return 0.0
     neighbours = length / count  # bins that tell the same
     freedom = max(4 * total**2 / float(np.sum(parts**2)) / neighbours, 2.0)
-    return 2 * total / length * float((stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)) ** 2)
+    return 2 * total / length * float((scipy.stats.t.ppf(0.975, freedom) / scipy.stats.norm.ppf(0.975)) ** 2)

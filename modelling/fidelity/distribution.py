@@ -19,8 +19,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import detrend
-from scipy.signal.windows import hann
+import scipy
 
 from modelling.fidelity.fidelity import MEASUREMENT_DOMAIN, Fidelity, SensorUncertainty, SignalFidelity, SignalPair
 from modelling.fidelity.measures import PUBLISHED_DIVISOR, delay_fidelity
@@ -111,8 +110,8 @@ def _noise_above(signal: np.ndarray, step: float, frequency: float) -> float:
     """Standard deviation of white noise with the signal's mean power above a frequency in Hz."""
     if len(signal) < SHORTEST_SPECTRUM:
         return 0.0
-    window = hann(len(signal), sym=False)
-    power = np.abs(np.fft.rfft(detrend(signal) * window)) ** 2 / np.sum(window**2)
+    window = scipy.signal.windows.hann(len(signal), sym=False)
+    power = np.abs(np.fft.rfft(scipy.signal.detrend(signal) * window)) ** 2 / np.sum(window**2)
     above = np.fft.rfftfreq(len(signal), step) > frequency
     return math.sqrt(float(np.mean(power[above]))) if np.count_nonzero(above) > FEWEST_LINES else 0.0
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from modelling.equations.compiled import Model, compiled
 from modelling.linear.elements import elements
@@ -80,6 +80,6 @@ def track_vectors(model: Model, p: np.ndarray) -> Tracked:
     mac_values = np.ones(order.shape)
     for i in range(1, len(p)):
         score = mac(batch.shapes[i - 1][:, order[i - 1]], batch.shapes[i], (mass[i - 1] + mass[i]) / 2)
-        rows, columns = linear_sum_assignment(-score)
+        rows, columns = scipy.optimize.linear_sum_assignment(-score)
         order[i], mac_values[i] = columns, score[rows, columns]
     return Tracked(np.take_along_axis(batch.frequencies, order, axis=1), order, mac_values, batch)

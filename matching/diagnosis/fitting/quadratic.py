@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_triangular
-from scipy.optimize import lsq_linear
 
 RIDGE, RIDGE_OF_FACTOR = 1e-10, 1e-9  # added to the scaled normal equations, whose diagonal is 1: rounding only
 BOUND_MARGIN = 1e-12  # scaled; SciPy's solver asks for a start strictly inside the bounds
@@ -48,7 +48,7 @@ class Quadratic:
         z_low, z_high = low * self.scale, high * self.scale
         if np.any(z < z_low) or np.any(z > z_high):
             bounds = (np.minimum(z_low, -BOUND_MARGIN), np.maximum(z_high, BOUND_MARGIN))
-            z = lsq_linear(self.factor.T, target, bounds, method="bvls").x
+            z = scipy.optimize.lsq_linear(self.factor.T, target, bounds, method="bvls").x
         z = np.where(self.moves, z, 0.0)
         length = float(np.linalg.norm(self.factor.T @ z))
         if length > radius:

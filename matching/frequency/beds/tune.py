@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from matching.frequency.beds.closed_loop import BedSet, ahead_states, bed_set
 from matching.frequency.beds.figures import BED_POINTS, Planned, bed_figures, loop_figures, planned
@@ -182,7 +182,7 @@ def _rounds(search: Tuner, begin: np.ndarray, effort: TuningEffort) -> None:
 
 
 def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> None:
-    minimize(
+    scipy.optimize.minimize(
         lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP",
         jac=lambda at: _slopes(lambda own: np.array([own.cost]), search, at)[0],
         constraints={

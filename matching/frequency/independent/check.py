@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
@@ -105,7 +105,7 @@ def _margin(loop: IndependentLoop) -> tuple[float, float]:
     inner = np.flatnonzero((sizes[1:-1] <= sizes[:-2]) & (sizes[1:-1] <= sizes[2:])) + 1
     best = float(sizes.min()), float(grid[np.argmin(sizes)])
     for i in inner[np.argsort(sizes[inner])][:8]:
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda f: float(least(np.array([f]))[0]), bounds=(grid[i - 1], grid[i + 1]), method="bounded",
             options={"xatol": 1e-7 * grid[i]},
         )  # fmt: skip

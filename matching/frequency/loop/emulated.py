@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.signal import lsim
+import scipy
 
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.parts import Parts
@@ -41,7 +41,7 @@ def emulated(
     time = np.arange(count) * loop["sample_time"]
     lag = ([1.0], [loop["torque_sensor_lag"], 1.0])
     measured = {
-        cut.torque: sign * lsim(lag, traces[dyno.torque_sensor], time)[1]
+        cut.torque: sign * scipy.signal.lsim(lag, traces[dyno.torque_sensor], time)[1]
         for dyno, cut, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
     }
     outputs: dict[str, np.ndarray] = {}
@@ -49,7 +49,7 @@ def emulated(
         space, nothing = part.space, np.zeros(count)
         system = space.A, space.B, space.C, space.D
         drive = np.stack([measured.get(name, torques.get(name, nothing)) for name in space.inputs], axis=1)
-        y = lsim(system, drive, time)[1].reshape(count, -1)
+        y = scipy.signal.lsim(system, drive, time)[1].reshape(count, -1)
         outputs |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
     return outputs
 

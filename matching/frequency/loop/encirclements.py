@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import Parts
@@ -151,7 +151,7 @@ def modulus_margin(difference: Difference, frequencies: np.ndarray, values: np.n
     best = float(sizes.min()), float(frequencies[np.argmin(sizes)])
     for i in valleys[np.argsort(sizes[valleys])][:5]:
         low, high = np.log(frequencies[max(i - 1, 0)]), np.log(frequencies[min(i + 1, len(sizes) - 1)])
-        minimum = minimize_scalar(
+        minimum = scipy.optimize.minimize_scalar(
             lambda x: np.linalg.svd(difference(np.array([2j * np.pi * np.exp(x)])), compute_uv=False)[0, -1],
             bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low) + 1e-12},
         )  # fmt: skip

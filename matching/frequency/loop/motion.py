@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.signal import cont2discrete
+import scipy
 
 from matching.frequency.loop.delay_line import arrivals
 from matching.frequency.loop.linear_body import Body
@@ -49,7 +49,7 @@ class LinearMotion:
 
     def __init__(self, A: np.ndarray, B: np.ndarray, count: int, step: float, delay: float = 0.0):
         pieces = int(np.ceil(step / FINEST - 1e-9))
-        fine, push = cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
+        fine, push = scipy.signal.cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
         self.start = self.drift = np.zeros(len(A))
         self.whole = np.eye(len(A))
         pushes = []

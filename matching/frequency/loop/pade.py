@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from scipy.linalg import block_diag
-from scipy.signal import besselap
 
 
 def pade(delay: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -28,7 +28,7 @@ def pade(delay: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
 @lru_cache
 def _poles(order: int) -> np.ndarray:
     """Poles (n,) of the approximation of e^(−s)."""
-    return 2 * np.asarray(besselap(order, norm="delay")[1])
+    return 2 * np.asarray(scipy.signal.besselap(order, norm="delay")[1])
 
 
 def _section(pole: complex) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

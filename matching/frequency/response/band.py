@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cubature
+import scipy
 from scipy.linalg import eigvals
 
 from modelling.linear.state_space import StateSpace
@@ -50,7 +50,7 @@ def converged_nodes(
     marked = np.log([f for f in breaks if band[0] < f < band[1]])
     points = np.unique(np.concatenate([inner, marked]))
     points = points[np.diff(points, prepend=low) > NARROWEST]
-    panels = cubature(
+    panels = scipy.integrate.cubature(
         lambda x: squares(np.exp(x[:, 0])), [low], [high], rule="gk15", rtol=CONVERGED,
         atol=NEGLIGIBLE * (high - low), max_subdivisions=MOST_HALVINGS, points=[np.array([point]) for point in points],
     ).regions  # fmt: skip

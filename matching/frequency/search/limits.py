@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
@@ -189,7 +189,7 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     ends = np.log10(low), np.log10(high)
     if not own or off(ends[0]) * off(ends[1]) > 0:
         return None
-    return float(10 ** brentq(off, *ends, xtol=1e-6))
+    return float(10 ** scipy.optimize.brentq(off, *ends, xtol=1e-6))
 
 
 def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:

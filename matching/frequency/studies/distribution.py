@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
+import scipy
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
 CONFIDENCE = 0.95  # of the intervals of quantiles
@@ -89,8 +89,9 @@ def quantile_intervals(values: np.ndarray) -> dict[float, tuple[float | None, fl
     ordered, count = np.sort(values), len(values)
     intervals: dict[float, tuple[float | None, float | None]] = {}
     for level in LEVELS:
-        first = int(binom.ppf((1 - CONFIDENCE) / 2, count, level)) - 1  # this many draws and one lie below, or fewer
-        last = int(binom.ppf((1 + CONFIDENCE) / 2, count, level))
+        # this many draws and one lie below, or fewer
+        first = int(scipy.stats.binom.ppf((1 - CONFIDENCE) / 2, count, level)) - 1
+        last = int(scipy.stats.binom.ppf((1 + CONFIDENCE) / 2, count, level))
         below = float(ordered[first]) if first >= 0 else None
         intervals[level] = (below, float(ordered[last]) if last < count else None)
     return intervals

@@ -11,8 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.signal import firwin
+import scipy
 
 MOST = 40  # poles
 WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, at most
@@ -110,7 +109,7 @@ def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, f
     by = int(min(max(1 / (step * 5 * top), 1), max(len(signals) // 60, 1)))
     if by == 1:
         return signals, step
-    taps = firwin(8 * by + 1, 0.8 / by)
+    taps = scipy.signal.firwin(8 * by + 1, 0.8 / by)
     smooth = np.stack([np.convolve(column, taps, "valid") for column in signals.T], axis=1)
     return smooth[::by], step * by
 
@@ -193,7 +192,8 @@ def _read(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> l
     mac /= np.maximum(np.outer(np.sum(np.abs(wanted) ** 2, axis=1), np.sum(np.abs(amplitudes) ** 2, axis=1)), 1e-300)
     score = np.where((mac > LEAST_MAC) & (share > LEAST_SHARE), mac * np.sqrt(share), 0.0)
     out = nothing
-    for shape, i in zip(*linear_sum_assignment(score, maximize=True), strict=True):  # a pole belongs to one mode
+    # a pole belongs to one mode
+    for shape, i in zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True):
         if score[shape, i] > 0:
             ratio = float(-poles[i].real / abs(poles[i]))
             out[shape] = Ringing(float(abs(poles[i]) / (2 * np.pi)), ratio, 0.0, got.fit, float(share[i]))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lombscargle, welch
 
 from matching.diagnosis.verdict.result import PlotData
 from matching.report.common.style import LIMIT, figure, styled
@@ -113,7 +112,7 @@ def spectrum_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
 
 
 def _running_mean(residual: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(residual), uniform_filter1d(np.nan_to_num(residual), MEAN_OVER), np.nan)
+    return np.where(np.isfinite(residual), scipy.ndimage.uniform_filter1d(np.nan_to_num(residual), MEAN_OVER), np.nan)
 
 
 def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
@@ -148,7 +147,7 @@ def _binned(axes: Any, x: np.ndarray, residual: np.ndarray, look: dict[str, Any]
 def _spectrum(residual: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0."""
     length = min(len(residual), WELCH_SAMPLES)
-    frequency, power = welch(np.nan_to_num(residual), 1 / step, nperseg=length, detrend=False)
+    frequency, power = scipy.signal.welch(np.nan_to_num(residual), 1 / step, nperseg=length, detrend=False)
     return frequency, np.sqrt(power / (2 * step))
 
 
@@ -164,4 +163,5 @@ def _orders(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.nda
     angle, residual = (
         values[present][: count * size].reshape(count, size).mean(axis=1) for values in (angle, residual)
     )
-    return orders, np.sqrt(size * lombscargle(angle, residual, orders))  # a mean of n has 1/n of the noise's power
+    # a mean of n has 1/n of the noise's power
+    return orders, np.sqrt(size * scipy.signal.lombscargle(angle, residual, orders))

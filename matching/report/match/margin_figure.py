@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from scipy.optimize import linear_sum_assignment
 
 from matching.frequency.beds.closed_loop import action, bed_set
 from matching.frequency.beds.closed_loop import return_difference as sampled_difference
@@ -97,6 +97,6 @@ def _continuous(loci: np.ndarray) -> np.ndarray:
     """Loci (f, u) sorted so that each column is continuous over frequency."""
     out = loci.copy()
     for k in range(1, len(out)):
-        _, order = linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))
+        _, order = scipy.optimize.linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))
         out[k] = loci[k][order]
     return out

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 NAMES = ("normal", "rectangular", "triangular", "arcsine", "trapezoidal", "t")
 
@@ -36,15 +36,15 @@ class Distribution:
     def law(self) -> Any:
         """The same as frozen SciPy distribution (of unit *scale* for Student's t, whose variance is larger)."""
         if self.name == "normal":
-            return stats.norm()
+            return scipy.stats.norm()
         if self.name == "t":
-            return stats.t(self.degrees_of_freedom)
+            return scipy.stats.t(self.degrees_of_freedom)
         half = 1 / math.sqrt(self.weight())
         if self.name == "rectangular":
-            return stats.uniform(-half, 2 * half)
+            return scipy.stats.uniform(-half, 2 * half)
         if self.name == "arcsine":
-            return stats.arcsine(-half, 2 * half)
-        return stats.trapezoid((1 - self.beta) / 2, (1 + self.beta) / 2, loc=-half, scale=2 * half)
+            return scipy.stats.arcsine(-half, 2 * half)
+        return scipy.stats.trapezoid((1 - self.beta) / 2, (1 + self.beta) / 2, loc=-half, scale=2 * half)
 
     def kurtosis(self) -> float:
         """Fourth central moment over squared variance; that of the normal for Student's t, as GUM 5.1.2 takes it."""

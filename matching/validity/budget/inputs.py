@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from matching.validity.budget.budget import InputQuantity
 from matching.validity.budget.distributions import NAMES, Distribution
@@ -176,7 +176,7 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
         raise InputError(f"{where}.abscissa", "all readings are equal", "a line needs different abscissas")
     x = units[0].difference_to_si(x - (number(table, "origin", where) if "origin" in table else 0.0))
     y = units[1].value_to_si(y)
-    fit = stats.linregress(x, y)
+    fit = scipy.stats.linregress(x, y)
     freedom = len(x) - 2
     told = {"cause": text(table, "cause", where, "Calibration"), "description": text(table, "description", where, "")}
     spread = Distribution("t", degrees_of_freedom=freedom)

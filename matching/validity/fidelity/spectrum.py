@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from modelling.fidelity.fidelity import SignalPair
 from modelling.fidelity.measures import delay_fidelity, nrmse_fidelity_of, signal_range
@@ -110,7 +110,7 @@ def _common_delay(x: np.ndarray, y: np.ndarray, frequency: np.ndarray) -> tuple[
     trials = np.linspace(-half_period, half_period, TRIAL_DELAYS)
     start = trials[int(np.argmax([coherence_at(delay) for delay in trials]))]
     reach = trials[1] - trials[0]
-    best = minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         lambda delay: -coherence_at(delay),
         bounds=(start - reach, start + reach),
         method="bounded",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr
 
@@ -134,7 +134,7 @@ def _behind(wanted: float, first: Distribution, second: Distribution, where: str
         raise InputError(where, wrong, f"it lies in {low:.3f} ... {high:.3f}")
     if not low < wanted < high:
         return math.copysign(1.0, wanted)
-    return float(brentq(lambda r: reached(r) - wanted, -1, 1))
+    return float(scipy.optimize.brentq(lambda r: reached(r) - wanted, -1, 1))
 
 
 def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:

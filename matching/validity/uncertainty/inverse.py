@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 import sympy
-from scipy.optimize import brentq
 
 from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.draws import sampler
@@ -113,7 +113,9 @@ def required(budget: Budget, measurand: Measurand, wanted: float, method: str = 
     alone: list[tuple[float, Improvement]] = []
     for name in contributions:
         if expanded({name: SMALLEST_FACTOR}) <= wanted:
-            factor = brentq(lambda x, name=name: expanded({name: x}) - wanted, SMALLEST_FACTOR, 1.0, xtol=1e-12)
+            factor = scipy.optimize.brentq(
+                lambda x, name=name: expanded({name: x}) - wanted, SMALLEST_FACTOR, 1.0, xtol=1e-12
+            )
             alone.append((factor, improvement({name: factor})))
 
     def levelled(level: float) -> dict[str, float]:
@@ -122,7 +124,9 @@ def required(budget: Budget, measurand: Measurand, wanted: float, method: str = 
     largest = max(contributions.values())
     if expanded(levelled(SMALLEST_LEVEL * largest)) > wanted:  # cannot happen without correlation of exact inputs
         return RequiredImprovement(budget, measurand, wanted, present)
-    level = brentq(lambda x: expanded(levelled(x)) - wanted, SMALLEST_LEVEL * largest, largest, xtol=1e-12 * largest)
+    level = scipy.optimize.brentq(
+        lambda x: expanded(levelled(x)) - wanted, SMALLEST_LEVEL * largest, largest, xtol=1e-12 * largest
+    )
     ordered = tuple(improved for _, improved in sorted(alone, key=lambda pair: -pair[0]))
     return RequiredImprovement(budget, measurand, wanted, present, ordered, improvement(levelled(level)))
 

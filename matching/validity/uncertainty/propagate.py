@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy
 import sympy
-from scipy import stats
 
 from matching.validity.budget.budget import Budget, Measurand
 from modelling.common.errors import InputError
@@ -169,9 +169,9 @@ def coverage_factor(budget: Budget, degrees_of_freedom: float | None) -> float:
         return budget.coverage_factor
     level = (1 + budget.coverage) / 2
     if degrees_of_freedom is None or degrees_of_freedom > 1e9:
-        return float(stats.norm.ppf(level))
+        return float(scipy.stats.norm.ppf(level))
     whole = math.floor(degrees_of_freedom + 1e-9)
-    return float(stats.t.ppf(level, whole if whole >= 1 else degrees_of_freedom))
+    return float(scipy.stats.t.ppf(level, whole if whole >= 1 else degrees_of_freedom))
 
 
 def output_correlation(budget: Budget, propagations: list[Propagation]) -> np.ndarray:
