@@ -33,10 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _quantities(arguments: argparse.Namespace) -> list[str]:
-    from matching.frequency.case.load import load_case
-    from matching.frequency.studies.map_axis import quantities
+    from matching.completion import quantities_of_case
 
-    return list(quantities(load_case(arguments.case)))
+    return quantities_of_case(arguments.case)
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -37,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _parameters(arguments: argparse.Namespace) -> list[str]:
-    from modelling.model.files import load
+    from matching.completion import parameters_of_model
 
-    return [f"{name}=" for name in load(arguments.model).parameters]
+    return [f"{name}=" for name in parameters_of_model(arguments.model)]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

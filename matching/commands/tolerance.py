@@ -33,11 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _quantities(arguments: argparse.Namespace) -> list[str]:
     """Quantities of rig and loop that may vary, as the command line names them."""
-    from matching.frequency.case.load import load_case
-    from matching.frequency.studies.map_axis import quantities
+    from matching.completion import quantities_of_case
 
-    names = quantities(load_case(arguments.case))
-    return [f"{name}=" for name in names if name.startswith(("rig.", "loop."))]
+    return [f"{name}=" for name in quantities_of_case(arguments.case) if name.startswith(("rig.", "loop."))]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import math
 import re
 
 from modelling.common.errors import InputError
+from modelling.units.common_units import BY_NAME
 from modelling.units.registry import registry
 from modelling.units.spelling import Powers, SpellingError, parse
 
@@ -89,6 +90,8 @@ def _per_cycle(powers: Powers, signature: dict[str, int]) -> float:
 @functools.cache
 def _kind(name: str) -> str:
     """Kind of a unit by pint's name with prefix; empty if no quantity is written in it."""
+    if known := BY_NAME.get(name):
+        return _KINDS[known.base]
     candidates = registry().parse_unit_name(name)
     return _KINDS.get(candidates[0][1], "") if candidates else ""
 
@@ -107,6 +110,8 @@ def _signature(powers: Powers) -> dict[str, int]:
 @functools.cache
 def _to_base(name: str) -> float:
     """Value of one such unit in kg, m, s, rad, and 1."""
+    if known := BY_NAME.get(name):
+        return known.value
     units = registry()
     return float(units.Quantity(1.0, name).to_base_units().magnitude)
 

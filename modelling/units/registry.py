@@ -5,10 +5,10 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-import pint
-
 
 @functools.cache
 def registry() -> Any:
-    """Pint's registry, made when it is first needed."""
+    """Pint's registry, imported and made when it is first needed: both take time at the start of every command."""
+    import pint
+
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import re
 
+from modelling.units.common_units import BY_TEXT
 from modelling.units.registry import registry
 
 LONGEST_TEXT = 60
@@ -167,6 +168,8 @@ def _unit(name: str) -> Powers:
 
 
 def _pint_name(name: str) -> str:
+    if known := BY_TEXT.get(name):
+        return known.name
     candidates = registry().parse_unit_name(name)
     if not candidates and len(name) > 3:
         candidates = registry().parse_unit_name(name.lower())

@@ -54,7 +54,7 @@ FLOORS = [
     ["matching.report.match", "matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
     ["matching.report.map", "matching.report.diagnosis", "matching.report.bed_test"],
     ["matching.api"],
-    ["matching.arguments"],
+    ["matching.arguments", "matching.completion"],
     ["matching.dry_run"],
     ["matching.commands"],
     ["matching.cli", "matching.supervision"],

@@ -1,0 +1,42 @@
+"""Help, version and Tab completion come at once: no library that computes or draws is imported for them."""
+
+import subprocess
+import sys
+
+import pytest
+from structure.imports import ROOT
+
+from matching.commands import ONE_LINE
+
+HEAVY = {"casadi", "jinja2", "matplotlib", "numpy", "pint", "scipy", "sympy"}
+BEDS = ROOT / "examples" / "road_to_rig"
+
+
+def imported(code: str) -> set[str]:
+    """Heavy libraries that a fresh process has after some code."""
+    last = f"import sys; print(*sorted({HEAVY!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", f"{code}\n{last}"], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_help_and_version():
+    calls = [["--help"], ["--version"], *([name, "--help"] for name in ONE_LINE)]
+    assert imported(f"from rigmatch import main\nfrom matching.cli import main\nfor c in {calls!r}: main(c)") == set()
+
+
+@pytest.mark.parametrize(("function", "file"), [("parameters_of_model", "rig"), ("quantities_of_case", "case")])
+def test_names_for_completion(function, file):
+    code = f"from matching.completion import {function}\nassert len({function}({str(BEDS / file)!r} + '.toml')) > 10"
+    assert imported(code) == set()
+
+
+def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world():
+    assert imported(f"import rigmatch as rm\nrm.load({str(BEDS / 'rig.toml')!r})") <= {"numpy", "scipy", "sympy"}
+
+
+def test_slow_parts_of_scipy_wait_until_they_are_used():
+    """scipy.signal and scipy.stats take a second; nearly no command needs them to begin."""
+    code = (
+        "import sys, matching.api, modelling.modal.modes\nassert not {'scipy.signal', 'scipy.stats'} & set(sys.modules)"
+    )
+    imported(code)
