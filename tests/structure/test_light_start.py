@@ -26,8 +26,8 @@ def test_help_and_version():
 
 @pytest.mark.parametrize(("function", "file"), [("parameters_of_model", "rig"), ("quantities_of_case", "case")])
 def test_names_for_completion(function, file):
-    code = f"from matching.completion import {function}\nassert len({function}({str(BEDS / file)!r} + '.toml')) > 10"
-    assert imported(code) == set()
+    path = str(BEDS / f"{file}.toml")
+    assert imported(f"from matching.completion import {function}\nassert len({function}({path!r})) > 10") == set()
 
 
 def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world():
@@ -36,7 +36,7 @@ def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world
 
 def test_slow_parts_of_scipy_wait_until_they_are_used():
     """scipy.signal and scipy.stats take a second; nearly no command needs them to begin."""
-    code = (
-        "import sys, matching.api, modelling.modal.modes\nassert not {'scipy.signal', 'scipy.stats'} & set(sys.modules)"
+    slow = {"scipy.signal", "scipy.stats"}
+    imported(
+        f"import sys, modelling.modal.modes, matching.frequency.search.match\nassert not {slow} & set(sys.modules)"
     )
-    imported(code)
