@@ -1,6 +1,7 @@
 """What commands share: whole numbers as arguments, and a progress bar where a terminal watches."""
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -21,6 +22,17 @@ def count(least: int) -> Callable[[str], int]:
         return number
 
     return whole
+
+
+def seconds(text: str) -> float:
+    """Type of an argument that is a positive time in s."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
+    return value
 
 
 def scale_out(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +46,15 @@ class BedRecordings:
 
 
 def read_recordings(
-    paths: Sequence[str | Path], case: Case, channels: Mapping[str, Channel] | None = None
+    paths: Sequence[str | Path],
+    case: Case,
+    channels: Mapping[str, Channel] | None = None,
+    sources: Sequence[str | Path] | None = None,
 ) -> BedRecordings:
     """Read recordings of the controlled bed with the names of the case's compared functions.
 
-    A compared torque that a recording lacks is taken as constant there.
+    A compared torque that a recording lacks is taken as constant there. ``sources`` say what the recordings are called
+    where the paths are copies.
 
     Raises
     ------
@@ -61,7 +65,11 @@ def read_recordings(
     torques = list(dict.fromkeys(pair.input for pair in case.compared))
     wanted = list(dict.fromkeys(pair.sensor for pair in case.compared))
     drives = [part.name for part in case.rig.inputs]
-    read = [read_signals(Path(path), {*torques, *wanted, *drives}, channels).resampled() for path in paths]
+    names = {*torques, *wanted, *drives}
+    read = [
+        replace(read_signals(Path(path), names, channels).resampled(), source=str(source))
+        for path, source in zip(paths, sources or paths, strict=True)
+    ]
     notes = [f"{one.source}: {note}" for one in read for note in one.notes]
     for one in read:
         _check_length(one, case.band)

@@ -1,7 +1,19 @@
 """`rigmatch verify`: judge recordings of the controlled bed."""
 
+from __future__ import annotations
+
 import argparse
-from typing import Any
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matching.arguments import seconds
+from modelling.common.errors import InputError
+
+if TYPE_CHECKING:
+    from matching.frequency.case.case import Case
+    from modelling.measurement.channels import Channel
 
 HELP = """Judge recordings of the controlled bed: frequency responses with their uncertainty, the response error,
 frequency and damping of the target modes, and R_XiL, each beside vehicle and prediction. The answer is as_predicted,
@@ -9,6 +21,7 @@ short or undetermined. CASE is the directory that rigmatch match wrote, or a cas
 torques and sensors by name, and lasts four periods of the lowest frequency of the band or more."""
 EXAMPLES = (
     "rigmatch verify out/road_to_rig sweep.mf4 --out out/verify",
+    "rigmatch verify out/road_to_rig running.csv --follow 10 --out out/verify",
     "rigmatch verify case.toml motor.csv road.csv --channels channels.toml --out out/verify",
 )
 
@@ -20,28 +33,69 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", nargs="+", help="recordings of the controlled bed (CSV, MDF, .mat, Parquet)"
     )
     parser.add_argument("--channels", metavar="FILE", help="what the signals are called in the recordings (TOML)")
+    parser.add_argument(
+        "--follow",
+        type=seconds,
+        metavar="SECONDS",
+        help="judge again while the recordings grow, until none has grown for so long",
+    )
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Judge and write files; the result object is the content of ``verification.json``."""
-    from matching.bed_test.judge import judge
-    from matching.bed_test.recorded import read_recordings
     from matching.fmu.export_source import tuned_case
-    from matching.report.bed_test.figures import responses
-    from matching.report.bed_test.page import page
-    from matching.report.common.style import image
-    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
 
     case = tuned_case(arguments.case).tuned
     channels = read_channels(arguments.channels) if arguments.channels else None
-    found = judge(case, read_recordings(arguments.recordings, case, channels))
+    if arguments.follow is None:
+        return _judged(arguments, case, channels, arguments.recordings)
+    return _followed(arguments, case, channels)
+
+
+def _judged(
+    arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None, recordings: Sequence[str | Path]
+) -> dict[str, Any]:
+    """Judge recordings, or copies of those on the command line, and write files."""
+    from matching.bed_test.judge import judge
+    from matching.bed_test.recorded import read_recordings
+    from matching.report.bed_test.figures import responses
+    from matching.report.bed_test.page import page
+    from matching.report.common.style import image
+    from modelling.common.output import write_results
+
+    found = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
     result = found.to_dict()
     drawn = {"responses": image(responses(found))}
     files: dict[str, str | bytes] = {"report.html": page(result, drawn)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
+
+
+def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None) -> dict[str, Any]:
+    """Judge growing recordings again and again; a line each time says how far the answer is."""
+    from tempfile import TemporaryDirectory
+
+    from matching.bed_test.growing import snapshots
+    from matching.report.bed_test.text import interim
+
+    result: dict[str, Any] | None = None
+    wrong: InputError | None = None
+    with TemporaryDirectory(prefix="rigmatch-") as folder:
+        for copies in snapshots([Path(name) for name in arguments.recordings], arguments.follow, Path(folder)):
+            try:
+                result, wrong = _judged(arguments, case, channels, copies), None
+                print(interim(result), file=sys.stderr, flush=True)
+            except InputError as error:
+                where = error.where
+                for copy, name in zip(copies, arguments.recordings, strict=True):
+                    where = where.replace(str(copy), name)
+                wrong = InputError(where, error.wrong, error.right)
+                print(f"not yet: {wrong}", file=sys.stderr, flush=True)
+    if result is None:
+        raise wrong or InputError(arguments.recordings[0], "was never judged")
+    return result
 
 
 def summary(result: dict[str, Any]) -> str:

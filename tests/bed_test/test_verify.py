@@ -4,11 +4,13 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from matching.bed_test.growing import snapshots
 from matching.bed_test.judge import judge
 from matching.bed_test.recorded import read_recordings
 from matching.cli import main
@@ -17,6 +19,7 @@ from matching.frequency.case.load import load_case
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
 from modelling.bed.structures import STRUCTURES
+from modelling.common.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 FINE = 4  # steps a sample: torques change within a sample, as they do on a bed
@@ -153,6 +156,52 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "as predicted" in page
     assert (out / "figures" / "responses.svg").stat().st_size > 1000
+
+
+class Clock:
+    """A clock that moves while somebody waits, when something may happen."""
+
+    def __init__(self, *happens):
+        self.now, self.happens = 0.0, list(happens)
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+        if self.happens:
+            self.happens.pop(0)()
+
+
+def test_a_growing_recording_is_judged_as_soon_as_it_can_be(case, record, tmp_path, capsys, monkeypatch):
+    whole = record("good", noise=0.02).read_bytes()
+    growing, folder = tmp_path / "running.csv", tmp_path / "case"
+    growing.write_bytes(whole[: len(whole) // 8])  # ends within a line
+    monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: growing.write_bytes(whole)))
+    monkeypatch.setattr("matching.fmu.export_source.tuned_case", lambda _: SimpleNamespace(tuned=case))
+    words = ["verify", str(folder), str(growing), "--follow", "5", "--out", str(tmp_path / "out"), "--json"]
+    assert main(words) == 0
+    printed, said = capsys.readouterr()
+    first, second = said.splitlines()
+    assert first.startswith(f"not yet: {growing}: lasts ")
+    assert second.startswith("so far as_predicted: response error to measured torques 0.0")
+    result = json.loads((tmp_path / "out" / "verification.json").read_text(encoding="utf-8"))
+    assert result == json.loads(printed)
+    assert result["fidelity"][0]["recording"] == str(growing)
+
+
+def test_whole_lines_of_a_growing_recording_are_copied(tmp_path, monkeypatch):
+    growing = tmp_path / "r.csv"
+    growing.write_bytes(b"time,a\n1,2\n3,")
+    clock = Clock(lambda: None, lambda: growing.write_bytes(b"time,a\n1,2\n3,4\n5"))
+    monkeypatch.setattr("matching.bed_test.growing.time", clock)
+    assert [copy.read_bytes() for (copy,) in snapshots([growing], 2.0, tmp_path / "copies")] == [
+        b"time,a\n1,2\n",
+        b"time,a\n1,2\n3,4\n",
+    ]
+    assert clock.now == 2.0 + 2 * 0.25
+    with pytest.raises(InputError, match="is no file"):
+        next(snapshots([tmp_path / "none.csv"], 2.0, tmp_path / "copies"))
 
 
 @pytest.mark.parametrize(

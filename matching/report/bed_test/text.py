@@ -48,6 +48,15 @@ def summary(result: Mapping[str, Any]) -> str:
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
 
 
+def interim(result: Mapping[str, Any]) -> str:
+    """One line on what a recording shows that is still being written."""
+    errors = [
+        f"{one['name']} torques {with_uncertainty(one['error'], one['standard_uncertainty'])}"
+        for one in result["errors"]
+    ]
+    return f"so far {result['status']}: response error to {', '.join(errors)}"
+
+
 def mode_words(mode: Mapping[str, Any]) -> str:
     """Frequency and damping ratio of vehicle, prediction and bed."""
     parts = [f"vehicle {_pair(mode['vehicle'])}", f"predicted {_pair(mode['predicted'])}"]
