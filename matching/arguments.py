@@ -25,7 +25,13 @@ def count(least: int) -> Callable[[str], int]:
 
 
 def seconds(text: str) -> float:
-    """Type of an argument that is a positive time in s."""
+    """Type of an argument that is a positive time in s.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If the text is no positive, finite number.
+    """
     try:
         value = float(text)
     except ValueError:
