@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long fuzz mutants faults bench campaign lock clean figures
+.PHONY: help run test test-long fuzz mutants faults bench campaign lock clean figures explore
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -31,6 +31,9 @@ help:  ## this list
 
 run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; the report is out/road_to_rig/report.html
 	$(BIN)/rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig
+
+explore: .venv/explore.stamp  ## set up, then open the reference case in the browser
+	$(BIN)/rigmatch explore examples/road_to_rig/case.toml
 
 test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/ruff check .
@@ -64,6 +67,7 @@ lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
 	$(PIP) install --quiet uv
 	$(BIN)/$(COMPILE) --upgrade --output-file locks/run.txt
 	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group test --output-file locks/test.txt
+	$(BIN)/$(COMPILE) --upgrade --constraint locks/test.txt --extra explore --output-file locks/explore.txt
 	$(BIN)/$(COMPILE) --upgrade --constraint locks/test.txt --group test --group mutants --output-file locks/mutants.txt
 	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group bench --output-file locks/bench.txt
 
@@ -79,7 +83,7 @@ clean:  ## remove the environment and everything made
 	$(BIN)/python $</pip --disable-pip-version-check install --quiet --no-index $<
 	touch $@
 
-.venv/run.stamp .venv/test.stamp .venv/mutants.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
+.venv/run.stamp .venv/explore.stamp .venv/test.stamp .venv/mutants.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
 	@echo "installing $<"
 	$(INSTALL) $<
 	$(PROJECT)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although no terminal watches
+
 
 def count(least: int) -> Callable[[str], int]:
     """An argument that is a whole number, ``least`` or more; else the parser raises with one line."""
@@ -84,10 +86,15 @@ def steps(what: str) -> Iterator[Callable[[str], None]]:
         yield tell
 
 
+def watched() -> bool:
+    """Whether somebody follows the progress: a terminal, or a program that has said so."""
+    return sys.stderr.isatty() or PROGRESS_ALWAYS in os.environ
+
+
 def _bar(what: str) -> Any:
     from tqdm import tqdm
 
-    return tqdm(desc=what, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False)
+    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False)
 
 
 def cores() -> int:

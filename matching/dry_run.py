@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from matching.frequency.case.case import Case
     from modelling.model.system import System
 
-WITHOUT = ("new", "export")  # commands that read no input file, or do little else than read it
+WITHOUT = ("new", "export", "explore")  # commands that read no input file, or do little else than read it
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

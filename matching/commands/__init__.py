@@ -22,6 +22,7 @@ ONE_LINE = {
     "tolerance": "spread of a match over the tolerances of the bed",
     "verify": "judge recordings of the controlled bed beside vehicle and prediction",
     "export": "write the tuned residual vehicle as an FMU",
+    "explore": "models, cases, recordings and budgets in the browser",
     "new": "write a commented case to start from",
 }
 

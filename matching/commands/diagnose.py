@@ -1,7 +1,6 @@
 """`rigmatch diagnose`: find what a model lacks, from recordings."""
 
 import argparse
-import sys
 from typing import Any
 
 HELP = """Fits the model to recordings, shows where it fails, names the cause and its place, and writes the extended
@@ -31,6 +30,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Diagnose and write files; the result object is that of diagnosis.json."""
     from tqdm import tqdm
 
+    from matching.arguments import watched
     from matching.diagnosis.diagnosis import diagnose
     from matching.report.common.style import image
     from matching.report.diagnosis.figures import figures
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     channels = read_channels(arguments.channels) if arguments.channels else None
     recordings = [read_recording(path, system, channels) for path in arguments.recordings]
     holdout = read_recording(arguments.holdout, system, channels) if arguments.holdout else None
-    with tqdm(disable=not sys.stderr.isatty(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
+    with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
 
         def tell(step: str) -> None:
             bar.set_description_str(f"{step:50.50}")

@@ -56,6 +56,8 @@ FLOORS = [
     ["matching.api"],
     ["matching.arguments", "matching.completion"],
     ["matching.dry_run"],
+    ["matching.explore"],
+    ["matching.explore.page"],
     ["matching.commands"],
     ["matching.cli", "matching.supervision"],
     ["rigmatch"],

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import functools
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from matching.report.common.wording import component, hertz, number, practical, unit
 
 
+@functools.cache
 def environment() -> Environment:
     """Templates of this package with the filters for numbers, units and names."""
     templates = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from matplotlib.axes import Axes
@@ -102,13 +104,25 @@ def drawing(system: System, emphasis: Emphasis | None = None, largest: float | N
 def draw(axes: Axes, drawn: Drawing) -> None:
     """Draw it."""
     for joint in drawn.layout.joints:
-        _joint(axes, drawn, joint)
+        with _labelled(axes, f"{joint.table}.{joint.name}"):
+            _joint(axes, drawn, joint)
     for part in drawn.system.inertias:
-        _inertia(axes, drawn, part.name)
+        with _labelled(axes, f"inertias.{part.name}"):
+            _inertia(axes, drawn, part.name)
     axes.set_xlim(-1.0, drawn.width - 1.0)
     axes.set_ylim(TOP - drawn.height, TOP)
     axes.set_aspect("equal")
     axes.set_axis_off()
+
+
+@contextmanager
+def _labelled(axes: Axes, part: str) -> Iterator[None]:
+    """What is drawn within has the name of the part as its label; no legend shows it."""
+    before = set(axes.get_children())
+    yield
+    for artist in axes.get_children():
+        if artist not in before:
+            artist.set_label(part)
 
 
 def _notes(system: System) -> dict[str, list[str]]:

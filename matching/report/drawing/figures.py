@@ -12,6 +12,10 @@ from modelling.model.system import System
 INCHES = 0.62  # of a unit of the drawing
 LEGEND = "height of a disc ~ J^(1/4), as of discs of one thickness; ↻ torque input; φ ω α M sensor; + effect"
 
+CASE_LEGEND = (
+    "dashed: the cut; hatched: residual vehicle, emulated by the dynamometers; grey: hardware that both have; "
+)
+
 
 def model_figure(system: System) -> Figure:
     """The drivetrain of a model.
@@ -26,6 +30,24 @@ def model_figure(system: System) -> Figure:
 
 def case_figure(case: Case) -> Figure:
     """Vehicle above rig: shared hardware in grey, what only one has in its colour, what is emulated hatched.
+
+    Raises
+    ------
+    InputError
+        If one of them has too many inertias.
+    """
+    vehicle, rig = case_drawings(case)
+    return _figure(
+        [
+            (f"Vehicle: {case.vehicle.title}", VEHICLE, vehicle),
+            (f"Rig: {case.rig.title}", RIG, rig),
+        ],
+        CASE_LEGEND,
+    )
+
+
+def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
+    """Vehicle and rig laid out, with what the case says of them.
 
     Raises
     ------
@@ -47,13 +69,7 @@ def case_figure(case: Case) -> Figure:
         cuts={interface.shaft: interface.rig_end for interface in interfaces},
     )
     largest = max(part.J.value for system in (case.vehicle, case.rig) for part in system.inertias)
-    return _figure(
-        [
-            (f"Vehicle: {case.vehicle.title}", VEHICLE, drawing(case.vehicle, of_vehicle, largest)),
-            (f"Rig: {case.rig.title}", RIG, drawing(case.rig, of_rig, largest)),
-        ],
-        "dashed: the cut; hatched: residual vehicle, emulated by the dynamometers; grey: hardware that both have; ",
-    )
+    return drawing(case.vehicle, of_vehicle, largest), drawing(case.rig, of_rig, largest)
 
 
 def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figure:

@@ -1,0 +1,53 @@
+"""`rigmatch explore`: models, cases, recordings, budgets in the browser."""
+
+import argparse
+from typing import Any
+
+HELP = """Open files in the browser: the drivetrain to click and change, modes and responses that follow a slider,
+matches, recordings, budgets. FILE is a model, a case, a recording, a budget or a fidelity case; without any the starter
+case is opened, as `rigmatch new` writes it to DIR. The page is served to this machine only, at an address with a secret
+in it, until Ctrl-C. Files are changed only by Save; results are written to DIR."""
+EXAMPLES = (
+    "rigmatch explore examples/road_to_rig/case.toml",
+    "rigmatch explore model.toml recording.csv --out out/explore --no-browser",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Files to open, place to write to."""
+    from matching.arguments import count
+
+    parser.add_argument("files", metavar="FILE", nargs="*", help="model, case, recording, budget or fidelity case")
+    parser.add_argument(
+        "--out", metavar="DIR", default="out/explore", help="directory for results (default: %(default)s)"
+    )
+    parser.add_argument("--port", metavar="N", type=count(0), default=0, help="port to serve at (default: a free one)")
+    parser.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Serve the page until it is interrupted; the result object says where it was."""
+    import sys
+    import webbrowser
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    from matching.explore.workspace import opened, starter
+    from modelling.common.errors import InputError
+
+    if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
+        raise InputError(", ".join(missing), "is not installed", 'install it: pip install "rigmatch[explore]"')
+    workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
+
+    from matching.explore.page.server import page, serve
+
+    server, address = serve(lambda: page(workspace), arguments.port)
+    print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
+    if not arguments.no_browser:
+        server.io_loop.add_callback(webbrowser.open, address)
+    server.start()
+    try:
+        server.io_loop.start()
+    finally:
+        server.stop()
+    return {"address": address}

@@ -1,0 +1,195 @@
+"""The tab *Modes*: table, energies, the mode swinging on the drawing, responses; a slider moves all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import panel as pn
+
+from matching.explore import equivalents
+from matching.explore.measured import MeasuredCurves, measured_curves
+from matching.explore.page.drivetrain_view import DrivetrainView
+from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, table
+from matching.explore.page.figures import EnergyBars, ResponseFigures
+from matching.explore.page.slider import Slider
+from matching.explore.pictures import pictures
+from matching.explore.what_if import WhatIf, largest_shares
+from matching.explore.workspace import Workspace
+from matching.report.common.wording import amount, hertz, spaced, unit
+from matching.report.drawing.svg import Marks, drivetrain_svg
+from modelling.common.errors import InputError
+from modelling.measurement.read import read_recording
+
+STEPS = 200  # of a slider
+HEAD = ("mode", "frequency [Hz]", "in the file [Hz]", "symmetry", "largest shares of energy")
+
+
+class ModesTab:
+    """Modes and responses of one of the open models; ``after_keeping`` is called when values were kept."""
+
+    def __init__(self, workspace: Workspace):
+        self.workspace, self._waiting = workspace, False
+        self.after_keeping: Callable[[], None] = lambda: None
+        roles = list(workspace.models)
+        self.role = pn.widgets.Select(name="Model", options=roles, value=roles[-1], width=200)
+        self.mode = pn.widgets.Select(name="Mode", width=300)
+        self.view, self.table = (
+            DrivetrainView(sizing_mode=WIDE),
+            pn.pane.HTML(stylesheets=[PANE_STYLE], sizing_mode=WIDE),
+        )
+        self.quantity = pn.widgets.Select(name="Quantity to try", width=300)
+        self.slider = Slider(width=300)
+        self.reset, self.keep = pn.widgets.Button(name="Reset", width=100), pn.widgets.Button(name="Keep", width=100)
+        self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
+        self.responses, self.message = ResponseFigures(), Message()
+        self.energies = pn.Column(sizing_mode=WIDE)
+        self.same = EquivalentBox(equivalents.modes("", ""))
+        self.open_model()
+        self.role.param.watch(lambda _: self.open_model(), "value")
+        self.mode.param.watch(lambda _: self._show_mode(), "value")
+        self.quantity.param.watch(lambda _: self._set_slider(), "value")
+        self.slider.param.watch(lambda _: self._slide(), "value")
+        for chooser in (self.input, self.sensor):
+            chooser.param.watch(lambda _: self._show_responses(), "value")
+        self.reset.on_click(lambda _: self.open_model())
+        self.keep.on_click(lambda _: self._keep())
+
+    def panel(self) -> Any:
+        """The tab's content."""
+        return pn.Column(
+            pn.FlexBox(self.role, self.mode),
+            self.view,
+            pn.FlexBox(self.quantity, self.slider, self.reset, self.keep),
+            self.message,
+            self.table,
+            heading("Energy"),
+            self.energies,
+            heading("Frequency response"),
+            pn.FlexBox(self.input, self.sensor),
+            pn.pane.Bokeh(self.responses.modulus, sizing_mode=WIDE),
+            pn.pane.Bokeh(self.responses.phase, sizing_mode=WIDE),
+            self.same,
+            sizing_mode=WIDE,
+        )
+
+    def open_model(self) -> None:
+        """Take the chosen model with its values as edited, nothing tried."""
+        document = self.workspace.models[self.role.value]
+        try:
+            self.trial = WhatIf(document)
+            self._picture = pictures(self.workspace)[self.role.value]
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        found = self.trial.before.modes
+        self.bars = EnergyBars([spaced(name) for name in (*found.masses, *found.springs)])
+        self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
+        elastic = [place for place in range(len(found)) if found.frequencies[place] > 0]
+        numbers = {f"{place + 1}: {hertz(found[place].frequency)} Hz": place for place in range(len(found))}
+        _offer(self.mode, numbers, elastic[0] if elastic else 0)
+        _offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
+        _offer(self.input, {part.name: part.name for part in document.system.inputs})
+        _offer(self.sensor, {part.name: part.name for part in document.system.sensors})
+        self.measured = self._measured()
+        self.same.set(equivalents.modes(str(document.path), str(self.workspace.out)))
+        self._set_slider()
+        self.show()
+
+    def show(self) -> None:
+        """Draw what is tried."""
+        before, now = self.trial.before.modes, self.trial.now.modes
+        rows = [
+            (str(mode.number), hertz(mode.frequency), hertz(float(before.frequencies[mode.number - 1])),
+             "" if mode.symmetry == "none" else mode.symmetry, largest_shares(mode))
+            for mode in now
+        ]  # fmt: skip
+        self.table.object = table(HEAD, rows, "Modes without damping")
+        self._show_mode()
+        self._show_responses()
+
+    def _show_mode(self) -> None:
+        if self.mode.value is None or self.mode.value >= len(self.trial.now.modes):
+            return
+        mode = self.trial.now.modes[self.mode.value]
+        marks = Marks(mode=mode, changed={name.rpartition(".")[0] for name in self.trial.values})
+        self.view.svg = drivetrain_svg(self._picture, marks, prefix="mode")
+        self.bars.show({spaced(name): share for name, share in (mode.kinetic | mode.potential).items()})
+        self.bars.figure.title.text = f"Energy of mode {mode.number}, {hertz(mode.frequency)} Hz"
+
+    def _show_responses(self) -> None:
+        before, now = self.trial.before.response, self.trial.now.response
+        if before is None or now is None or not self.sensor.value or not self.input.value:
+            return
+        pair = (self.sensor.value, self.input.value)
+        if pair[0] not in now.sensors or pair[1] not in now.inputs:
+            return
+        figures = self.responses
+        figures.show(figures.before, before.frequencies, before[pair])
+        figures.show(figures.now, now.frequencies, now[pair])
+        figures.show_measured(self.measured, *pair)
+        of_sensor = next(part for part in self.trial.document.system.sensors if part.name == pair[0])
+        figures.modulus.yaxis.axis_label = f"modulus [{of_sensor.unit} / N·m]"
+
+    def _measured(self) -> MeasuredCurves | None:
+        for path in self.workspace.recordings:
+            try:
+                system = self.trial.document.system
+                return measured_curves(read_recording(path, system), system)
+            except InputError:  # of another model
+                continue
+        return None
+
+    def _set_slider(self) -> None:
+        name = self.quantity.value
+        if name not in self.trial.movable:
+            return
+        low, high = self.trial.movable[name]
+        now = self.trial.values.get(name, self.trial.document.system.parameters[name].value)
+        low, high = min(low, now), max(high, now)
+        si = unit(self.trial.document.system.units[name])
+        self._waiting = True  # no slide of the user's
+        self.slider.param.update(
+            start=low, end=high, step=(high - low) / STEPS, value=now, label=f"value [{si or '1'}]"
+        )
+        self._waiting = False
+
+    def _slide(self) -> None:
+        """Follow the slider: once for all its events that have come meanwhile."""
+        if self._waiting:
+            return
+        self._waiting = True
+        if pn.state.curdoc:
+            pn.state.curdoc.add_next_tick_callback(self.follow)
+        else:
+            self.follow()
+
+    def follow(self) -> None:
+        """Show everything at the slider's value."""
+        self._waiting = False
+        name, value = self.quantity.value, self.slider.value
+        try:
+            self.trial.try_value(name, value)
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        self.message.say(f"tried: {amount(value, self.trial.document.system.units[name])} for {name}")
+        self.show()
+
+    def _keep(self) -> None:
+        try:
+            self.trial.keep()
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        self.message.say("Kept; save it in the tab Drivetrain")
+        self.open_model()
+        self.after_keeping()
+
+
+def _offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
+    """Other options; the choice stays where it is one of them."""
+    values = list(options.values())
+    first = values[0] if values else None
+    chosen = wanted if wanted is not None else chooser.value if chooser.value in values else first
+    chooser.param.update(options=options, value=chosen)

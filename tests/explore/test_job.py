@@ -1,0 +1,46 @@
+"""Commands in processes of their own: answered, wrong, ended."""
+
+import pytest
+from structure.imports import ROOT
+
+from matching.explore import equivalents
+from matching.explore.job import Job
+
+MODEL = str(ROOT / "matching" / "starter" / "vehicle.toml")
+CASE = str(ROOT / "matching" / "starter" / "case.toml")
+
+
+def test_a_command_answers_with_its_result():
+    ended = Job(["modes", MODEL, "--check"]).wait(60)
+    assert ended.code == 0
+    assert ended.result["checked"][MODEL].startswith("a model: 5 inertias")
+
+
+def test_wrong_input_is_one_line(tmp_path):
+    ended = Job(["modes", str(tmp_path / "none.toml"), "--out", str(tmp_path)]).wait(60)
+    assert ended.code == 2
+    assert ended.line.endswith("none.toml: does not exist; name an existing file")
+    assert not ended.cancelled
+
+
+def test_a_command_that_is_cancelled_tells_its_progress_until_then_and_leaves_nothing(tmp_path):
+    told = []
+
+    def tell(line):
+        told.append(line)
+        job.cancel()
+
+    job = Job(["match", CASE, "--out", str(tmp_path / "out"), "--workers", "1"], tell)
+    ended = job.wait(120)
+    assert ended.cancelled
+    assert told[0].startswith("match")
+    assert not (tmp_path / "out" / "result.json").exists()
+
+
+def test_commands_and_python_name_the_same_and_quote_what_needs_it():
+    same = equivalents.match('my "case".toml', "out dir", 3, 0)
+    assert same.command == """rigmatch match 'my "case".toml' --starts 3 --seed 0 --out 'out dir'"""
+    assert 'rm.match("my \\"case\\".toml", seed=0, starts=3)' in same.python
+    assert len(same.python.splitlines()) == 3
+    with pytest.raises(AttributeError):
+        same.command = ""
