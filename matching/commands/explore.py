@@ -26,7 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Serve the page until it is interrupted; the result object says where it was."""
+    """Serve the page until it is interrupted; the result object says where it was.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or the packages of the explorer are not installed.
+    """
     import sys
     import webbrowser
     from importlib.util import find_spec

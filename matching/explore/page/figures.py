@@ -46,7 +46,7 @@ class ResponseFigures:
             fig.legend.location = "bottom_left"
 
     def show(self, source: ColumnDataSource, frequencies: np.ndarray, values: np.ndarray) -> None:
-        """Put a response (f,) into one of the sources."""
+        """Put ``values`` (f,) at ``frequencies`` (f,), Hz, into one of the sources."""
         source.data = {"f": frequencies, "size": np.abs(values), "phase": np.degrees(np.angle(values))}
 
     def show_measured(self, curves: MeasuredCurves | None, sensor: str, source: str) -> None:
