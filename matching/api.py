@@ -34,12 +34,28 @@ File = str | PathLike[str]
 
 
 def load(path: File) -> System:
-    """A model file as a System, which shows its equations in a notebook.
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : path
+        A model file (TOML).
+
+    Returns
+    -------
+    System
+        The drivetrain as data, SI; it shows its equations in a notebook.
 
     Raises
     ------
     InputError
         One line: file, key, what is wrong, what would be right. So do all functions here.
+
+    Examples
+    --------
+    >>> model = rm.load("examples/diagnosis/model.toml")
+    >>> model.parameters["shafts.link.stiffness"].value  # N·m/rad
+    380.0
     """
     from modelling.model.files import load as read
 
@@ -47,14 +63,56 @@ def load(path: File) -> System:
 
 
 def load_case(path: File) -> Case:
-    """A case file with all that it names."""
+    """Read a case file with all that it names.
+
+    Parameters
+    ----------
+    path : path
+        A case file (TOML) of ``rigmatch match``.
+
+    Returns
+    -------
+    Case
+        Vehicle, rig, loop and what may be tuned, SI.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> case = rm.load_case("examples/road_to_rig/case.toml")
+    >>> case.loop["dead_time"]  # s
+    0.003
+    """
     from matching.frequency.case.load import load_case as read
 
     return read(Path(path))
 
 
 def show(file: System | Case | File) -> Figure:
-    """The drivetrain of a model, or vehicle and rig of a case, as a Matplotlib figure."""
+    """Draw the drivetrain of a model, or vehicle and rig of a case.
+
+    Parameters
+    ----------
+    file : System, Case or path
+        A model or a case.
+
+    Returns
+    -------
+    Figure
+        Of Matplotlib; ``savefig`` writes it as SVG, PNG or PDF.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> rm.show("examples/road_to_rig/case.toml").savefig("drivetrain.svg")
+    """
     from matching.frequency.case.case import Case
     from matching.frequency.case.load import is_case
     from matching.report.drawing.figures import case_figure, model_figure
@@ -66,12 +124,35 @@ def show(file: System | Case | File) -> Figure:
 
 
 def read_recording(path: File, model: System | File, channels: File | None = None) -> Recording:
-    """The channels of a model from CSV, MDF, ``.mat`` or Parquet, SI.
+    r"""Read the channels of a model from CSV, MDF, ``.mat`` or Parquet.
 
     Parameters
     ----------
+    path : path
+        The recording.
+    model : System or path
+        Its inputs and sensors are the channels that are read.
     channels : path, optional
         A file that says what the channels are called there (:func:`modelling.measurement.channels.read_channels`).
+
+    Returns
+    -------
+    Recording
+        Time (t,) in s and channels (t,) in SI by name.
+
+    Raises
+    ------
+    InputError
+        One line that names file, column or row.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> rows = "time [s],motor_torque [N*m],motor_speed [1/min]\n0,10,0\n0.001,10,0.06\n0.002,10,0.12\n"
+    >>> _ = Path("tip_in.csv").write_text(rows)
+    >>> recording = rm.read_recording("tip_in.csv", "examples/diagnosis/model.toml")
+    >>> recording.channels["motor_speed"].round(5).tolist()  # rad/s
+    [0.0, 0.00628, 0.01257]
     """
     from modelling.measurement.channels import read_channels
     from modelling.measurement.read import read_recording as read
@@ -80,7 +161,34 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
 
 
 def modes(model: System | File, values: Mapping[str, float] | None = None, *, damped: bool = False) -> Modes:
-    """Modes with energy shares and symmetry (Eqs. 1–8); ``values`` (SI) replace those of the model, by name."""
+    """Modes with energy shares and symmetry (Eqs. 1–8 of the paper).
+
+    Parameters
+    ----------
+    model : System or path
+        A model.
+    values : mapping of str to float, optional
+        Replace those of the model by name, SI, e.g. ``{"shafts.link.stiffness": 400}``.
+    damped : bool
+        Modes with damping, at the operating point; else undamped.
+
+    Returns
+    -------
+    Modes
+        A sequence of modes, in order of frequency: ``frequency`` (Hz), ``damping_ratio``, ``kinetic`` and ``potential``
+        energy shares by part, ``symmetry``.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> modes = rm.modes("examples/road_to_rig/vehicle.toml")
+    >>> print(f"{modes[1].frequency:.3f} Hz, {modes[1].symmetry}")
+    1.600 Hz, antisymmetric
+    """
     from modelling.modal.damped_modes import damped_modes
     from modelling.modal.modes import modes as undamped
 
@@ -88,7 +196,32 @@ def modes(model: System | File, values: Mapping[str, float] | None = None, *, da
 
 
 def response(model: System | File, frequencies: np.ndarray) -> Response:
-    """Frequency responses (f, y, u) of all sensors to all inputs at frequencies (f,) in Hz."""
+    """Frequency responses of all sensors to all inputs.
+
+    Parameters
+    ----------
+    model : System or path
+        A model.
+    frequencies : ndarray (f,)
+        Hz.
+
+    Returns
+    -------
+    Response
+        ``values`` (f, y, u), complex: the sensor's SI unit per N·m.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> response = rm.response("examples/diagnosis/model.toml", np.array([1.0, 10.0, 50.0]))
+    >>> response.values.shape  # frequencies, sensors, inputs
+    (3, 3, 1)
+    """
     from modelling.linear.response import response as of
 
     return of(_system(model), frequencies)
@@ -102,10 +235,14 @@ def simulate(
     start: Any = "recorded",
     tolerance: float | None = None,
 ) -> Simulation:
-    """The model's response to the inputs of a recording.
+    r"""The model's response to the inputs of a recording.
 
     Parameters
     ----------
+    model : System or path
+        A model.
+    recording : Recording or path
+        Its inputs vary linearly between the samples.
     channels : path, optional
         A file that says what the channels are called in the recording.
     start : "recorded", "rest", "steady", states by name or all states
@@ -113,6 +250,27 @@ def simulate(
         others as :func:`modelling.simulation.simulate.simulate` has them.
     tolerance : float, optional
         Largest error of the integration, as a share of each reading's range; by default 1e-4.
+
+    Returns
+    -------
+    Simulation
+        ``time`` (t,) in s, readings of all sensors (t,) by name, SI.
+
+    Raises
+    ------
+    InputError
+        One line that names file, key or column.
+    SimulationError
+        If a state is not finite.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> rows = "\n".join(f"{k / 1000},{10 if k >= 100 else 0}" for k in range(500))
+    >>> _ = Path("tip_in.csv").write_text("time [s],motor_torque [N*m]\n" + rows)
+    >>> simulated = rm.simulate("examples/diagnosis/model.toml", "tip_in.csv", start="rest")
+    >>> print(f"{simulated.readings['link_torque'].max():.1f} N·m")
+    17.8 N·m
     """
     from modelling.equations.compiled import compiled
     from modelling.simulation.recorded_start import recorded_start
@@ -136,7 +294,35 @@ def match(
 ) -> MatchResult:
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
-    See :func:`matching.frequency.search.match.match`.
+    Parameters
+    ----------
+    case : Case or path
+        A case.
+    seed : int
+        Of the random starts.
+    starts : int
+        How many starts the search tries; the first is the case's own.
+    workers : int
+        Processes that share the starts.
+    progress : callable, optional
+        Is called with a line of text at every step.
+
+    Returns
+    -------
+    MatchResult
+        ``status`` is ``"matched"`` or ``"limited"``, ``limits`` says what stands in the way; ``targets``,
+        ``parameters``, ``response_error`` and ``verification`` hold the figures; ``tuned`` is the tuned case.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key, also where no stable solution exists.
+
+    Examples
+    --------
+    >>> result = rm.match("examples/adapter_only/case.toml", starts=1)  # doctest: +LONG
+    >>> result.status  # doctest: +LONG
+    'limited'
     """
     from matching.frequency.search.match import match as run
 
@@ -150,11 +336,40 @@ def map(  # noqa: A001
 ) -> Map:  # fmt: skip
     """The response error that a match reaches over two quantities.
 
-    Each is ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``.
-
     It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
-    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped continues. See
-    :func:`matching.frequency.studies.map.map_case`.
+    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped continues.
+
+    Parameters
+    ----------
+    case : Case or path
+        A case.
+    x, y : str or Axis
+        ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``; units as in the case file, SI where none is written.
+    executor : Executor, optional
+        Where the points are solved.
+    seed, starts : int
+        As of :func:`match`, for every point.
+    workers : int, optional
+        Processes where there is no executor; by default one a core.
+    record : path, optional
+        A file of finished points.
+    progress : callable, optional
+        Is called with the numbers of finished and of all points.
+
+    Returns
+    -------
+    Map
+        Response errors, margins and status of every point.
+
+    Raises
+    ------
+    InputError
+        One line that names the quantity, file or key.
+
+    Examples
+    --------
+    >>> axes = "loop.dead_time=0.001:0.005:3", "rig.shafts.adapter_left.stiffness=2e4:1e5:3"
+    >>> rm.map("examples/road_to_rig/case.toml", *axes).plot().savefig("map.svg")  # doctest: +SKIP
     """
     from matching.frequency.studies.map import map_case
 
@@ -170,7 +385,36 @@ def tolerance(
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
-    Executor, ``workers`` and ``record`` as for :func:`map`; see :func:`matching.frequency.studies.tolerance.tolerance`.
+    Parameters
+    ----------
+    case : Case or path
+        A tuned case, e.g. ``case.toml`` of a match's directory.
+    draws : int
+        How many beds are drawn.
+    executor, workers, record, progress
+        As of :func:`map`.
+    seed : int
+        Of the draws.
+    added : mapping of str to float, optional
+        Relative tolerances by name or pattern beside those of the model files, e.g. ``{"loop.dead_time": 0.2}``.
+
+    Returns
+    -------
+    Tolerance
+        Quantiles of every quantity, shares of the inputs in their spread, and the yield: the share of beds within
+        limits.
+
+    Raises
+    ------
+    InputError
+        One line that names the quantity, file or key.
+
+    Examples
+    --------
+    >>> case = "examples/road_to_rig/case.toml"
+    >>> study = rm.tolerance(case, 200, added={"loop.dead_time": 0.2}, workers=1)  # doctest: +LONG
+    >>> study.draws  # doctest: +LONG
+    200
     """
     from contextlib import nullcontext
 
@@ -185,7 +429,38 @@ def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
     holdout: Recording | File | None = None, *, channels: File | None = None, tell: Callable[[str], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
-    """Find what a model lacks, from recordings; see :func:`matching.diagnosis.diagnosis.diagnose`."""
+    """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
+
+    Parameters
+    ----------
+    model : System or path
+        What is believed of the drivetrain; quantities with a range are fitted within it.
+    recordings : Recording, path or a sequence of them
+        What was measured.
+    holdout : Recording or path, optional
+        Is never fitted and judges the result; by default the last 30 % of the recordings.
+    channels : path, optional
+        A file that says what the channels are called in the recordings.
+    tell : callable, optional
+        Is called with a line of text at every step.
+
+    Returns
+    -------
+    Diagnosis
+        ``verdict`` is ``"adequate"``, ``"explained"`` or ``"unexplained"``; ``causes`` with parameters, standard
+        uncertainties, confidence and evidence; ``extended`` is the extended model.
+
+    Raises
+    ------
+    InputError
+        One line that names file, key or column.
+
+    Examples
+    --------
+    >>> found = rm.diagnose("examples/diagnosis/model.toml", "bench.csv")  # doctest: +SKIP
+    >>> for cause in found.causes:  # doctest: +SKIP
+    ...     print(cause.kind, cause.at, cause.evidence)
+    """
     from matching.diagnosis.diagnosis import diagnose as run
     from modelling.measurement.recording import Recording
 
@@ -198,7 +473,7 @@ def diagnose(
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
-    """Recordings of the controlled bed beside vehicle and prediction, see :func:`matching.bed_test.judge.judge`.
+    """Judge recordings of the controlled bed beside vehicle and prediction.
 
     Parameters
     ----------
@@ -208,6 +483,21 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
         They hold the compared torques and sensors.
     channels : path, optional
         A file that says what the signals are called in the recordings.
+
+    Returns
+    -------
+    BedVerification
+        Response errors with uncertainties, modes and fidelity of the bed, each beside its prediction.
+
+    Raises
+    ------
+    InputError
+        One line that names file, key or column.
+
+    Examples
+    --------
+    >>> judged = rm.verify("out/road_to_rig", "bed_1.csv", "bed_2.csv")  # doctest: +SKIP
+    >>> judged.status  # doctest: +SKIP
     """
     from matching.bed_test.judge import judge
     from matching.bed_test.recorded import read_recordings
@@ -224,7 +514,35 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
 
 
 def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:
-    """A budget file evaluated after the GUM, first order and by Monte Carlo."""
+    """Evaluate a measurement uncertainty budget after the GUM, first order and by Monte Carlo.
+
+    Parameters
+    ----------
+    budget : path
+        A budget file (TOML).
+    draws : int, optional
+        Of Monte Carlo; by default as many as make the result stable (JCGM 101, 7.9).
+    seed : int
+        Of the draws.
+    digits : int
+        Significant digits of the stated uncertainty.
+
+    Returns
+    -------
+    Uncertainty
+        For every measurand the complete result, the budget's table and the check of first order against Monte Carlo.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> budget = rm.uncertainty("examples/gum/end_gauge.toml", draws=10_000)
+    >>> print(f"{budget.measurands[0].propagation.first_order * 1e9:.1f} nm")  # standard uncertainty, first order
+    31.7 nm
+    """
     from matching.validity.budget.budget_file import read_budget
     from matching.validity.uncertainty.evaluate import evaluate
 
@@ -235,7 +553,36 @@ def fidelity(
     case: File, *, channels: File | None = None, arithmetic: str | None = None, nrmse: str | None = None,
     draws: int = 20_000, seed: int = 1,
 ) -> XilFidelity:  # fmt: skip
-    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23); everything as the command has it."""
+    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23 of the paper).
+
+    Parameters
+    ----------
+    case : path
+        A fidelity case (TOML).
+    channels : path, optional
+        A file that says what the channels are called in the recordings.
+    arithmetic : {"definition", "published"}, optional
+        Replaces that of the file: the equations as defined, or as the paper's table was calculated.
+    nrmse : {"definition", "literal"}, optional
+        Form of Eq. 18; replaces that of the file.
+    draws, seed : int
+        Of Monte Carlo.
+
+    Returns
+    -------
+    XilFidelity
+        ``R_XiL`` (0 … 1), its parts, and their uncertainties.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+
+    Examples
+    --------
+    >>> print(f"{rm.fidelity('examples/fidelity/tab2.toml').R_XiL:.3f}")
+    0.885
+    """
     from matching.validity.fidelity.case_file import read_case
     from matching.validity.fidelity.result import xil_fidelity
     from modelling.measurement.channels import read_channels
@@ -245,7 +592,32 @@ def fidelity(
 
 
 def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
-    """Write the tuned residual vehicle of a match, or any model, as an FMU for co-simulation; returns its path."""
+    """Write the tuned residual vehicle of a match, or any model, as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    result : path
+        Directory or ``result.json`` of a match, a case file or a model file.
+    fmu : path
+        The file to write; ends in ``.fmu``.
+    fmi : {"2.0", "3.0"}
+        Version of the standard.
+
+    Returns
+    -------
+    Path
+        Of the FMU.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key, or the name of the FMU.
+
+    Examples
+    --------
+    >>> rm.export("examples/road_to_rig/case.toml", "residual_vehicle.fmu").name  # doctest: +LONG
+    'residual_vehicle.fmu'
+    """
     from matching.fmu.write import write
 
     write(str(result), str(fmu), fmi)

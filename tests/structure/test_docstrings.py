@@ -1,5 +1,7 @@
 """Public functions give shapes, units and errors; those of the public face give everything."""
 
+import re
+
 import pytest
 from structure import docstrings
 
@@ -22,3 +24,22 @@ def test_physical_quantities_have_units():
 )
 def test_shapes_are_told_from_other_brackets(text, holds):
     assert docstrings.has_shape(text) == holds
+
+
+def test_the_public_face_is_documented_wholly():
+    """Every parameter, what comes back, errors and an example."""
+    lacking = []
+    for found in docstrings.public_functions():
+        if found.module != "matching.api" or "." in found.name:
+            continue
+        described = found.text.partition("Parameters\n---")[2].partition("Returns\n---")[0]
+        names = {argument.arg for argument in [*found.node.args.args, *found.node.args.kwonlyargs]}
+        lacking += [
+            f"{found.name}: {name}"
+            for name in names
+            if not re.search(rf"(?m)^[\w, ]*\b{name}\b[\w, ]*( :|$)", described)
+        ]
+        lacking += [
+            f"{found.name}: {part}" for part in ("Returns", "Raises", "Examples") if f"\n{part}\n---" not in found.text
+        ]
+    assert lacking == []
