@@ -5,6 +5,7 @@ M = Σ J·sᵀs and K = Σ c·tᵀt (paper Eqs. 4 and 5), so energies by compone
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -69,12 +70,8 @@ def rank(rows: np.ndarray | sparse.sparray) -> int:
 
     Rows of a drivetrain have a few entries each, so the work grows with their number, where an SVD takes its cube.
     """
-    scaled = sparse.csr_array(rows)
-    lengths = np.sqrt(scaled.power(2).sum(axis=1))
     pivots: dict[int, dict[int, float]] = {}  # column → the other entries of its row, where its own is 1
-    for i, length in enumerate(lengths):
-        part = slice(scaled.indptr[i], scaled.indptr[i + 1])
-        entries = dict(zip(scaled.indices[part].tolist(), (scaled.data[part] / length).tolist(), strict=True))
+    for entries in _entries(rows):
         while (column := next((j for j in entries if j in pivots), None)) is not None:
             value = entries.pop(column)
             for j, other in pivots[column].items():
@@ -84,6 +81,19 @@ def rank(rows: np.ndarray | sparse.sparray) -> int:
             value = entries.pop(largest)
             pivots[largest] = {j: other / value for j, other in entries.items() if abs(other) > 1e-12}
     return len(pivots)
+
+
+def _entries(rows: np.ndarray | sparse.sparray) -> Iterator[dict[int, float]]:
+    """What is not zero in each row (r, n), by column, at length one."""
+    if isinstance(rows, np.ndarray):
+        for row in rows / np.linalg.norm(rows, axis=1, keepdims=True):
+            columns = np.flatnonzero(row)
+            yield dict(zip(columns.tolist(), row[columns].tolist(), strict=True))
+        return
+    scaled = sparse.csr_array(rows)
+    for i, length in enumerate(np.sqrt(scaled.power(2).sum(axis=1))):
+        part = slice(scaled.indptr[i], scaled.indptr[i + 1])
+        yield dict(zip(scaled.indices[part].tolist(), (scaled.data[part] / length).tolist(), strict=True))
 
 
 def unit_rows(rows: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import Parts
@@ -15,6 +14,7 @@ from matching.frequency.loop.poles import ZERO
 LOWEST, HIGHEST = 1e-4, 5e3  # Hz
 STEP = 0.3  # rad: largest phase step of det(I + L) that is believed
 MOST = 200_000  # frequencies
+STEPS_A_ROUND, ROUNDS = 16, 7  # about a minimum of the margin: 8⁻⁷ = 5e-7 of the interval between grid points is left
 
 Difference = Callable[[np.ndarray], np.ndarray]
 
@@ -148,13 +148,23 @@ def modulus_margin(difference: Difference, frequencies: np.ndarray, values: np.n
     sizes = np.linalg.svd(values, compute_uv=False)[:, -1]
     padded = np.concatenate([[np.inf], sizes, [np.inf]])
     valleys = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
-    best = float(sizes.min()), float(frequencies[np.argmin(sizes)])
-    for i in valleys[np.argsort(sizes[valleys])][:5]:
-        low, high = np.log(frequencies[max(i - 1, 0)]), np.log(frequencies[min(i + 1, len(sizes) - 1)])
-        minimum = scipy.optimize.minimize_scalar(
-            lambda x: np.linalg.svd(difference(np.array([2j * np.pi * np.exp(x)])), compute_uv=False)[0, -1],
-            bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low) + 1e-12},
-        )  # fmt: skip
-        if minimum.fun < best[0]:
-            best = float(minimum.fun), float(np.exp(minimum.x))
-    return best
+    lowest = valleys[np.argsort(sizes[valleys])][:5]
+    before, after = frequencies[np.maximum(lowest - 1, 0)], frequencies[np.minimum(lowest + 1, len(sizes) - 1)]
+    least, where = _refined(difference, np.log(before), np.log(after))
+    best = int(np.argmin(least))
+    return float(least[best]), float(where[best])
+
+
+def _refined(difference: Difference, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least singular values (m,) in intervals of the logarithm of the frequency, and where in Hz.
+
+    All intervals are searched at once: each round keeps the two steps about the lowest of its points.
+    """
+    rows = np.arange(len(low))
+    for _ in range(ROUNDS):
+        grid = np.linspace(low, high, STEPS_A_ROUND + 1, axis=-1)
+        values = difference(2j * np.pi * np.exp(grid.ravel()))
+        sizes = np.linalg.svd(values, compute_uv=False)[:, -1].reshape(grid.shape)
+        lowest = np.argmin(sizes, axis=1)
+        low, high = grid[rows, np.maximum(lowest - 1, 0)], grid[rows, np.minimum(lowest + 1, STEPS_A_ROUND)]
+    return sizes[rows, lowest], np.exp(grid[rows, lowest])
