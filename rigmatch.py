@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __all__ = [
-    "diagnose", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording", "response",
-    "show", "simulate", "tolerance", "uncertainty", "verify",
+    "diagnose", "excite", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording",
+    "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from matching.api import (
         diagnose,
+        excite,
         export,
         fidelity,
         load,

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from matching.bed_test.result import BedVerification
     from matching.diagnosis.verdict.result import Diagnosis
+    from matching.excitation.plan import ExcitationOrder
+    from matching.excitation.result import ExcitationPlan
     from matching.frequency.case.case import Case
     from matching.frequency.search.result import MatchResult
     from matching.frequency.studies.map import Map
@@ -470,6 +472,22 @@ def diagnose(
     read = [_recording(one, system, channels) for one in several]  # type: ignore[arg-type]
     judge = None if holdout is None else _recording(holdout, system, channels)
     return run(system, read, judge, tell or (lambda _: None))
+
+
+def excite(case: Case | File, order: ExcitationOrder | None = None) -> ExcitationPlan:
+    """The recording that identifies what a match depends on most, see :func:`matching.excitation.plan.plan_excitation`.
+
+    Parameters
+    ----------
+    case : Case or path
+        Tuned, or at its start values; a path is a directory or ``result.json`` of a match, or a case file.
+    order : ExcitationOrder, optional
+        Duration, margin, speed, largest torques.
+    """
+    from matching.excitation.plan import plan_excitation
+    from matching.fmu.given import tuned_case
+
+    return plan_excitation(tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case, order)
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:

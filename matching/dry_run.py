@@ -67,6 +67,10 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
         case = tuned_case(named["case"]).tuned
         read_recordings(named["recordings"], case, channels)
         return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")
+    if named["command"] == "excite":
+        from matching.fmu.given import tuned_case
+
+        return {named["case"]: _case(tuned_case(named["case"]).tuned)}
     path = named.get("case") or named["file"]
     if "file" in named and not is_case(read_toml(path)):
         return {path: _model(load(path))}

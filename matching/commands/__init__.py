@@ -20,6 +20,7 @@ ONE_LINE = {
     "uncertainty": "measurement uncertainty budget after the GUM",
     "fidelity": "partial and total XiL fidelity",
     "tolerance": "spread of a match over the tolerances of the bed",
+    "excite": "plan the recording that identifies what a match depends on",
     "verify": "judge recordings of the controlled bed beside vehicle and prediction",
     "export": "write the tuned residual vehicle as an FMU",
     "explore": "models, cases, recordings and budgets in the browser",

@@ -5,6 +5,7 @@ from importlib import import_module
 VIEWS = {
     "matching.bed_test.result.BedVerification": "matching.report.bed_test.view",
     "modelling.modal.modes.Mode": "matching.report.modes.animation",
+    "matching.excitation.result.ExcitationPlan": "matching.report.excitation.view",
     "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",
     "matching.frequency.search.result.MatchResult": "matching.report.match.view",
     "matching.frequency.studies.map.Map": "matching.report.map.view",

@@ -1,108 +1,15 @@
-"""A small bed with one dynamometer: motor, side shaft, rotor; behind the cut a wheel and a body."""
+"""The small bed, with an observer."""
 
 from __future__ import annotations
 
 import pytest
+from small_bed import write
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
-
-VEHICLE = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.wheel]
-J = 1.0
-[inertias.body]
-J = 40
-drag = 0.5
-[shafts.side]
-between = ["motor", "wheel"]
-stiffness = 4000
-damping = 2
-[shafts.tyre]
-between = ["wheel", "body"]
-stiffness = 8000
-damping = 30
-[inputs.motor_torque]
-on = "motor"
-[inputs.road]
-on = "body"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-"""
-RIG = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.adapter]
-J = 0.05
-[inertias.rotor]
-J = 0.9
-drag = 0.1
-[shafts.side]
-between = ["motor", "adapter"]
-stiffness = 4000
-damping = 2
-[shafts.flange]
-between = ["adapter", "rotor"]
-stiffness = 1e5
-damping = 10
-[inputs.motor_torque]
-on = "motor"
-[inputs.dyno]
-on = "rotor"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-[sensors.flange_torque]
-measures = "torque"
-of = "flange"
-[sensors.rotor_speed]
-measures = "speed"
-of = "rotor"
-"""
-CASE = """
-vehicle = "vehicle.toml"
-rig = "rig.toml"
-[dynamometers.dyno]
-torque_input = "dyno"
-torque_sensor = "flange_torque"
-speed_sensor = "rotor_speed"
-follows = "side"
-[loop]
-structure = "observer"
-knows = ["motor_torque"]
-measures = ["motor_speed"]
-dead_time = 0.0023
-[[targets]]
-mode = 2
-[response]
-compare = [
-    { input = "motor_torque", sensor = "motor_speed" },
-    { input = "motor_torque", sensor = "side_torque" },
-    { input = "road", sensor = "side_torque" },
-]
-[manoeuvre.motor_torque]
-kind = "tip_in"
-amplitude = 50
-duration = 2
-[limits]
-dynamometer_torque = 1500
-"""
 
 
 @pytest.fixture(scope="session")
 def small_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """The case with ``observer``, at a dead time that is no multiple of the sample time."""
-    folder = tmp_path_factory.mktemp("small")
-    for name, text in (("vehicle.toml", VEHICLE), ("rig.toml", RIG), ("case.toml", CASE)):
-        (folder / name).write_text(text)
-    return load_case(folder / "case.toml")
+    return load_case(write(tmp_path_factory.mktemp("small")))

@@ -35,6 +35,13 @@ typedef struct { int slide[16]; int contact[16]; } Modes;   /* slide 0 = stick; 
 static int block(const Plant *p, double t) { return t >= p->jump_sample * p->dt - 1e-12; }
 static int has_friction(const Plant *p, int i) { return p->friction[i] > 0 || p->friction_reverse[i] > 0; }
 
+/* a bed that is stepped takes its inputs from what arrived so far instead */
+#ifdef INPUT_NOW
+static double INPUT_NOW(const Plant *p, int j, double t);
+#else
+#define INPUT_NOW recorded
+#endif
+
 static double recorded(const Plant *p, int j, double t) {
     double x = (t - p->delay[j]) / p->dt;
     int k = (int)floor(x);
@@ -94,7 +101,7 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
     if (p->disturbed >= 0)
         load[p->disturbed] += p->disturbance_amplitude * sin(p->disturbance_frequency * t + p->disturbance_phase);
     for (int j = 0; j < p->u; j++) {
-        double now = recorded(p, j, t);
+        double now = INPUT_NOW(p, j, t);
         dy[2 * p->n + 2 * p->s + j] = p->lag[j] > 0 ? (now - lagged[j]) / p->lag[j] : 0;
         load[p->on[j]] += p->lag[j] > 0 ? lagged[j] : now;
     }
@@ -213,7 +220,7 @@ int run(const Plant *p) {
     for (int j = 0; j < p->s; j++)
         y[2 * p->n + p->s + j] = y[p->first[j]] / p->ratio[j] - y[p->second[j]];
     for (int i = 0; i < p->n; i++) m.slide[i] = (y[p->n + i] > 0) - (y[p->n + i] < 0);
-    for (int j = 0; j < p->u; j++) y[2 * p->n + 2 * p->s + j] = recorded(p, j, 0);
+    for (int j = 0; j < p->u; j++) y[2 * p->n + 2 * p->s + j] = INPUT_NOW(p, j, 0);
     event(p, 0, y, &m, block(p, 0), 1);
     for (int k = 0; k < p->samples; k++) {
         int b = block(p, k * p->dt);

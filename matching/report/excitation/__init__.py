@@ -1,0 +1,1 @@
+"""How a planned excitation is drawn and written."""
