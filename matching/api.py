@@ -485,7 +485,7 @@ def excite(case: Case | File, order: ExcitationOrder | None = None) -> Excitatio
         Duration, margin, speed, largest torques.
     """
     from matching.excitation.plan import plan_excitation
-    from matching.fmu.given import tuned_case
+    from matching.fmu.export_source import tuned_case
 
     return plan_excitation(tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case, order)
 

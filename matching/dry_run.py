@@ -60,17 +60,15 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
     from modelling.common.tables import read_toml
     from modelling.model.files import load
 
-    if named["command"] == "verify":
+    if named["command"] in ("verify", "excite"):
         from matching.bed_test.recorded import read_recordings
         from matching.fmu.export_source import tuned_case
 
         case = tuned_case(named["case"]).tuned
+        if named["command"] == "excite":
+            return {named["case"]: _case(case)}
         read_recordings(named["recordings"], case, channels)
         return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")
-    if named["command"] == "excite":
-        from matching.fmu.given import tuned_case
-
-        return {named["case"]: _case(tuned_case(named["case"]).tuned)}
     path = named.get("case") or named["file"]
     if "file" in named and not is_case(read_toml(path)):
         return {path: _model(load(path))}

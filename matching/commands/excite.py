@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Plan and write files; the result object is the content of ``excite.json``."""
     from matching.excitation.plan import ExcitationOrder, plan_excitation
     from matching.excitation.result import excitation_csv
-    from matching.fmu.given import tuned_case
+    from matching.fmu.export_source import tuned_case
     from matching.report.common.style import image
     from matching.report.excitation.figures import excitation
     from modelling.common.output import strict_json, write_all
