@@ -475,7 +475,7 @@ def diagnose(
 
 
 def excite(case: Case | File, order: ExcitationOrder | None = None) -> ExcitationPlan:
-    """The recording that identifies what a match depends on most, see :func:`matching.excitation.plan.plan_excitation`.
+    """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
     Parameters
     ----------
@@ -483,6 +483,21 @@ def excite(case: Case | File, order: ExcitationOrder | None = None) -> Excitatio
         Tuned, or at its start values; a path is a directory or ``result.json`` of a match, or a case file.
     order : ExcitationOrder, optional
         Duration, margin, speed, largest torques.
+
+    Returns
+    -------
+    ExcitationPlan
+        Torques over time, the share of every limit that they use, and the uncertainties to expect.
+
+    Raises
+    ------
+    InputError
+        If the case lacks limits, nothing is uncertain, or a wish cannot be met.
+
+    Examples
+    --------
+    >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
+    >>> plan.error_after  # doctest: +SKIP
     """
     from matching.excitation.plan import plan_excitation
     from matching.fmu.export_source import tuned_case

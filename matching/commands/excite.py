@@ -38,7 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Plan and write files; the result object is the content of ``excite.json``."""
+    """Plan and write files; the result object is the content of ``excite.json``.
+
+    Raises
+    ------
+    InputError
+        If the case lacks limits, nothing is uncertain, or a wish cannot be met.
+    """
     from matching.excitation.plan import ExcitationOrder, plan_excitation
     from matching.excitation.result import excitation_csv
     from matching.fmu.export_source import tuned_case

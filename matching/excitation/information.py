@@ -15,7 +15,10 @@ FAINT = 1e-3  # of the largest spectral line: what is smaller tells nothing
 
 
 def sensitivities(bed: RecordedBed, box: Box, frequencies: np.ndarray) -> np.ndarray:
-    """Derivatives (p, f, y, u) of the responses by each quantity in half-widths, over the noise of the sensors."""
+    """Derivatives (p, f, y, u) of the responses by each quantity in half-widths, over the noise of the sensors.
+
+    ``frequencies`` (f,) are in Hz.
+    """
     p = len(box.uncertain)
     slopes = []
     for i in range(p):
@@ -44,7 +47,7 @@ def information(bed: RecordedBed, box: Box, inputs: np.ndarray, step: float, low
 
 
 def line_information(bed: RecordedBed, box: Box, lines: np.ndarray, of_input: np.ndarray, count: int) -> np.ndarray:
-    """Information (l, p, p) of ``count`` samples of a sine with mean square 1 at each line (Hz) of its own input."""
+    """Information (l, p, p) of ``count`` samples of a sine, mean square 1 (N·m)², at each line (l,) in Hz."""
     slopes = sensitivities(bed, box, lines)
     own = slopes[:, np.arange(len(lines)), :, of_input]  # (l, p, y): NumPy puts the paired axis first
     return count * np.real(np.einsum("lpy,lqy->lpq", own.conj(), own))

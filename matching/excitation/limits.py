@@ -108,18 +108,16 @@ class ExcitationLimits:
     def largest_scale(
         self, steady: tuple[np.ndarray, np.ndarray], motion: ExcitedMotion, demands: np.ndarray, allowed: float
     ) -> float:
-        """Largest factor on an excitation with every limit used up to a share ``allowed``."""
+        """Largest factor on an excitation with every limit used up to a share ``allowed``.
+
+        Parameters are those of :meth:`used`; demands (t, u) in N·m.
+        """
 
         moved = _Extremes.of(motion, demands, self._speed_rows)
 
         def holds(scale: float) -> bool:
             return max(self._shares(steady, moved, scale).values()) <= allowed
 
-        if not holds(0.0):
-            raise InputError(
-                "limits", f"the steady speed of {self.speed:g} rad/s alone takes more than {allowed:.0%} of a limit",
-                "choose another speed",
-            )  # fmt: skip
         low, high = 0.0, 1.0
         while holds(high) and high < LARGEST_SCALE:
             low, high = high, 2 * high

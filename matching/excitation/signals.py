@@ -10,7 +10,7 @@ CREST_TRIES = 40  # draws of the phases, of which the flattest is taken
 
 
 def fade(samples: int, step: float) -> np.ndarray:
-    """Window (t,) that rises and falls by half a cosine at its ends."""
+    """Window (t,) that rises and falls by half a cosine at its ends; ``step`` in s."""
     edge = min(round(FADE / step), samples // 4)
     window = np.ones(samples)
     window[:edge] = (1 - np.cos(np.pi * np.arange(edge) / edge)) / 2
@@ -21,7 +21,10 @@ def fade(samples: int, step: float) -> np.ndarray:
 def multisine(
     lines: np.ndarray, of_input: np.ndarray, powers: np.ndarray, inputs: int, samples: int, step: float, seed: int
 ) -> np.ndarray:
-    """Torques (t, u): sines at lines (l,), Hz, of mean squares ``powers``, with drawn phases and a small peak."""
+    """Torques (t, u): sines at lines (l,), Hz, of mean squares ``powers`` (l,), with drawn phases and a small peak.
+
+    ``of_input`` (l,) is each line's input, ``step`` in s.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(samples) * step
     waves = 2j * np.pi * lines[:, None] * time
@@ -39,7 +42,7 @@ def multisine(
 
 
 def chirp(low: float, high: float, input_index: int, inputs: int, samples: int, step: float) -> np.ndarray:
-    """Torques (t, u): a sine of amplitude 1 whose frequency (Hz) grows exponentially, on one input."""
+    """Torques (t, u): a sine of amplitude 1 whose frequency (Hz) grows exponentially, on one input; ``step`` in s."""
     time, lasts = np.arange(samples) * step, samples * step
     rate = np.log(high / low)
     out = np.zeros((samples, inputs))
@@ -48,7 +51,7 @@ def chirp(low: float, high: float, input_index: int, inputs: int, samples: int, 
 
 
 def steps(input_index: int, inputs: int, samples: int, step: float) -> np.ndarray:
-    """Torques (t, u): up, down through zero to the other side, and back, amplitude 1, on one input."""
+    """Torques (t, u): up, down through zero to the other side, and back, amplitude 1, on one input; ``step`` in s."""
     lasts = samples * step
     at = np.array([0.05, 0.05, 0.35, 0.35, 0.65, 0.65]) * lasts
     at[1::2] += STEP_RISE
