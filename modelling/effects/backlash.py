@@ -16,6 +16,10 @@ class Backlash(Kind):
 
     kind = "backlash"
     words = "has {gap} of free play"
+    in_recording = (
+        "after a reversal of torque the speeds move apart freely for some milliseconds, then the torque "
+        "jumps; a plot of torque over twist has a flat step of width gap."
+    )
     tables = ("shafts",)
     parameters = {"gap": Parameter("rad", lower=0.0)}
     abrupt = True

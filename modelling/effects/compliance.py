@@ -18,6 +18,7 @@ class Compliance(Kind):
 
     kind = "compliance"
     words = "has a further spring of {stiffness} with an inertia of {J} at its second end"
+    in_recording = "a further resonance; below it the shaft looks softer than stated."
     tables = ("shafts",)
     parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "J": Parameter("kg*m^2", lower=1e-12)}
     linear = True

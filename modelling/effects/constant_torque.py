@@ -17,6 +17,10 @@ class ConstantTorque(Kind):
 
     kind = "constant_torque"
     words = "bears a resisting torque of {torque} that does not depend on motion"
+    in_recording = (
+        "the speed that a constant motor torque holds is lower than the model's by the same torque in both "
+        "directions of load, and at standstill the drive does not stay at rest."
+    )
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m")}
     speed_exponent = 0

@@ -15,6 +15,10 @@ class CoulombFriction(Kind):
 
     kind = "coulomb_friction"
     words = "has dry friction of {torque}"
+    in_recording = (
+        "speeds stop dead instead of fading out, and the difference to the model has the sign of the speed "
+        "whatever its size."
+    )
     tables = ("inertias",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "torque_reverse": Parameter("N*m", lower=0.0, optional=True)}
     state_dependent = True

@@ -15,6 +15,7 @@ class DeadTime(Kind):
 
     kind = "dead_time"
     words = "acts {delay} later than recorded"
+    in_recording = "every response begins later by the same time; the phase falls in proportion to frequency."
     tables = ("inputs",)
     parameters = {"delay": Parameter("s", lower=0.0)}
     only_delays = True

@@ -14,6 +14,7 @@ class Hardening(Kind):
 
     kind = "hardening"
     words = "has a torque that grows by {cubic} with the cube of its twist"
+    in_recording = "the resonance frequency changes with amplitude, and torque over twist is a curve."
     tables = ("shafts",)
     parameters = {"cubic": Parameter("N*m/rad^3")}
     state_dependent = True

@@ -22,6 +22,10 @@ class Hysteresis(Kind):
 
     kind = "hysteresis"
     words = "has hysteresis of {torque} over an angle of {angle}"
+    in_recording = (
+        "torque over twist is a loop that does not close up at low frequency; small oscillations see a "
+        "stiffer and more damped shaft than large ones."
+    )
     tables = ("shafts",)
     parameters = {"torque": Parameter("N*m", lower=0.0), "angle": Parameter("rad", lower=1e-9)}
     state = State("1", "hysteresis of {place}, as a share of its torque")

@@ -14,6 +14,7 @@ class InputGain(Kind):
 
     kind = "input_gain"
     words = "acts with {factor} times the recorded value"
+    in_recording = "all responses to this input are too large or too small by one factor, whatever the frequency."
     tables = ("inputs",)
     parameters = {"factor": Parameter("1")}
     shareable = True

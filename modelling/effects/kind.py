@@ -55,6 +55,8 @@ class Kind:
         Its name in model files.
     words : str
         Predicate of the place in reports, parameters in braces: ``"has {gap} of free play"``.
+    in_recording : str
+        How it looks in a recording, in one sentence for a test engineer.
     tables : tuple of str
         Tables of the model file that it can sit at.
     parameters : dict of str to Parameter
@@ -85,6 +87,7 @@ class Kind:
 
     kind: ClassVar[str] = ""
     words: ClassVar[str] = ""
+    in_recording: ClassVar[str] = ""
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
     state: ClassVar[State | None] = None

@@ -15,6 +15,7 @@ class Lag(Kind):
 
     kind = "lag"
     words = "follows with a first-order lag of {time_constant}"
+    in_recording = "edges are rounded; amplitude falls and phase lags above 1/(2π·time constant)."
     tables = ("inputs", "sensors")
     parameters = {"time_constant": Parameter("s", lower=1e-7)}
     shareable = True

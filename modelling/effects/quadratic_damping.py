@@ -14,6 +14,7 @@ class QuadraticDamping(Kind):
 
     kind = "quadratic_damping"
     words = "has damping that grows with the square of the twist rate by {coefficient}"
+    in_recording = "large oscillations die out faster than small ones."
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
     state_dependent = True

@@ -16,6 +16,7 @@ class QuadraticDrag(Kind):
 
     kind = "quadratic_drag"
     words = "has drag that grows with the square of speed by {coefficient}"
+    in_recording = "the torque that holds a speed grows with the square of it; nothing is off at low speed."
     tables = ("inertias",)
     parameters = {"coefficient": Parameter("N*m*s^2/rad^2", lower=0.0)}
     state_dependent = True

@@ -15,6 +15,7 @@ class SensorDelay(Kind):
 
     kind = "sensor_delay"
     words = "reads {delay} late"
+    in_recording = "this channel alone is late by the same time at all frequencies; no other channel is off."
     tables = ("sensors",)
     parameters = {"delay": Parameter("s", lower=0.0)}
     only_delays = True

@@ -15,6 +15,7 @@ class SensorDrift(Kind):
 
     kind = "sensor_drift"
     words = "drifts by {rate}"
+    in_recording = "the difference to the model grows in a straight line with time, at standstill as well."
     tables = ("sensors",)
     parameters = {"rate": Parameter("sensor/s")}
 

@@ -14,6 +14,7 @@ class SensorGain(Kind):
 
     kind = "sensor_gain"
     words = "reads {factor} times the true value"
+    in_recording = "this channel alone is off by one factor, also where the motion is slow."
     tables = ("sensors",)
     parameters = {"factor": Parameter("1")}
     shareable = True

@@ -15,6 +15,7 @@ class SensorOffset(Kind):
 
     kind = "sensor_offset"
     words = "reads {offset} too much"
+    in_recording = "this channel alone differs by a constant, at standstill as well."
     tables = ("sensors",)
     parameters = {"offset": Parameter("sensor")}
 

@@ -17,6 +17,9 @@ class Slip(Kind):
 
     kind = "slip"
     words = "slips by a damper of {coefficient} in series"
+    in_recording = (
+        "under a constant torque the two ends turn at different speeds; oscillations through the shaft are damped."
+    )
     tables = ("shafts",)
     parameters = {"coefficient": Parameter("N*m*s/rad", lower=1e-9)}
     state = State("rad", "deflection of the spring of {place}")

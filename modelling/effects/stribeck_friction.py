@@ -19,6 +19,7 @@ class StribeckFriction(Kind):
 
     kind = "stribeck_friction"
     words = "has dry friction of {torque} that is {breakaway} from rest and falls off over {speed}"
+    in_recording = "the drive breaks away with a jerk and may creep by stick and slip at low speed."
     tables = ("inertias",)
     parameters = {
         "torque": Parameter("N*m", lower=0.0),

@@ -24,6 +24,7 @@ class TorqueRipple(Kind):
 
     kind = "torque_ripple"
     words = "has a torque ripple of {amplitude} with order {order} per turn"
+    in_recording = "an oscillation whose frequency follows the speed: a slanted line in a plot of spectra over speed."
     tables = ("inertias",)
     parameters = {"order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad")}
     state_dependent = True

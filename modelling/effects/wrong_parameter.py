@@ -14,6 +14,7 @@ class WrongParameter(Kind):
 
     kind = "wrong_parameter"
     words = "is {value}, not what the model gives"
+    in_recording = "the frequencies of modes are off, in every recording and at every amplitude alike."
     tables = ("inertias", "shafts", "gears")
     parameters = {"value": Parameter("quantity")}
     linear = True

@@ -60,7 +60,7 @@ class Modes(Displayed):
     Attributes
     ----------
     frequencies, damping_ratios : ndarray (m,)
-        Hz (a rigid-body mode is exactly 0.0), and −Re λ/|λ|, 0 for undamped modes.
+        Hz (a rigid-body mode is exactly 0.0), and −Re λ/abs(λ), 0 for undamped modes.
     symmetries : ndarray (m,) of str
         ``symmetric``, ``antisymmetric`` or ``none``.
     shapes : ndarray (n, m)

@@ -11,6 +11,16 @@ from modelling.common.errors import InputError, unknown
 from modelling.model.system import System
 from modelling.units import to_si
 
+LIMIT_UNITS = {
+    "modulus_margin": "1",
+    "margin_from": "Hz",
+    "rolled_off_from": "Hz",
+    "command_noise": "N*m",
+    "damping_ratio": "1",
+    "dynamometer_torque": "N*m",
+    "dynamometer_speed": "rad/s",
+    "dynamometer_power": "W",
+}
 DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
 TORQUE_OVER_SPEED = "dynamometer_torque_over_speed"  # as a limit: 1, on the share of the curve that is used
 
@@ -24,19 +34,11 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
         Naming file and key.
     """
     table = table_of(data, "limits", where)
-    units = {
-        "modulus_margin": "1",
-        "margin_from": "Hz",
-        "rolled_off_from": "Hz",
-        "command_noise": "N*m",
-        "damping_ratio": "1",
-        "dynamometer_torque": "N*m",
-        "dynamometer_speed": "rad/s",
-        "dynamometer_power": "W",
-    }
-    units |= {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts} | {
-        f"shafts.{part.name}.twist": "rad" for part in rig.shafts
-    }
+    units = (
+        LIMIT_UNITS
+        | {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts}
+        | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
+    )
     limits: dict[str, float] = dict(DEFAULT_LIMITS)
     curve = None
     for key, value in table.items():

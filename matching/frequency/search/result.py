@@ -79,7 +79,7 @@ class ParameterResult:
 
 @dataclass(frozen=True)
 class ResponseError:
-    """Root mean square over band and compared functions of |log(H_rig/H_vehicle)|.
+    """Root mean square over band and compared functions of abs(log(H_rig/H_vehicle)).
 
     ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
     ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to unmeasured

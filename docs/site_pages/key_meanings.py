@@ -1,0 +1,134 @@
+"""What every key of an input file means, in one line."""
+
+MODEL = {
+    "title": "a line for reports",
+    "reference": "inertia to whose shaft reduced values are reported",
+    "inertias": "rotating masses",
+    "shafts": "springs with dampers between two inertias",
+    "gears": "rigid and ideal ratios between two inertias",
+    "differentials": "ideal differentials: a cage that drives two sides",
+    "inputs": "torques on inertias",
+    "sensors": "what is measured",
+    "effects": "a list of what goes beyond the linear chain",
+    "mirror": "`pairs`: what left/right symmetry exchanges",
+}
+MODEL_TABLES = {
+    "inertias": {"J": "moment of inertia", "drag": "viscous friction to ground; 0 unless stated"},
+    "shafts": {
+        "between": "two inertias; twist = angle(first)/ratio − angle(second)",
+        "ratio": "speed(first)/speed(second); 1 unless stated; stiffness and torque are on the second's side",
+        "stiffness": "of the spring",
+        "damping": "of the damper in parallel; 0 unless stated",
+    },
+    "gears": {"between": "two inertias", "ratio": "speed(first) = ratio · speed(second)"},
+    "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},
+    "inputs": {"on": "the inertia that the torque (N·m) acts on"},
+    "sensors": {
+        "measures": "`angle`, `speed` or `acceleration` of an inertia, `torque` of a shaft",
+        "of": "the inertia or the shaft",
+        "uncertainty": "standard uncertainty (k = 1): also the noise that a fit assumes",
+    },
+}
+CASE = {
+    "title": "a line for reports",
+    "vehicle": "model file of what has to be reproduced",
+    "rig": "model file of what stands on the bed; shared components carry the vehicle's names",
+    "dynamometers": "`torque_input`, `torque_sensor`, `speed_sensor`, and `follows`, the shaft that is cut",
+    "loop": "control structure, delays and gains",
+    "targets": "a list: `mode` of the vehicle by number, `frequency_tolerance` (relative), `damping_tolerance`",
+    "response": "`band` (Hz), `compare` (pairs of `input`, `sensor`), `objective`, `tolerance`, `unmeasured_tolerance`",
+    "manoeuvre": "torques over time by input: a kind with its quantities, a list of segments, or a recorded torque",
+    "limits": "what must not be exceeded",
+    "move": "what may be tuned: `\"NAME\" = { lower, upper }`",
+    "operating_point": "the steady motion that the manoeuvre begins from; standstill unless stated",
+    "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
+}  # fmt: skip
+LIMITS = {
+    "modulus_margin": "least distance of the open loop from −1; 0.5 unless stated",
+    "margin_from": "from where the margin counts (`observer`); twice the highest target mode unless stated",
+    "rolled_off_from": "from where \\|T\\| has to stay below 0.5 (`observer`)",
+    "command_noise": "largest rms torque that sensor noise may make (`observer`)",
+    "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
+    "dynamometer_torque": "largest torque of a dynamometer",
+    "dynamometer_speed": "largest speed",
+    "dynamometer_power": "largest power",
+}
+OPERATING = {
+    "vehicle_speed": "of the vehicle, with `rolling_radius`",
+    "rolling_radius": "of the wheels, m",
+    "road_load": "`constant` (N), `linear` (N·s/m), `quadratic` (N·s²/m²); added to the vehicle's drag",
+}
+CHANNEL = {
+    "channel": "its name in the recording; `data[:,3]` is a column of a matrix",
+    "unit": "replaces the unit in the recording",
+    "sign": "−1 where it is positive in the other direction",
+    "factor": "is multiplied by",
+    "group": "of an MDF, where several groups have the name",
+}
+BUDGET = {
+    "title": "a line for reports",
+    "coverage": "probability of the interval; 0.95 unless stated",
+    "coverage_factor": "k, instead of a probability",
+    "measurand": "`name`, `formula`, `unit`, `description` of the result",
+    "measurands": "several of them, by name",
+    "inputs": "what the formula needs",
+    "correlations": "a list: `between` two inputs, coefficient `r`",
+    "lines": "straight lines fitted to readings (GUM H.3)",
+}
+INPUT = {
+    "value": "best estimate",
+    "unit": "any unit; 1 unless stated",
+    "distribution": "its shape; follows from the other keys unless stated",
+    "half_width": "of a bounded distribution",
+    "half_width_tolerance": "how far the half-width itself is known",
+    "uncertainty": "standard uncertainty",
+    "expanded_uncertainty": "U, with `coverage_factor`",
+    "coverage_factor": "k of `expanded_uncertainty`",
+    "degrees_of_freedom": "of the uncertainty; infinite unless stated",
+    "beta": "of a trapezoid: the upper side over the base",
+    "readings": "a list of readings (type A)",
+    "simultaneous": "readings with the same name were read together and are correlated",
+    "cause": "branch of the cause-and-effect diagram",
+    "description": "a line for the table",
+}  # fmt: skip
+LINE = {
+    "abscissa": "readings in x",
+    "ordinate": "readings in y",
+    "abscissa_unit": "unit of x",
+    "ordinate_unit": "unit of y",
+    "origin": "x at which the intercept is taken",
+    "cause": "branch of the cause-and-effect diagram",
+    "description": "a line for the table",
+}
+FIDELITY = {
+    "title": "a line for reports",
+    "f_max": "largest relevant frequency, Hz; 30 unless stated",
+    "arithmetic": "`definition`, or `published` as in the paper's table",
+    "nrmse": "form of Eq. 18: `definition` or `literal`",
+    "longest_delay": "largest delay that is searched, s",
+    "recordings": "`reference` and `test` with their channel files, for signals that are measured",
+    "weights": "of the domains; they sum to 1",
+    "system_dynamics": "signals of the system under test",
+    "residual_vehicle_model": "signals of the residual vehicle model",
+    "measurement_uncertainty": "sensors with their expanded uncertainty and range",
+}
+FIDELITY_SIGNAL = {
+    "nrmse_fidelity": "stated R_NRMSE",
+    "nrmse_uncertainty": "its standard uncertainty",
+    "delay": "stated delay",
+    "delay_uncertainty": "its standard uncertainty",
+    "reference": "channel of the reference recording",
+    "test": "channel of the test recording",
+    "reference_noise": "standard uncertainty of the reference signal",
+    "test_noise": "standard uncertainty of the test signal",
+}
+FIDELITY_SENSOR = {
+    "fidelity": "stated R_MU of the sensor",
+    "expanded_uncertainty": "U",
+    "range": "of the signal",
+    "signal": "signal whose range counts",
+    "budget": "budget file that gives U",
+    "measurand": "of that budget",
+    "coverage_factor": "k of U; 2 unless stated",
+    "degrees_of_freedom": "of U",
+}

@@ -1,0 +1,92 @@
+"""The reference of the keys of every input file: names from the readers' own tables, with what each means.
+
+The page is not written, and the site not built, where a reader knows a key that is not described here, or the reverse.
+"""
+
+from collections.abc import Iterable, Mapping
+
+from matching.frequency.case import load as case
+from matching.frequency.case.load_limits import LIMIT_UNITS
+from matching.frequency.case.load_loop import HARDWARE
+from matching.frequency.case.load_operating_point import KEYS as OPERATING_POINT
+from matching.validity.budget import budget_file, inputs
+from matching.validity.fidelity import case_file
+from modelling.bed.structures import STRUCTURES
+from modelling.measurement import channels
+from modelling.model import files
+from modelling.units import QUANTITY_UNITS
+from site_pages.key_meanings import (
+    BUDGET,
+    CASE,
+    CHANNEL,
+    FIDELITY,
+    FIDELITY_SENSOR,
+    FIDELITY_SIGNAL,
+    INPUT,
+    LIMITS,
+    LINE,
+    MODEL,
+    MODEL_TABLES,
+    OPERATING,
+)  # fmt: skip
+
+TOP = """# Keys of input files
+
+Written from the tables that the program's own readers use. All files are TOML. A quantity is a number in SI, a string
+with a unit (`"170 N*m/deg"`), or a table `{ value, lower, upper }` or `{ value, tolerance }` (relative). What the files
+are for, with examples: [Files](../files.md). `--check` reads a file, says what it holds, and calculates nothing.
+"""
+
+
+def keys_page() -> str:
+    """One section a kind of file."""
+    model = [_table(f"[{table}.NAME]", known, MODEL_TABLES[table]) for table, known in files._KEYS.items()]
+    structures = [_structure(name, structure.quantities) for name, structure in STRUCTURES.items()]
+    return "\n".join(
+        [
+            TOP,
+            "## Model", "", _table("The file", files._TOP, MODEL), *model,
+            "Effects: [Effects](effects.md).", "",
+            "## Case", "", _table("The file", case._TOP, CASE),
+            "### [loop]", "",
+            "`structure`, `knows` (inputs of the rig whose torque the controller measures), `measures` (sensors that "
+            "reach the controller beside the dynamometers'), and:", "",
+            *_quantities(HARDWARE), "", *structures,
+            _table("[limits]", LIMIT_UNITS, LIMITS, LIMIT_UNITS),
+            'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, and '
+            "`dynamometer_torque_over_speed`, pairs of speed and torque.", "",
+            _table("[operating_point]", OPERATING_POINT, OPERATING),
+            "## Channel file", "", _table("[channels] NAME", channels.KEYS, CHANNEL),
+            "## Budget", "", _table("The file", budget_file.TOP, BUDGET), _table("[inputs.NAME]", inputs.KNOWN, INPUT),
+            _table("[lines.NAME]", inputs.LINE, LINE),
+            "## Fidelity case", "", _table("The file", case_file.KEYS, FIDELITY),
+            _table("A signal, `[system_dynamics.NAME]` or `[residual_vehicle_model.NAME]`",
+                   (*case_file.STATED_KEYS, *case_file.MEASURED_KEYS), FIDELITY_SIGNAL),
+            _table("A sensor, `[measurement_uncertainty.NAME]`", case_file.SENSOR_KEYS, FIDELITY_SENSOR),
+        ]
+    )  # fmt: skip
+
+
+def _table(
+    title: str, known: Iterable[str], meanings: Mapping[str, str], units: Mapping[str, str] = QUANTITY_UNITS
+) -> str:
+    names = list(known)
+    if set(names) != set(meanings):
+        raise LookupError(
+            f"{title}: keys without a meaning or unknown to the reader: {sorted(set(names) ^ set(meanings))}"
+        )
+    rows = [f"| `{name}` | {_unit(units.get(name, ''))} | {meanings[name]} |" for name in meanings]
+    return "\n".join([f"### {title}", "", "| key | SI unit | means |", "|---|---|---|", *rows, ""])
+
+
+def _structure(name: str, quantities: Mapping) -> str:
+    return "\n".join([f'### Loop with structure = "{name}"', "", *_quantities(quantities), ""])
+
+
+def _quantities(quantities: Mapping) -> list[str]:
+    rows = [f"| `{name}` | {_unit(part.unit)} | {part.start:g} | {part.meaning} |" for name, part in quantities.items()]
+    return ["| key | SI unit | unless stated | means |", "|---|---|---|---|", *rows]
+
+
+def _unit(text: str) -> str:
+    return "" if text in ("", "1") else text.replace("*", "·").replace("^2", "²").replace("^3", "³")

@@ -1,0 +1,59 @@
+"""The documentation site: built without a warning, nothing from elsewhere, every link and example command right."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from matching.cli import build_parser
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+GENERATED = ROOT / "docs" / "reference"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built once."""
+    place = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", place / "trees"]
+    done = subprocess.run([*command, ROOT / "docs", place / "html"], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return place / "html"
+
+
+def test_nothing_is_loaded_from_elsewhere(site):
+    """No script, style, font or picture has an address on the internet; links that a reader may follow do."""
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        loaded = re.findall(r"<(?:script|img|link|iframe|source)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]*)", text)
+        assert loaded == [], page.name
+    for style in site.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert not re.search(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", text), style.name
+
+
+def test_equations_are_equations(site):
+    assert (site / "equations.html").read_text(encoding="utf-8").count("<math") > 20
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if GENERATED not in p.parents], ids=lambda page: page.name)
+def test_commands_in_pages_can_be_called(page):
+    """Every ``rigmatch …`` of a page's code blocks parses; placeholders in capitals stand for files and names."""
+    for line in shell_lines(page.read_text(encoding="utf-8")):
+        if line.startswith("rigmatch "):
+            words = shlex.split(line, comments=True)[1:]
+            parser, _ = build_parser(words)
+            parser.parse_args(words)
+
+
+def shell_lines(text: str) -> list[str]:
+    """Lines of the code blocks that name no language, continued lines joined."""
+    blocks = re.findall(r"^ *```([a-z{}]*)[^\n]*\n(.*?)^ *```$", text, flags=re.S | re.M)
+    shell = "".join(block for language, block in blocks if language in ("", "bash", "console"))
+    return [line.strip() for line in shell.replace("\\\n", " ").splitlines()]
