@@ -34,6 +34,14 @@ def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.Notebook
     return NotebookClient(notebook, timeout=TIMEOUT, kernel_name="python3", resources=resources).execute()
 
 
+def smaller(notebook: nbformat.NotebookNode, name: str) -> nbformat.NotebookNode:
+    """The notebook with a number of its own made smaller where that takes most of its time; all assertions stay."""
+    for written, instead in [SMALLER[name]] if name in SMALLER else []:
+        (cell,) = (cell for cell in code(notebook) if written in cell.source)
+        cell.source = cell.source.replace(written, instead)
+    return notebook
+
+
 def code(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
@@ -42,6 +50,7 @@ def figures(notebook: nbformat.NotebookNode) -> int:
     return sum("image/png" in output.get("data", {}) for cell in code(notebook) for output in cell.outputs)
 
 
+SMALLER = {"06_where_the_reference_parameters_come_from": ("STARTS = 80", "STARTS = 30")}  # shows the same, sooner
 LONG = {"02_sizing_adapters"}  # matches of the reference case at several dead times
 
 
@@ -52,7 +61,7 @@ LONG = {"02_sizing_adapters"}  # matches of the reference case at several dead t
 def test_runs(path: Path, place: Path) -> None:
     committed = nbformat.read(path, as_version=4)
     shown = figures(committed)
-    found = executed(nbformat.read(path, as_version=4), place)
+    found = executed(smaller(nbformat.read(path, as_version=4), path.stem), place)
     assert figures(found) == shown
     assert shown >= 3
 

@@ -145,6 +145,7 @@ def _share_table(axes: Any, shares: np.ndarray, names: Sequence[str], title: str
             va="center",
             fontsize=7.5,
             color="white" if value > 60 else "black",
+            in_layout=False,  # inside the axes: needs no room, and to measure a thousand texts takes seconds
         )
     axes.set_xticks(
         range(len(names)), [_short(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
