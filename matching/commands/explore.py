@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from importlib.util import find_spec
     from pathlib import Path
 
-    from matching.explore.workspace import opened, starter
+    from matching.explore.files.workspace import opened, starter
     from modelling.common.errors import InputError
 
     if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.explore.page.server import page, serve
 
-    server, address = serve(lambda: page(workspace), arguments.port)
+    server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
     print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
     if not arguments.no_browser:
         server.io_loop.add_callback(webbrowser.open, address)

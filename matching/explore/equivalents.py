@@ -26,9 +26,9 @@ def modes(file: str, out: str) -> Equivalent:
     return _made(("modes", file, "--out", out), f"modes = rm.modes({_text(file)})\nmodes.plot()")
 
 
-def match(case: str, out: str, starts: int, seed: int) -> Equivalent:
+def match(case: str, out: str, starts: str, seed: str) -> Equivalent:
     """A match."""
-    words = ("match", case, "--starts", str(starts), "--seed", str(seed), "--out", out)
+    words = ("match", case, "--starts", starts, "--seed", seed, "--out", out)
     return _made(words, f"result = rm.match({_text(case)}, seed={seed}, starts={starts})\nresult.plot()")
 
 

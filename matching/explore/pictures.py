@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from matching.explore.workspace import Workspace
+from matching.explore.files.workspace import Workspace
 from matching.report.drawing.drivetrain import drawing
 from matching.report.drawing.figures import case_drawings
 from matching.report.drawing.picture import Picture, picture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from matching.explore.files.model_document import ModelDocument
 from matching.explore.live import LiveModel, LiveState, slider_range
-from matching.explore.model_document import ModelDocument
 from modelling.modal.modes import Mode
 
 LARGEST_SHARES = 3  # components of a mode that its row of the table names

@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
 
-from matching.explore.document import Document
-from matching.explore.model_document import ModelDocument
+from matching.explore.files.document import Document
+from matching.explore.files.model_document import ModelDocument
 from modelling.common.errors import InputError
 
 TEXT = """\

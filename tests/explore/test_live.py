@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from matching.explore.decimate import envelope
 from matching.explore.live import LiveModel, slider_range
-from matching.explore.measured import measured_curves
+from matching.explore.signals.decimate import envelope
+from matching.explore.signals.measured import measured_curves
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
 from modelling.model.quantity import Quantity

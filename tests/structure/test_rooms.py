@@ -57,6 +57,7 @@ FLOORS = [
     ["matching.api"],
     ["matching.arguments", "matching.completion"],
     ["matching.dry_run"],
+    ["matching.explore.files", "matching.explore.signals"],
     ["matching.explore"],
     ["matching.explore.page"],
     ["matching.commands"],

@@ -9,11 +9,11 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
-from matching.explore.model_document import part_of
+from matching.explore.files.model_document import part_of
+from matching.explore.files.workspace import Workspace
 from matching.explore.page.drivetrain_view import DrivetrainView
 from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, paragraph
 from matching.explore.pictures import pictures
-from matching.explore.workspace import Workspace
 from matching.report.common.wording import amount, spaced, unit
 from matching.report.drawing.figures import LEGEND
 from matching.report.drawing.picture import Picture

@@ -8,7 +8,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, CrosshairTool, HoverTool, Span
 from bokeh.plotting import figure
 
-from matching.explore.measured import MeasuredCurves
+from matching.explore.signals.measured import MeasuredCurves
 from matching.report.common.style import LIMIT, NOISE, RIG, VEHICLE
 
 TOOLS = "pan,wheel_zoom,box_zoom,reset,save"

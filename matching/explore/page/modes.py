@@ -8,14 +8,14 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
-from matching.explore.measured import MeasuredCurves, measured_curves
+from matching.explore.files.workspace import Workspace
 from matching.explore.page.drivetrain_view import DrivetrainView
 from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, table
 from matching.explore.page.figures import EnergyBars, ResponseFigures
 from matching.explore.page.slider import Slider
 from matching.explore.pictures import pictures
+from matching.explore.signals.measured import MeasuredCurves, measured_curves
 from matching.explore.what_if import WhatIf, largest_shares
-from matching.explore.workspace import Workspace
 from matching.report.common.wording import amount, hertz, spaced, unit
 from matching.report.drawing.svg import Marks, drivetrain_svg
 from modelling.common.errors import InputError

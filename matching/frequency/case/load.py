@@ -44,12 +44,22 @@ def load_case(path: str | Path) -> Case:
     InputError
         One line that names file and key.
     """
-    data = read_toml(path)
-    where = str(path)
+    return case_from_tables(read_toml(path), str(path))
+
+
+def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(where)
     for key in data:
         if key not in _TOP:
             raise unknown(key, sorted(_TOP), where)
-    vehicle, rig = (load(Path(path).parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
+    vehicle, rig = (load(path.parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
     try:
         vehicle, rig, notes = without_shared_delays(vehicle, rig)
     except InputError as fault:

@@ -69,6 +69,12 @@ class Document:
         _at(document, keys[:-1])[keys[-1]] = value
         return _toolkit().dumps(document)
 
+    def without(self, keys: Keys) -> str:
+        """The text without a value."""
+        document = _toolkit().parse(self.text)
+        del _at(document, keys[:-1])[keys[-1]]
+        return _toolkit().dumps(document)
+
     def change(self, keys: Keys, value: Any) -> None:
         """Put another value at a place."""
         self.change_text(self.replaced(keys, value))

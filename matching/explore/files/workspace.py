@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
-from matching.explore.document import Document
-from matching.explore.model_document import ModelDocument
+from matching.explore.files.document import Document
+from matching.explore.files.model_document import ModelDocument
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import is_case, load_case
 from modelling.common.errors import InputError

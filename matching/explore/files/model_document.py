@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from matching.explore.document import Document, Keys
+from matching.explore.files.document import Document, Keys
 from modelling.common.errors import InputError, unknown
 from modelling.effects.place import shared_place
 from modelling.model.components import TABLES_WITH_QUANTITIES

@@ -1,0 +1,1 @@
+"""Recordings in the browser: which column is which channel, decimation, measured responses."""

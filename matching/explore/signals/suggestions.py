@@ -1,0 +1,123 @@
+"""Which column of a measurement file is probably which channel of a model, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+
+from modelling.common.errors import InputError
+from modelling.measurement.readers.table import TIME_NAMES
+from modelling.model.system import System
+from modelling.units import SENSOR_UNITS, factor
+
+LEAST_LIKENESS = 0.45  # of two names, below which nothing is suggested
+UNIT_BONUS = 0.2  # for a unit that fits
+KIND_BONUS = 0.25  # for a word that means the same kind of quantity
+# What test benches call the kinds of quantities, in English and German, whole words
+KIND_WORDS = {
+    "torque": {"torque", "trq", "tq", "m", "t", "md", "moment", "drehmoment", "mom"},
+    "speed": {"speed", "spd", "n", "w", "omega", "rpm", "drehzahl", "vel", "velocity"},
+    "angle": {"angle", "phi", "winkel", "ang", "pos", "position"},
+    "acceleration": {"acceleration", "acc", "alpha", "accel"},
+}
+UNITS = {"torque": ("N*m", "kN*m"), "speed": ("rad/s", "1/min"), "angle": ("rad", "deg"), "acceleration": ("rad/s^2",)}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A channel of a model: an input or a sensor, its kind of quantity, and whether it must be there."""
+
+    name: str
+    kind: str
+    needed: bool
+
+    @property
+    def si(self) -> str:
+        """Its SI unit."""
+        return SENSOR_UNITS[self.kind]
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A column of the file for a channel; empty where none is like it."""
+
+    column: str
+    unit: str
+    likeness: float
+
+
+def wanted_channels(system: System) -> list[Wanted]:
+    """Inputs, which must be there, then sensors."""
+    inputs = [Wanted(part.name, "torque", True) for part in system.inputs]
+    return inputs + [Wanted(part.name, part.measures, False) for part in system.sensors]
+
+
+def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggestion]:
+    """The likeliest column for every channel, each column once, the likeliest pairs first.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Unit by column, empty where the file states none.
+    """
+    pairs = sorted(
+        (
+            (_likeness(wanted, column, unit), wanted, column)
+            for wanted in wanted_channels(system)
+            for column, unit in columns.items()
+            if _fits(wanted, unit)
+        ),
+        key=lambda pair: -pair[0],
+    )
+    found: dict[str, Suggestion] = {}
+    used: set[str] = set()
+    for likeness, wanted, column in pairs:
+        if likeness >= LEAST_LIKENESS and wanted.name not in found and column not in used:
+            found[wanted.name] = Suggestion(column, columns[column] or wanted.si, likeness)
+            used.add(column)
+    return {w.name: found.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
+
+
+def time_column(columns: Sequence[str]) -> str:
+    """The column that is probably time; empty where none is."""
+    return next((name for name in columns if name.strip().lower() in TIME_NAMES), "")
+
+
+def channel_file(chosen: Mapping[str, tuple[str, str]], time: str) -> str:
+    """The text of a channel file from column and unit by channel; empty columns are left out."""
+    rows = {name: {"channel": column, "unit": unit} for name, (column, unit) in chosen.items() if column}
+    quoted = [f'{_quoted(name)} = {{ channel = {_quoted(r["channel"])}, unit = {_quoted(r["unit"])} }}' for name, r in
+              rows.items()]  # fmt: skip
+    return "\n".join(["[channels]", f"time = {_quoted(time)}", *quoted]) + "\n"
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(letter if letter.isprintable() else f"\\u{ord(letter):04x}" for letter in escaped) + '"'
+
+
+def _fits(wanted: Wanted, unit: str) -> bool:
+    try:
+        factor(unit, wanted.si)
+    except InputError:
+        return False
+    return True
+
+
+def _words(name: str) -> list[str]:
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return [word.lower() for word in re.split(r"[^A-Za-z]+", parted) if word]
+
+
+def _likeness(wanted: Wanted, column: str, unit: str) -> float:
+    """Likeness of the names without the words for the kind of quantity, and bonuses for kind and unit."""
+    kinds = set().union(*KIND_WORDS.values())
+    mine, theirs = _words(wanted.name), _words(column)
+    same_kind = bool(KIND_WORDS[wanted.kind] & set(theirs))
+    other_kind = not same_kind and bool(kinds - KIND_WORDS[wanted.kind] & set(theirs)) and bool(kinds & set(theirs))
+    a, b = ("".join(word for word in words if word not in kinds) for words in (mine, theirs))
+    alike = 1.0 if wanted.name == column else SequenceMatcher(None, a or "".join(mine), b or "".join(theirs)).ratio()
+    bonus = KIND_BONUS * (same_kind - other_kind) + (UNIT_BONUS if unit else 0.0)
+    return alike + bonus

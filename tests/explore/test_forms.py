@@ -1,0 +1,137 @@
+"""Files as forms: fields, bounds, what is wrong; answers between the points of a map; channels by name."""
+
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
+
+from structure.imports import ROOT
+
+from matching.explore.files.case_form import CaseForm, write_case_at
+from matching.explore.files.document import Document
+from matching.explore.files.forms import fields
+from matching.explore.files.workspace import opened
+from matching.explore.map_answers import interpolated_error, nearest_point
+from matching.explore.signals.measurement import opened_measurement
+from matching.explore.signals.suggestions import suggestions
+from matching.frequency.case.load import load_case
+from modelling.common.errors import InputError
+from modelling.measurement.channels import read_channels
+from modelling.measurement.read import read_recording
+from modelling.model.files import from_dict
+
+
+@pytest.fixture
+def form(tmp_path):
+    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    return CaseForm(Document(tmp_path / "case" / "case.toml"))
+
+
+def field(form, *keys):
+    return next(each for table in form.fields.values() for each in table if each.keys == keys)
+
+
+def test_a_case_is_changed_by_its_fields_and_stays_a_case(form):
+    before = form.document.text
+    form.set(field(form, "loop", "dead_time"), "5 ms")
+    assert form.case.loop["dead_time"] == 0.005
+    assert form.document.text == before.replace("dead_time = 0.003  ", 'dead_time = "5 ms"  ')
+    with pytest.raises(InputError, match="dead_time"):
+        form.set(field(form, "loop", "dead_time"), "-1")
+    assert form.case.loop["dead_time"] == 0.005
+    assert form.undo()
+    assert form.document.text == before
+
+
+def test_a_quantity_begins_to_move_and_stays_again(form):
+    name = "rig.inertias.adapter.J" if "rig.inertias.adapter.J" in form.addable else form.addable[-1]
+    names = [move.name for move in form.case.moves]
+    form.move(name)
+    assert [move.name for move in form.case.moves] == [*names, name]
+    form.hold(name)
+    assert [move.name for move in form.case.moves] == names
+    with pytest.raises(InputError, match="did you mean"):
+        form.move("loop.lead_tim")
+
+
+def test_a_case_at_other_values_holds_them(form, tmp_path):
+    path = write_case_at(form.case, {"loop.dead_time": 0.001, "rig.shafts.flange.stiffness": 3e5}, tmp_path / "there")
+    there = load_case(path)
+    assert there.loop["dead_time"] == 0.001
+    assert there.rig.parameters["shafts.flange.stiffness"].value == 3e5
+    assert "rig.shafts.flange.stiffness" not in [move.name for move in there.moves]
+
+
+def test_lists_and_texts_of_a_file_are_fields_too(form):
+    assert field(form, "targets", 0, "mode").text == "2"
+    assert not [each for each in fields(form.document) if each.key in ("vehicle", "rig")]
+
+
+def test_a_map_answers_at_its_points_and_between_them():
+    content = {
+        "x": {"name": "loop.dead_time", "values": [1.0, 2.0, 4.0]}, "y": {"name": "k", "values": [10.0, 100.0]},
+        "points": [{"error": error, "place": place} for place, error in enumerate([0.1, 0.2, 0.4, 0.2, 0.4, 0.8])],
+    }  # fmt: skip
+    assert interpolated_error(content, 2.0, 10.0) == pytest.approx(0.2)
+    assert interpolated_error(content, 3.0, 55.0) == pytest.approx(0.4)  # 0.1·2^(steps in x + steps in y)
+    assert nearest_point(content, 3.5, 90.0)["place"] == 5
+    with pytest.raises(InputError, match="outside the map"):
+        interpolated_error(content, 5.0, 10.0)
+    content["points"][5]["error"] = None
+    with pytest.raises(InputError, match="compute it exactly"):
+        interpolated_error(content, 3.0, 55.0)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return from_dict({
+        "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},
+        "shafts": {"link": {"between": ["motor", "load"], "stiffness": 200.0}},
+        "inputs": {"motor_torque": {"on": "motor"}},
+        "sensors": {"motor_speed": {"measures": "speed", "of": "motor"},
+                    "load_speed": {"measures": "speed", "of": "load"},
+                    "link_torque": {"measures": "torque", "of": "link"}},
+    })  # fmt: skip
+
+
+def test_columns_are_suggested_by_name_unit_and_kind(bench):
+    columns = {"n_Motor": "1/min", "M_Motor_ist": "N*m", "n_Load": "1/min", "LinkTrq": "", "Oil temperature": "K"}
+    found = suggestions(bench, columns)
+    assert {name: each.column for name, each in found.items()} == {
+        "motor_torque": "M_Motor_ist", "motor_speed": "n_Motor", "load_speed": "n_Load", "link_torque": "LinkTrq",
+    }  # fmt: skip
+    assert found["motor_speed"].unit == "1/min"
+    assert found["link_torque"].unit == "N*m"
+    assert suggestions(bench, {"a": "K"})["motor_torque"].column == ""
+
+
+def test_a_channel_file_of_the_suggestions_reads_the_recording(bench, tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{t / 100},{t % 5},{60 * t}" for t in range(50)]
+    path.write_text("\n".join(["t [s],M_Motor [N*m],n_Motor [1/min]", *rows]))
+    file = opened_measurement(path)
+    chosen = {name: (each.column, each.unit) for name, each in file.suggestions(bench).items()}
+    channels = file.write_channels(chosen, tmp_path)
+    recording = read_recording(path, bench, read_channels(channels))
+    assert recording["motor_speed"][10] == pytest.approx(600 * np.pi / 30)
+    assert list(recording["motor_torque"][:6]) == [0, 1, 2, 3, 4, 0]
+    chosen["load_speed"] = chosen["motor_speed"]
+    with pytest.raises(InputError, match="stands for two channels"):
+        file.write_channels(chosen, tmp_path)
+
+
+def test_files_are_told_apart(tmp_path):
+    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    (tmp_path / "log.csv").write_text("time [s],a\n0,1\n1,2\n")
+    budget, fidelity = ROOT / "examples" / "gum" / "mass.toml", ROOT / "examples" / "fidelity" / "tab2.toml"
+    found = opened([tmp_path / "case" / "case.toml", tmp_path / "log.csv", budget, fidelity], tmp_path / "out")
+    assert set(found.models) == {"vehicle", "rig"}
+    assert found.recordings == [tmp_path / "log.csv"]
+    assert found.budget.content == tomllib.loads(budget.read_text())
+    assert found.fidelity.path == fidelity
+    assert not found.unsaved
+    with pytest.raises(InputError, match="second budget"):
+        opened([budget, budget], tmp_path / "out")
