@@ -15,7 +15,7 @@ from matching.explore.files.document import Document
 from matching.explore.files.forms import fields
 from matching.explore.files.workspace import opened
 from matching.explore.map_answers import interpolated_error, nearest_point
-from matching.explore.signals.measurement import opened_measurement
+from matching.explore.signals.measurement import opened_measurement, read_as_suggested
 from matching.explore.signals.suggestions import suggestions
 from matching.frequency.case.load import load_case
 from modelling.common.errors import InputError
@@ -116,6 +116,7 @@ def test_a_channel_file_of_the_suggestions_reads_the_recording(bench, tmp_path):
     chosen = {name: (each.column, each.unit) for name, each in file.suggestions(bench).items()}
     channels = file.write_channels(chosen, tmp_path)
     recording = read_recording(path, bench, read_channels(channels))
+    assert read_as_suggested(path, bench).channels.keys() == recording.channels.keys()
     assert recording["motor_speed"][10] == pytest.approx(600 * np.pi / 30)
     assert list(recording["motor_torque"][:6]) == [0, 1, 2, 3, 4, 0]
     chosen["load_speed"] = chosen["motor_speed"]

@@ -15,11 +15,11 @@ from matching.explore.page.figures import EnergyBars, ResponseFigures
 from matching.explore.page.slider import Slider
 from matching.explore.pictures import pictures
 from matching.explore.signals.measured import MeasuredCurves, measured_curves
+from matching.explore.signals.measurement import read_as_suggested
 from matching.explore.what_if import WhatIf, largest_shares
 from matching.report.common.wording import amount, hertz, spaced, unit
 from matching.report.drawing.svg import Marks, drivetrain_svg
 from modelling.common.errors import InputError
-from modelling.measurement.read import read_recording
 
 STEPS = 200  # of a slider
 HEAD = ("mode", "frequency [Hz]", "in the file [Hz]", "symmetry", "largest shares of energy")
@@ -135,7 +135,7 @@ class ModesTab:
         for path in self.workspace.recordings:
             try:
                 system = self.trial.document.system
-                return measured_curves(read_recording(path, system), system)
+                return measured_curves(read_as_suggested(path, system), system)
             except InputError:  # of another model
                 continue
         return None

@@ -13,8 +13,11 @@ from matching.explore.signals.suggestions import Suggestion, channel_file, sugge
 from modelling.common.errors import InputError
 from modelling.common.escape import file_name
 from modelling.common.output import write_all
+from modelling.measurement.channels import Channel
+from modelling.measurement.read import read_recording
 from modelling.measurement.readers import read_table
 from modelling.measurement.readers.table import Table
+from modelling.measurement.recording import Recording
 from modelling.model.system import System
 from modelling.units import factor
 
@@ -92,6 +95,23 @@ def opened_measurement(path: str | Path) -> Measurement:
     if not time:
         raise InputError(str(path), "has no column called time", "call the column of time `time` or `t`")
     return Measurement(Path(path), table, time)
+
+
+def read_as_suggested(path: Path, system: System) -> Recording:
+    """The channels of a model from a file, each from the column that is likeliest.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or an input is not in it.
+    """
+    file = opened_measurement(path)
+    channels = {
+        name: Channel(suggested.column, suggested.unit)
+        for name, suggested in file.suggestions(system).items()
+        if suggested.column
+    }
+    return read_recording(path, system, channels | {"time": Channel(file.time)})
 
 
 def in_units_of(values: np.ndarray, si: str, unit: str) -> np.ndarray:
