@@ -131,7 +131,7 @@ def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, s
         [model.sensors.index(part.name) for part in sensors],
         np.stack([early[part.name] for part in sensors], axis=1),
         np.array([part.uncertainty or _share_of_range(recording[part.name]) for part in sensors]),
-        step_control.explicit_stepping(problem).least(early.time),
+        step_control.explicit_stepping(problem).mean_rate(early.time),
     )
 
 

@@ -20,7 +20,8 @@ from modelling.simulation.integrator.task import Trajectories, make_task
 from modelling.simulation.recorded_inputs import Inputs, checked
 from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
 from modelling.simulation.start import Start, start_state
-from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem, Stepping
+from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem
+from modelling.simulation.stepping import Stepping
 from modelling.simulation.stick_speed import stick_speed
 
 
@@ -81,7 +82,7 @@ def simulate(
         done.trajectories.states[0],
         list(model.states),
         {part.name: part.unit for part in model.system.sensors if part.name in columns},
-        done.stepping.least(time),
+        done.stepping.mean_rate(time),
         float(p[model.parameters.index(STICK_SPEED)]) if STICK_SPEED in model.parameters else float("nan"),
         done.stepping.implicit,
         {name: float(done.error[j]) for name, j in columns.items()},
@@ -212,7 +213,7 @@ def _controlled(
     if steps_per_second is None:
         if not 0 < tolerance < 1:
             raise InputError("tolerance", f"{tolerance:g} is not possible", "give a share of the range, e.g. 1e-4")
-        return step_control.run_to_tolerance(problem, tolerance, compile, states)
+        return step_control.run_to_tolerance(problem, tolerance, compile)
     stepping = Stepping(steps_per_second)
     done: Trajectories = problem.run(stepping, compile, states)
     raise_if_failed(done.failed, problem.time, problem.model.states)

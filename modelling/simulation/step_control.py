@@ -1,9 +1,10 @@
-"""Steps as small as a stated tolerance needs: the error is estimated by halving them.
+"""Steps as small as a stated tolerance needs.
 
-The same recording is run with steps h and h/r. Where the readings differ by no more than the tolerance allows, the
-finer run is the result; else the steps are refined. A model is stepped implicitly where its fastest decay, which
-nothing shows, would need far smaller explicit steps than what vibrates. Vibrations are always resolved: an implicit
-method would damp them in both runs alike, and the difference would not tell.
+A run gives its local errors, sample by sample. The steps are divided where these are largest, until they add up to no
+more than the tolerance, or until two runs show that: the readings' differences say how much error the steps that were
+divided had caused, and the local errors how much of it is left. A model is stepped implicitly where its fastest decay,
+which nothing shows, would need far smaller explicit steps than what vibrates. Vibrations are always resolved: an
+implicit method would damp them.
 """
 
 from __future__ import annotations
@@ -24,35 +25,27 @@ from modelling.simulation.plan import (
     too_fast,
 )
 from modelling.simulation.result import raise_if_failed
+from modelling.simulation.stepping import (
+    KINKED_ORDER,
+    SMOOTH_ORDER,
+    Stepping,
+    difference,
+    divisions,
+    local_errors,
+)
 
 TOLERANCE = 1e-4  # of each reading's range
-VIBRATION_STEP, CONTACT_STEP = 1.2, 0.5  # |λ|·h, ω·h to begin with
+VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with
 IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to 10 measured
-ORDER = 2  # with which the error falls at least: that of kinked laws, and of a torque that jumps within a step
 FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
 CALMER = 4  # refinement where a state is not finite
 SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
-OUTLIERS_IN = 32  # samples, of which one may miss a jump of torque: it lies on either side of it
-NO_RANGE = 1e-6  # of a reading's size: a range below that is rounding
-
-
-@dataclass(frozen=True)
-class Stepping:
-    """How a recording is stepped through: each interval between samples in ``refinement`` times the steps that
-    ``steps_per_second`` asks for, at least one; implicit or explicit."""
-
-    steps_per_second: float
-    refinement: int = 1
-    implicit: bool = False
-
-    def finer(self, factor: int) -> Stepping:
-        """The same with every step divided."""
-        return replace(self, refinement=self.refinement * factor)
-
-    def least(self, time: np.ndarray) -> float:
-        """Steps a second in the longest intervals of ``time`` (t,)."""
-        span = float(np.median(np.diff(time)))
-        return self.refinement * max(1.0, np.ceil(span * self.steps_per_second - 1e-9)) / span
+CALIBRATED_SHARE = 1 / 16  # of the local errors that are left before two runs show what they do: halved steps
+AIM = 0.5  # of the tolerance
+ROUNDS = 12
+NOTHING_GAINED = 1e6  # times the difference of two runs: the error where divided steps have no smaller local errors
+MOST_AT_ONCE = 16  # division of an interval's steps from one run to the next
+MANY_MORE = 4  # times the steps: worth looking whether implicit ones are better
 
 
 @dataclass(frozen=True)
@@ -66,14 +59,19 @@ class InitialValueProblem:
     start: np.ndarray
 
     def run(
-        self, stepping: Stepping, compiled: bool | None = None, states: bool = True, readings: bool = True
-    ) -> Trajectories:
+        self,
+        stepping: Stepping,
+        compiled: bool | None = None,
+        states: bool = True,
+        readings: bool = True,
+        errors: bool = False,
+    ) -> Trajectories:  # what is integrated is fixed; how, and what is wanted of it, are different things
         """Integrate with given steps; without a compiler, or if ``compiled`` is False, in the virtual machine."""
         task = make_task(
             self.model, self.time, self.inputs, self.p, self.start, stepping.steps_per_second,
             implicit=stepping.implicit, refinement=stepping.refinement,
         )  # fmt: skip
-        return run(task, compiled, states, readings)
+        return run(task, compiled, states, readings, errors)
 
 
 @dataclass(frozen=True)
@@ -86,11 +84,15 @@ class Controlled:
 
 
 def run(
-    task: IntegrationTask, compiled: bool | None = None, states: bool = True, readings: bool = True
+    task: IntegrationTask,
+    compiled: bool | None = None,
+    states: bool = True,
+    readings: bool = True,
+    errors: bool = False,
 ) -> Trajectories:
     """A task by the compiled integrator, or by the virtual machine where there is no compiler or it is not wanted."""
-    done = native.run(task, states, readings) if compiled is not False else None
-    return done if done is not None else virtual.run(task, states, readings)
+    done = native.run(task, states, readings, errors=errors) if compiled is not False else None
+    return done if done is not None else virtual.run(task, states, readings, errors)
 
 
 @dataclass(frozen=True)
@@ -103,26 +105,34 @@ class FirstRun:
 
 
 def first_run(problem: InitialValueProblem, compiled: bool | None = None) -> FirstRun:
-    """Choose steps from the eigenvalues at rest and along the motion, and run with them.
+    """Choose steps from the eigenvalues at rest, and along the motion where those do not do; run with them.
 
     Raises
     ------
     SimulationError
         If a state is not finite however small the steps, or an eigenvalue is too fast for any.
     """
-    model, time = problem.model, problem.time
-    rates = rates_at_rest(model, problem.p)
-    stepping = suited(rates, time)
+    rates = rates_at_rest(problem.model, problem.p)
+    stepping = suited(rates, problem.time)
     if not stepping.implicit and explicit_steps(rates) > MAX_STEPS_PER_SECOND:
         raise too_fast(rates.any, explicit_steps(rates))
-    stepping, done = _finite_run(problem, stepping, compiled)
-    if any(effect.law.state_dependent for effect in model.system.effects):
-        for p, motion in zip(problem.p, done.states, strict=True):
-            rates |= rates_along(model, p, motion, problem.inputs)
-        better = suited(rates, time)
-        if better.implicit != stepping.implicit or better.least(time) > stepping.least(time):
-            stepping, done = _finite_run(problem, better, compiled)
-    return FirstRun(done, stepping, rates)
+    used, done = _finite_run(problem, stepping, compiled)
+    first = FirstRun(done, used, rates)
+    return first if used is stepping and not used.implicit else along_the_motion(problem, first, compiled)
+
+
+def along_the_motion(problem: InitialValueProblem, first: FirstRun, compiled: bool | None) -> FirstRun:
+    """A first run with the steps that the eigenvalues along its motion ask for."""
+    model, time, rates = problem.model, problem.time, first.rates
+    if not any(effect.law.state_dependent for effect in model.system.effects):
+        return first
+    for p, motion in zip(problem.p, first.trajectories.states, strict=True):
+        rates |= rates_along(model, p, motion, problem.inputs)
+    better = suited(rates, time)
+    if better.implicit != first.stepping.implicit or better.count(time) > first.stepping.count(time):
+        stepping, done = _finite_run(problem, better, compiled)
+        return FirstRun(done, stepping, rates)
+    return replace(first, rates=rates)
 
 
 def explicit_steps(rates: Rates) -> float:
@@ -133,13 +143,13 @@ def explicit_steps(rates: Rates) -> float:
 def suited(rates: Rates, time: np.ndarray) -> Stepping:
     """Implicit steps where far fewer follow every vibration than explicit ones need to be stable; else explicit.
 
-    ``time`` (t,) in s.
+    Explicit ones are even in number from sample to sample; ``time`` (t,) in s.
     """
     explicit = explicit_steps(rates)
     accurate = max(rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
     if explicit > IMPLICIT_COST * max(accurate, 1 / float(np.median(np.diff(time)))):
         return Stepping(min(accurate, MAX_STEPS_PER_SECOND), implicit=True)
-    return Stepping(min(explicit, MAX_STEPS_PER_SECOND))
+    return Stepping(min(explicit, MAX_STEPS_PER_SECOND) / 2, refinement=2)
 
 
 def _finite_run(
@@ -151,72 +161,93 @@ def _finite_run(
     """
     before = None
     while True:
-        for each in dict.fromkeys((stepping, replace(stepping, implicit=True))):
-            done = problem.run(each, compiled)
+        for each in (stepping, replace(stepping, implicit=True))[: 1 if stepping.implicit else 2]:
+            done = problem.run(each, compiled, errors=True)
             if (done.failed[:, 0] < 0).all():
                 return each, done
         moment = int(done.failed[done.failed[:, 0] >= 0, 0].min())
         stepping = stepping.finer(CALMER)
         runs_away = before is not None and abs(moment - before) <= max(SAME_MOMENT, SAME_MOMENT_RELATIVE * moment)
-        if runs_away or stepping.least(problem.time) > MAX_STEPS_PER_SECOND:
+        if runs_away or stepping.mean_rate(problem.time) > MAX_STEPS_PER_SECOND:
             raise_if_failed(done.failed, problem.time, problem.model.states)
         before = moment
 
 
 def run_to_tolerance(
-    problem: InitialValueProblem, tolerance: float = TOLERANCE, compiled: bool | None = None, states: bool = True
+    problem: InitialValueProblem, tolerance: float = TOLERANCE, compiled: bool | None = None
 ) -> Controlled:
-    """Simulate with steps refined until every reading's estimated error is at most ``tolerance`` of its range.
+    """Simulate with steps divided until every reading's estimated error is at most ``tolerance`` of its range.
 
-    Where that takes more than :data:`FINEST` times the first steps the finest run is returned, with its error.
+    Where that takes more than :data:`FINEST` times the first steps the finest run is returned, with its error. Where a
+    torque may jump, two runs have to agree; else the sum of the local errors may do.
 
     Raises
     ------
     SimulationError
         See :func:`first_run`.
     """
-    model = problem.model
+    model, time = problem.model, problem.time
     rough = any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
-    first = first_run(problem, compiled)
-    stepping, coarse, explicit = first.stepping, first.trajectories, explicit_steps(first.rates)
-    limit, factor = FINEST * stepping.refinement, 2
-    while True:
-        finer = stepping.finer(factor)
-        if finer.implicit and IMPLICIT_COST * finer.least(problem.time) > explicit and explicit < MAX_STEPS_PER_SECOND:
-            stepping, factor = Stepping(explicit), 2
-            limit, finer = FINEST, stepping.finer(factor)
-            coarse = problem.run(stepping, compiled, states)
-        fine = problem.run(finer, compiled, states)
-        raise_if_failed(fine.failed, problem.time, model.states)
-        error = difference(coarse, fine, rough) / (factor**ORDER - 1)
-        stepping, coarse = finer, fine
-        if error.max(initial=0.0) <= tolerance or stepping.refinement >= limit:
-            return Controlled(fine, stepping, error)
-        factor = int(np.clip(2 ** np.ceil(0.5 * np.log2(error.max() / tolerance)), 2, 8))
+    order = KINKED_ORDER if rough else SMOOTH_ORDER
+    first, local = _fitting_first_run(problem, tolerance, order, rough, compiled)
+    stepping, done = first.stepping, first.trajectories
+    most = FINEST * stepping.count(time)
+    error = np.full(max(1, len(model.sensors)), np.inf if rough and local.any() else local.sum())
+    allowed = _first_allowed(local, tolerance)
+    for _ in range(ROUNDS):
+        if error.max() <= tolerance:
+            break
+        finer = stepping.finer(np.minimum(divisions(local, allowed, order), MOST_AT_ONCE))
+        if finer.count(time) > most and np.isfinite(error).all():
+            break
+        fine = problem.run(finer, compiled, errors=True)
+        raise_if_failed(fine.failed, time, model.states)
+        left = local_errors(fine, model.n, rough)
+        before, after = float(local.sum()), float(left.sum())
+        share = max(after / (before - after), CALIBRATED_SHARE) if after < before else NOTHING_GAINED
+        error = difference(done, fine, rough) * share
+        if not rough:
+            error = np.minimum(error, after)
+        stepping, done, local = finer, fine, left
+        allowed = after * float(np.clip(AIM * tolerance / max(error.max(), 1e-300), CALIBRATED_SHARE, 0.5))
+    return Controlled(done, stepping, error)
 
 
-def difference(coarse: Trajectories, fine: Trajectories, rough: bool) -> np.ndarray:
-    """Largest differences (y,) of the readings over their ranges; of the states where there are no readings.
+def _first_allowed(local: np.ndarray, tolerance: float) -> float:
+    """What the local errors (t-1,) of a first run may add up to in the second one."""
+    return max(AIM * tolerance, CALIBRATED_SHARE * float(local.sum()))
 
-    ``rough``: the worst of :data:`OUTLIERS_IN` samples does not count.
-    """
-    first, second = (own.readings if own.readings.shape[-1] else own.states for own in (coarse, fine))
-    ranges = np.maximum(np.ptp(second, axis=1), NO_RANGE * np.abs(second).max(axis=1, initial=0.0))
-    apart = np.abs(first - second) / np.where(ranges > 0, ranges, 1.0)[:, None]
-    if rough and apart.shape[1] >= OUTLIERS_IN:
-        whole = apart.shape[1] // OUTLIERS_IN * OUTLIERS_IN
-        windows = apart[:, :whole].reshape(len(apart), -1, OUTLIERS_IN, apart.shape[2])
-        counted = np.partition(windows, -2, axis=2)[:, :, -2]
-        apart = np.concatenate([counted, apart[:, whole:]], axis=1)
-    return apart.max(axis=(0, 1), initial=0.0)
+
+def _fitting_first_run(
+    problem: InitialValueProblem, tolerance: float, order: int, rough: bool, compiled: bool | None
+) -> tuple[FirstRun, np.ndarray]:
+    """The first run, explicit or implicit as takes less time with the steps of the second one; its local errors."""
+    time, first = problem.time, first_run(problem, compiled)
+
+    def errors_and_steps(done: FirstRun) -> tuple[np.ndarray, float]:
+        errors = local_errors(done.trajectories, problem.model.n, rough)
+        finer = done.stepping.finer(divisions(errors, _first_allowed(errors, tolerance), order))
+        return errors, finer.count(time)
+
+    local, steps = errors_and_steps(first)
+    if not first.stepping.implicit and steps > MANY_MORE * first.stepping.count(time):
+        first = along_the_motion(problem, first, compiled)
+        local, steps = errors_and_steps(first)
+    explicit = explicit_steps(first.rates)
+    fewer = first.stepping.implicit and explicit * float(np.ptp(time)) < IMPLICIT_COST * steps
+    if fewer and explicit < MAX_STEPS_PER_SECOND:
+        stepping, done = _finite_run(problem, Stepping(explicit / 2, refinement=2), compiled)
+        first = FirstRun(done, stepping, first.rates)
+        local, _ = errors_and_steps(first)
+    return first, local
 
 
 def explicit_stepping(problem: InitialValueProblem, compiled: bool | None = None) -> Stepping:
     """Explicit steps that keep the default tolerance and are stable, for what has no implicit form."""
-    stepping = run_to_tolerance(problem, compiled=compiled, states=False).stepping
+    stepping = run_to_tolerance(problem, compiled=compiled).stepping
     if not stepping.implicit:
         return stepping
     stable = explicit_steps(rates_at_rest(problem.model, problem.p))
     if stable > MAX_STEPS_PER_SECOND:
         raise too_fast(stable * STABLE_STEP, stable)
-    return Stepping(max(stable, stepping.least(problem.time)))
+    return Stepping(max(stable, stepping.mean_rate(problem.time)))

@@ -9,7 +9,8 @@ from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
-from modelling.simulation.step_control import InitialValueProblem, Stepping
+from modelling.simulation.step_control import InitialValueProblem
+from modelling.simulation.stepping import Stepping
 from tests.simulation.drives import excitation, system_with
 
 RANGE_SHARE = 1e-3  # largest error allowed, of a reading's range

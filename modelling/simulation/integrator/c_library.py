@@ -19,7 +19,8 @@ from modelling.simulation.integrator.library_cache import keep, kept
 FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-fno-semantic-interposition", "-w")
 GENERATED, DRIVER = "-O1", "-O2"  # the generated part differs by model: here the compiler's own time counts
 SOURCE = "step.c"
-DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "run.c")  # one translation unit, in this order
+# one translation unit, in this order
+DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "errors.c", "run.c")
 
 # The C library's own are calls, and a lash takes ten of them. What is not a number gives way here too.
 PRELUDE = """#include <math.h>

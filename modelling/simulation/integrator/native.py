@@ -6,7 +6,7 @@ import ctypes
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from ctypes import c_double, c_longlong, c_void_p
+from ctypes import c_longlong, c_void_p
 from itertools import pairwise
 
 import numpy as np
@@ -21,10 +21,11 @@ INTERRUPTIBLE = 3e7  # operations, some 30 ms: what takes longer runs beside the
 
 _COUNTS = [
     "first_row", "end_row", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
-    "parameters", "sz_iw", "sz_w", "refinement",
+    "parameters", "sz_iw", "sz_w",
 ]  # fmt: skip
 _ARRAYS = [
-    "time", "input", "constant", "start", "input_delay", "group_delay", "group", "state", "out", "failed", "stop",
+    "steps", "time", "input", "constant", "start", "input_delay", "group_delay", "group", "state", "out", "error",
+    "failed", "stop",
     "selected", "start_derivative", "input_delay_derivative", "sensor_delay_derivative", "derivative",
 ]  # fmt: skip
 _PATTERNS = tuple("ABPCDQ")
@@ -40,7 +41,6 @@ class _Run(ctypes.Structure):
     _fields_ = [
         *((name, c_void_p) for name in ("field", "reading", "jacobian")),
         *((name, c_longlong) for name in _COUNTS),
-        ("steps_per_second", c_double),
         *((name, c_void_p) for name in _ARRAYS),
         *((name, _Pattern) for name in _PATTERNS),
         ("method", c_void_p),
@@ -55,18 +55,20 @@ _METHOD = np.concatenate(
 )
 
 
-def run(task: IntegrationTask, states: bool = True, readings: bool = True, threads: int = 1) -> Trajectories | None:
+def run(
+    task: IntegrationTask, states: bool = True, readings: bool = True, threads: int = 1, errors: bool = False
+) -> Trajectories | None:
     """Run a task; None without a compiler.
 
     What is not asked for comes back empty. The rows of a batch may be shared out among ``threads``; no result depends
     on how many. Ctrl-C ends a long run at once.
     """
-    done = run_all([task], states, readings, threads)
+    done = run_all([task], states, readings, threads, errors)
     return None if done is None else done[0]
 
 
 def run_all(
-    tasks: Sequence[IntegrationTask], states: bool = True, readings: bool = True, threads: int = 1
+    tasks: Sequence[IntegrationTask], states: bool = True, readings: bool = True, threads: int = 1, errors: bool = False
 ) -> list[Trajectories] | None:
     """The same for several tasks of one model, side by side.
 
@@ -84,7 +86,7 @@ def run_all(
     last_rows = np.cumsum([len(task.p) for task in tasks])
     constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), last_rows[:-1])
     prepared = [
-        _Prepared(task, made, code, constant, stop, states, readings)
+        _Prepared(task, made, code, constant, stop, states, readings, errors)
         for task, constant in zip(tasks, constants, strict=True)
     ]
     runs = [one.run for one in prepared]
@@ -124,6 +126,7 @@ class _Prepared:
         stop: ctypes.c_int,
         states: bool,
         readings: bool,
+        errors: bool,
     ):  # what a run consists of
         model, b, t, s = task.model, len(task.p), len(task.time), task.columns
         x, y = len(model.states), len(model.sensors)
@@ -132,13 +135,14 @@ class _Prepared:
             np.full((b, t, y) if readings else (0,), np.nan),
             np.full((b, 2), -1, dtype=np.int64),
             np.full((b, t, y, s), np.nan),
+            np.full((b, t - 1, y + x - model.n) if errors else (0,), np.nan),
         )
         pointers = [ctypes.cast(getattr(code, function.name()), c_void_p) for function in made.all]
         self.run = _Run(
             *pointers, *[None] * (3 - len(pointers)), 0, b, t, x, model.n, len(model.inputs), y, s,
             task.group_delay.shape[1], constant.shape[1], len(model.parameters),
             max(function.sz_iw() for function in made.all), max(function.sz_w() for function in made.all),
-            task.refinement, task.steps_per_second, stop=ctypes.addressof(stop),
+            stop=ctypes.addressof(stop),
         )  # fmt: skip
         self._kept: list = [stop]
         reals = {
@@ -149,12 +153,15 @@ class _Prepared:
         }  # fmt: skip
         for name, array in reals.items():
             self._point(name, np.ascontiguousarray(array, dtype=float))
+        self._point("steps", task.steps)
         self._point("group", task.group)
         self._point("selected", task.selected)
         self._point("failed", self.results.failed)
         self._point("derivative", self.results.derivatives)
         if states:
             self._point("state", self.results.states)
+        if errors:
+            self._point("error", self.results.errors)
         if readings:
             self._point("out", self.results.readings)
         if s:

@@ -34,8 +34,8 @@ class _Evaluator:
 
 def nodes(
     made: Functions, constants: np.ndarray, start: np.ndarray, time: np.ndarray, inputs_at: InputsAt
-) -> np.ndarray:
-    """States (x, k) at the ends of all steps.
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (x, k) at the ends of all steps, and the embedded errors (x, k-1) of the steps.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def nodes(
     inputs = np.stack([inputs_at(time[:-1] + alpha * h)[0] for alpha in ALPHA[:-1]] + [inputs_at(time[1:])[0]])
     drive = inputs_at(time[:-1] + h / 2)[1]
     out = np.full((len(start), len(time)), np.nan)
+    errors = np.full((len(start), len(h)), np.nan)
     out[:, 0] = start
     eye = np.eye(len(start))
     known, known_h, factors, pivots = np.full(eye.shape, np.nan), math.nan, eye, np.zeros(len(start), np.int32)
@@ -70,7 +71,7 @@ def nodes(
             x[:], u[:] = out[:, k] + A[i, :i] @ U[:i], inputs[i, k]
             right = rate()[0][0] + C[i, :i] @ U[:i] / h[k] + GAMMA_SUM[i] * forced
             U[i] = lapack.dgetrs(factors, pivots, right)[0]
-        out[:, k + 1] = x + U[-1]
+        out[:, k + 1], errors[:, k] = x + U[-1], U[-1]
         if not np.isfinite(out[:, k + 1]).all():
             break
-    return out
+    return out, errors

@@ -25,9 +25,8 @@ class IntegrationTask:
     time, inputs : ndarray (t,), (t, u)
         s, N·m.
     p, start : ndarray (b, p), (b, x)
-    steps_per_second, refinement : float, int
-        Every interval between samples is cut into ``refinement`` times the fewest equal steps that are none longer than
-        ``1/steps_per_second``.
+    steps : ndarray of int (t-1,)
+        Equal steps from each sample to the next.
     implicit : bool
         Rosenbrock steps instead of explicit Runge-Kutta ones.
     input_delay, group_delay : ndarray (b, u), (b, g)
@@ -44,8 +43,7 @@ class IntegrationTask:
     inputs: np.ndarray
     p: np.ndarray
     start: np.ndarray
-    steps_per_second: float
-    refinement: int
+    steps: np.ndarray
     implicit: bool
     input_delay: np.ndarray
     group_delay: np.ndarray
@@ -63,7 +61,7 @@ class IntegrationTask:
     @property
     def step_count(self) -> float:
         """Steps of all rows together."""
-        return len(self.p) * self.refinement * max(len(self.time), float(np.ptp(self.time)) * self.steps_per_second)
+        return len(self.p) * float(self.steps.sum())
 
 
 @dataclass(frozen=True)
@@ -78,12 +76,16 @@ class Trajectories:
         That sample and state, −1 where all is finite.
     derivatives : ndarray (b, t, y, s)
         Of the readings by the columns.
+    errors : ndarray (b, t-1, y + x-n)
+        Of the readings, then of the states behind the angles: local errors summed from each sample to the next (see
+        ``c/errors.c``; explicit steps have to be even in number).
     """
 
     states: np.ndarray = field(repr=False)
     readings: np.ndarray = field(repr=False)
     failed: np.ndarray
     derivatives: np.ndarray = field(repr=False)
+    errors: np.ndarray = field(repr=False)
 
 
 def make_task(
@@ -95,9 +97,9 @@ def make_task(
     steps_per_second: float,
     names: list[str] | None = None,
     implicit: bool = False,
-    refinement: int = 1,
+    refinement: int | np.ndarray = 1,
 ) -> IntegrationTask:  # all that defines a simulation
-    """Collect a task; a closing lash gets its damping over one step.
+    """Collect a task; a closing lash gets its damping over one step, the shortest.
 
     Parameters
     ----------
@@ -105,6 +107,9 @@ def make_task(
         SI.
     names : list of str, optional
         Parameters and start states to differentiate by; explicit steps only.
+    refinement : int or ndarray (t-1,)
+        Every interval between samples is cut into this times the fewest equal steps that are none longer than
+        ``1/steps_per_second``.
 
     Raises
     ------
@@ -115,8 +120,8 @@ def make_task(
     if CONTACT_TIME in model.parameters:
         span = float(np.median(np.diff(time)))
         p = p.copy()
-        steps = refinement * max(1.0, np.ceil(span * steps_per_second - 1e-9))
-        p[:, model.parameters.index(CONTACT_TIME)] = span / steps
+        p[:, model.parameters.index(CONTACT_TIME)] = span / (np.max(refinement) * fewest_steps(span, steps_per_second))
+    steps = np.ascontiguousarray(refinement * fewest_steps(np.diff(time), steps_per_second), dtype=np.int64)
     selected, start_derivative = _selection(model, names)
     input_paths, sensor_paths = model.equations.assembly.inputs.values(), model.equations.assembly.sensors.values()
     delayed = [j for j, path in enumerate(sensor_paths) if path.delay != 0]
@@ -133,10 +138,15 @@ def make_task(
         for columns, jacobian in zip(by_columns, _delay_jacobians(model), strict=True):
             columns[:, selected >= 0] = jacobian[:, selected[selected >= 0]]
     return IntegrationTask(
-        model, time, inputs, p, start, float(steps_per_second), refinement, implicit, _contiguous(delays[0]),
+        model, time, inputs, p, start, steps, implicit, _contiguous(delays[0]),
         _contiguous(np.hstack([np.zeros((len(p), 1)), delays[1][:, delayed]])), group,
         selected, start_derivative, _contiguous(by_columns[0]), _contiguous(by_columns[1]),
     )  # fmt: skip
+
+
+def fewest_steps(span: np.ndarray | float, steps_per_second: float) -> np.ndarray:
+    """The fewest equal steps in spans (s) of which none is longer than ``1/steps_per_second``."""
+    return np.maximum(1.0, np.ceil(np.asarray(span) * steps_per_second - 1e-9))
 
 
 def _contiguous(array: np.ndarray) -> np.ndarray:

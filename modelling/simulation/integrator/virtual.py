@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import casadi as ca
 import numpy as np
@@ -28,13 +28,17 @@ class _Row:
 
 @dataclass(frozen=True)
 class _Nodes:
-    """The ends of all steps: times (k,), augmented states (x·(1 + s), k) with the sensitivities by columns."""
+    """The ends of all steps: times (k,), augmented states (x·(1 + s), k) with the sensitivities by columns.
+
+    ``errors`` (x, k-1) are the local errors of the steps; explicit ones are right in pairs only (see ``c/errors.c``).
+    """
 
     time: np.ndarray
     states: np.ndarray
+    errors: np.ndarray
 
 
-def run(task: IntegrationTask, states: bool = True, readings: bool = True) -> Trajectories:
+def run(task: IntegrationTask, states: bool = True, readings: bool = True, errors: bool = False) -> Trajectories:
     """As :func:`modelling.simulation.integrator.native.run`, same result to rounding."""
     made = functions(task.model, task.columns > 0, task.implicit)
     selection = np.zeros((len(task.model.parameters), task.columns))
@@ -42,21 +46,18 @@ def run(task: IntegrationTask, states: bool = True, readings: bool = True) -> Tr
         if j >= 0:
             selection[j, column] = 1.0
     constants = made.constants_of(task.p)
-    rows = [_run_row(_Row(task, made, b, constants[b], selection), states, readings) for b in range(len(task.p))]
-    return Trajectories(
-        *(np.stack([getattr(row, name) for row in rows]) for name in ("states", "readings", "failed", "derivatives"))
-    )
+    rows = [
+        _run_row(_Row(task, made, b, constants[b], selection), states, readings, errors) for b in range(len(task.p))
+    ]
+    return Trajectories(*(np.stack([getattr(row, part.name) for row in rows]) for part in fields(Trajectories)))
 
 
-def _run_row(row: _Row, states: bool, readings: bool) -> Trajectories:
+def _run_row(row: _Row, states: bool, readings: bool, errors: bool) -> Trajectories:
     task = row.task
     x, t, s = len(task.model.states), len(task.time), task.columns
-    first, node_times = mesh(task.time, task.steps_per_second, task.refinement)
+    first, node_times = mesh(task.time, task.steps)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that runs away is told by `failed`
-        if task.implicit:
-            nodes = _Nodes(node_times, _implicit_nodes(row, node_times))
-        else:
-            nodes = _Nodes(node_times, _explicit_nodes(row, node_times))
+        nodes = _implicit_nodes(row, node_times) if task.implicit else _explicit_nodes(row, node_times)
         y, derivatives = _readings(row, nodes) if readings else (np.empty(0), np.empty((t, 0, s)))
     samples = nodes.states[:, first]
     bad = np.argwhere(~np.isfinite(samples.T))
@@ -66,13 +67,29 @@ def _run_row(row: _Row, states: bool, readings: bool) -> Trajectories:
         samples = samples.copy()
         samples[:, bad[0][0] :] = np.nan
         y[bad[0][0] :] = np.nan
-    return Trajectories(samples[:x].T.copy() if states else np.empty(0), y, failed, derivatives)
+    by_interval = (
+        _errors(row, samples[:x], np.add.reduceat(nodes.errors, first[:-1], axis=1)) if errors else np.empty(0)
+    )
+    return Trajectories(samples[:x].T.copy() if states else np.empty(0), y, failed, derivatives, by_interval)
 
 
-def mesh(time: np.ndarray, steps_per_second: float, refinement: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which node every sample is (t,), and the times of all nodes."""
+def _errors(row: _Row, states: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Errors (t-1, y + x-n) of readings and states behind the angles, from states (x, t) and their errors (x, t-1)."""
+    task, time = row.task, row.task.time[1:]
+    constants = np.tile(row.constants[:, None], len(time))
+    u = _inputs_at(task, row.b, time)[0].T
+
+    def readings(at: np.ndarray) -> np.ndarray:
+        outputs = row.made.reading.map(len(time))(at, u, constants, time[None])
+        return np.array(outputs[0] if row.made.parametric else outputs)
+
+    of_readings = readings(states[:, 1:]) - readings(states[:, 1:] - errors)
+    return np.vstack([of_readings.reshape(-1, len(time)), errors[task.model.n :]]).T
+
+
+def mesh(time: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which node every sample is (t,), and the times of all nodes, of so many steps between the samples (t-1,)."""
     span = np.diff(time)
-    count = refinement * np.maximum(1, np.ceil(span * steps_per_second - 1e-9)).astype(np.int64)
     first = np.concatenate([[0], np.cumsum(count)])
     inner = np.arange(first[-1]) - np.repeat(first[:-1], count)
     nodes = np.append(np.repeat(time[:-1], count) + inner * np.repeat(span / count, count), time[-1])
@@ -92,28 +109,36 @@ def _inputs_at(task: IntegrationTask, b: int, at: np.ndarray) -> tuple[np.ndarra
     return u, du
 
 
-def _explicit_nodes(row: _Row, node_times: np.ndarray) -> np.ndarray:
+def _explicit_nodes(row: _Row, node_times: np.ndarray) -> _Nodes:
     task, s = row.task, row.task.columns
     x, steps = len(task.model.states), len(node_times) - 1
     h = np.diff(node_times)
-    stages = [_inputs_at(task, row.b, at) for at in (node_times[:-1], node_times[:-1] + h / 2, node_times[1:])]
-    drive = np.zeros((1 + 6 * len(task.model.inputs), -(-steps // CHUNK) * CHUNK))  # idle steps at the end: h = 0
+    stages = [_inputs_at(task, row.b, at) for at in (node_times[:-1] + h / 2, node_times[1:])]
+    drive = np.zeros((1 + 4 * len(task.model.inputs), -(-steps // CHUNK) * CHUNK))  # idle steps at the end: h = 0
     drive[:, :steps] = np.vstack([h, *(part.T for pair in stages for part in pair)])
     matrices = (row.selection, task.input_delay_derivative)
     fixed = np.concatenate([row.constants, *(part.ravel(order="F") for part in matrices)])
     X = np.empty((x * (1 + s), drive.shape[1] + 1))
+    rates = np.empty_like(X)
     X[:, 0] = np.concatenate([task.start[row.b], task.start_derivative.ravel(order="F")])
+    u, du = _inputs_at(task, row.b, node_times[:1])
+    rates[:, 0] = np.array(_rates(row.made, s)(X[:, 0], u[0], du[0], row.constants, *matrices)).ravel()
     chunk = _chunk(row.made, s)
     for begin in range(0, drive.shape[1], CHUNK):
-        X[:, begin + 1 : begin + CHUNK + 1] = chunk(X[:, begin], drive[:, begin : begin + CHUNK], fixed).full()
-    return X[:, : steps + 1]
+        driven, after = drive[:, begin : begin + CHUNK], slice(begin + 1, begin + CHUNK + 1)
+        X[:, after], rates[:, after] = (part.full() for part in chunk(X[:, begin], rates[:, begin], driven, fixed))
+    at, rate = X[:x, : steps + 1], rates[:x, : steps + 1]
+    first = (np.arange(steps) - np.repeat(np.cumsum(task.steps) - task.steps, task.steps)) % 2 == 0
+    begun = -at[:, :-1] - h / 3 * (rate[:, :-1] + 4 * rate[:, 1:])
+    return _Nodes(node_times, X[:, : steps + 1], np.where(first, begun, at[:, 1:] - h / 3 * rate[:, 1:]))
 
 
-def _implicit_nodes(row: _Row, node_times: np.ndarray) -> np.ndarray:
+def _implicit_nodes(row: _Row, node_times: np.ndarray) -> _Nodes:
     def inputs_at(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _inputs_at(row.task, row.b, at)
 
-    return rosenbrock_steps.nodes(row.made, row.constants, row.task.start[row.b], node_times, inputs_at)
+    done = rosenbrock_steps.nodes(row.made, row.constants, row.task.start[row.b], node_times, inputs_at)
+    return _Nodes(node_times, *done)
 
 
 def _rate(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: ca.SX, by_delay: ca.SX) -> ca.SX:
@@ -128,33 +153,31 @@ def _rate(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: c
 
 @functools.lru_cache(maxsize=128)
 def _chunk(made: Functions, s: int) -> ca.Function:
-    """(X, drive, fixed) → X after each of ``CHUNK`` steps.
+    """(X, Ẋ, drive, fixed) → X and Ẋ after each of ``CHUNK`` steps.
 
-    A column of ``drive`` is h and, at the beginning, the middle and the end of the step, the inputs and their
-    derivatives; ``fixed`` is c, selection and input_delay_derivative.
+    A column of ``drive`` is h and, in the middle and at the end of the step, the inputs and their derivatives;
+    ``fixed`` is c, selection and input_delay_derivative.
     """
     x, n, k = made.field.size1_in(0), made.field.size1_in(1), made.field.size1_in(2)
     p = made.constants.size1_in(0)
-    X, drive, fixed = ca.SX.sym("X", x * (1 + s)), ca.SX.sym("drive", 1 + 6 * n), ca.SX.sym("fixed", k + p * s + n * s)
-    h, *u = ca.vertsplit(drive, [0, *range(1, 1 + 6 * n, n), 1 + 6 * n]) if n else (drive, *([ca.SX(0, 1)] * 6))
+    X, k1 = ca.SX.sym("X", x * (1 + s)), ca.SX.sym("dX", x * (1 + s))
+    drive, fixed = ca.SX.sym("drive", 1 + 4 * n), ca.SX.sym("fixed", k + p * s + n * s)
+    h, *u = ca.vertsplit(drive, [0, *range(1, 1 + 4 * n, n), 1 + 4 * n]) if n else (drive, *([ca.SX(0, 1)] * 4))
     c, selection, by_delay = ca.vertsplit(fixed, [0, k, k + p * s, k + p * s + n * s])
     selection, by_delay = ca.reshape(selection, p, s), ca.reshape(by_delay, n, s)
 
     def rate(at: ca.SX, stage: int) -> ca.SX:
         return _rate(made, at, u[2 * stage], u[2 * stage + 1], c, selection, by_delay)
 
-    k1 = rate(X, 0)
-    k2 = rate(X + h / 2 * k1, 1)
-    k3 = rate(X + h / 2 * k2, 1)
-    k4 = rate(X + h * k3, 2)
-    step = ca.Function("step", [X, drive, fixed], [ca.cse(X + h / 6 * (k1 + 2 * (k2 + k3) + k4))])
-    begin, driven, same = (
-        ca.MX.sym("X", X.shape[0]),
-        ca.MX.sym("drive", 1 + 6 * n, CHUNK),
-        ca.MX.sym("f", fixed.shape[0]),
-    )
-    moved = step.mapaccum("steps", CHUNK)(begin, driven, ca.repmat(same, 1, CHUNK))
-    return ca.Function("chunk", [begin, driven, same], [moved])
+    k2 = rate(X + h / 2 * k1, 0)
+    k3 = rate(X + h / 2 * k2, 0)
+    k4 = rate(X + h * k3, 1)
+    moved = X + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+    step = ca.Function("step", [X, k1, drive, fixed], ca.cse([moved, rate(moved, 1)]))
+    begin, begin_rate = (ca.MX.sym(name, X.shape[0]) for name in ("X", "dX"))
+    driven, same = ca.MX.sym("drive", 1 + 4 * n, CHUNK), ca.MX.sym("f", fixed.shape[0])
+    after = step.mapaccum("steps", CHUNK, 2)(begin, begin_rate, driven, ca.repmat(same, 1, CHUNK))
+    return ca.Function("chunk", [begin, begin_rate, driven, same], list(after))
 
 
 @functools.lru_cache(maxsize=128)

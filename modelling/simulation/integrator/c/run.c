@@ -15,7 +15,7 @@ static int allocate(Work *k, const Run *r, double **reals, integer **integers) {
         sizes[4] = r->D.start[n], sizes[5] = r->Q.start[r->parameters];
     }
     integer band = r->method ? x * (2 * r->lower + r->upper + 1) : 0;
-    integer count = 11 * size + 4 * n + r->sensors * (s + 2) + r->sz_w + band + 2 * sizes[0];
+    integer count = 11 * size + 4 * n + r->sensors * (s + 2) + r->sz_w + band + 2 * sizes[0] + x;
     for (int i = 1; i < 6; i++) count += sizes[i];
     double *next = *reals = malloc(sizeof(double) * (size_t)(count + 8));
     integer *free_integers = *integers = calloc((size_t)(r->sz_iw + n + r->groups + x + 1), sizeof(integer));
@@ -25,7 +25,7 @@ static int allocate(Work *k, const Run *r, double **reals, integer **integers) {
     for (int i = 0; i < 8; i++) { TAKE(stage[i], size); }
     for (int i = 0; i < 3; i++) { TAKE(node[i], size); }
     TAKE(u, n); TAKE(du, n); TAKE(rise, n); TAKE(rise_in_step, n);
-    TAKE(y, r->sensors * (s + 2)); TAKE(w, r->sz_w); TAKE(band, band); TAKE(known_A, sizes[0]);
+    TAKE(y, r->sensors * (s + 2)); TAKE(w, r->sz_w); TAKE(band, band); TAKE(known_A, sizes[0]); TAKE(step_error, x);
     TAKE(A, sizes[0]); TAKE(B, sizes[1]); TAKE(P, sizes[2]); TAKE(C, sizes[3]); TAKE(D, sizes[4]); TAKE(Q, sizes[5]);
 #undef TAKE
     k->iw = free_integers, k->interval = k->iw + r->sz_iw, k->due = k->interval + n, k->pivot = k->due + r->groups;
@@ -36,14 +36,14 @@ static int allocate(Work *k, const Run *r, double **reals, integer **integers) {
 static void run_interval(Work *k, integer b, integer j) {
     const Run *r = k->r;
     double begin = r->time[j], span = r->time[j + 1] - begin;
-    integer steps = (integer)ceil(span * r->steps_per_second - 1e-9);
-    steps = r->refinement * (steps < 1 ? 1 : steps);
+    integer steps = r->steps[j];
     double h = span / (double)steps;
     for (integer i = 0; i < steps && !*r->stop; i++) {
         double t = begin + (double)i * h, end = i + 1 == steps ? r->time[j + 1] : begin + (double)(i + 1) * h;
         double *X = k->node[0], *dX = k->node[1], *next = k->node[2], *next_rate = k->stage[0];
         (r->method ? implicit_step : explicit_step)(k, t, h, end, X, dX, next);
         set_rate(k, end, next, next_rate);
+        if (r->error) add_error(k, i, h, X, dX, next, next_rate);
         read_step(k, b, t, end, X, dX, next, next_rate);
         k->node[0] = next, k->node[1] = next_rate, k->node[2] = X, k->stage[0] = dX;
     }
@@ -60,12 +60,14 @@ static void run_row(Work *k, integer b) {
     memset(k->due, 0, sizeof(integer) * (size_t)r->groups);
     for (integer i = 0; i < n; i++) k->interval[i] = -1;
     k->time_of_inputs = k->known_h = NAN;
+    memset(k->step_error, 0, sizeof(double) * (size_t)x);
     r->failed[2 * b] = r->failed[2 * b + 1] = -1;
     set_rate(k, r->time[0], X, k->node[1]);
     read_start(k, b, X);
     for (integer j = 0; j + 1 < T && !*r->stop; j++) {
         run_interval(k, b, j);
         X = k->node[0];
+        if (r->error) write_error(k, b, j, X);
         integer bad = first_not_finite(X, k->size);
         if (bad >= 0) {
             r->failed[2 * b] = j + 1, r->failed[2 * b + 1] = bad < x ? bad : (bad - x) / (s ? s : 1);

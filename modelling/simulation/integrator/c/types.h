@@ -24,8 +24,7 @@ typedef struct {
     Function field, reading, jacobian;
     integer first_row, end_row; /* of the batch: rows first_row … end_row - 1 are run */
     integer samples, states, coordinates, inputs, sensors, columns, groups, constants, parameters, sz_iw, sz_w;
-    integer refinement;          /* times the steps that steps_per_second asks for */
-    double steps_per_second;
+    const integer *steps;        /* (t - 1): equal steps from each sample to the next */
     const double *time;          /* (t) */
     const double *input;         /* (t, u) */
     const double *constant;      /* (b, c) */
@@ -35,6 +34,7 @@ typedef struct {
     const integer *group;        /* (y): which group a sensor belongs to */
     double *state;               /* (b, t, x), or null */
     double *out;                 /* (b, t, y), or null */
+    double *error;               /* (b, t - 1, y + x - n): see errors.c; or null */
     integer *failed;             /* (b, 2): first sample and state that is not finite, or -1 */
     const volatile int *stop;    /* the run ends when this is not 0 */
     /* sensitivity */
@@ -55,6 +55,7 @@ typedef struct {
     integer size;                /* of an augmented state: x·(1 + s) */
     const double *constant, *delay; /* of this row of the batch */
     double *u, *du, *rise, *rise_in_step, *y, *A, *B, *P, *C, *D, *Q, *w, *node[3], *stage[8];
+    double *step_error;          /* (x): sum of the embedded errors of the steps since the last sample */
     double *band, *known_A, known_h; /* factors of a step's matrix, and what they were made of */
     integer *iw, *interval, *due, *pivot;
     double time_of_inputs;       /* the time that u and du belong to, or NaN */
