@@ -58,7 +58,8 @@ def check(kinds, body, seed):
     reference = simulate_adaptive(model, TIME, inputs, fixed, start, method=METHOD, tolerance=1e-8)
     jumps = "backlash" in kinds
     for name, reading in got.readings.items():
-        error = np.abs(reading - reference[name]) / np.ptp(reference[name])
+        size = max(np.ptp(reference[name]), np.finfo(float).tiny)  # a lash that never closes carries no torque
+        error = np.abs(reading - reference[name]) / size
         if jumps and name in ("link_torque", "load_acceleration"):
             error = np.sort(error)[: -int(OUTLIERS * len(TIME)) - 1]
         assert error.max() < RANGE_SHARE, (kinds, body, seed, name, error.max())
