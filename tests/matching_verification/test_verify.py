@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from matching.frequency.loop.loop_modes import match_mode
+from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
+from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.errors import lower_bound
+from matching.frequency.verification.robustness import _deviating
 from matching.frequency.verification.verify import verify
+from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures import STRUCTURES
 from modelling.modal.modes import modes
 
@@ -42,6 +46,25 @@ def test_sampling_costs_the_sample_time(reference):
     faster = error_figures(replace(reference, loop=reference.loop.with_values({"sample_time": 5e-5})))
     assert faster.after == pytest.approx(fast.after, rel=0.05)
     assert fast.unmeasured == pytest.approx(slow.unmeasured, rel=0.02)
+
+
+def test_a_deviating_bed_keeps_the_feed_forward_it_is_given(reference):
+    """One that does nothing leaves the feedback alone, worked out here on the deviating case itself."""
+    reference = replace(reference, compared=tuple(pair for pair in reference.compared if pair.input == "motor_torque"))
+    parts, residual = parts_of(reference), cut(reference.vehicle, reference.rig)
+    designed = reference.loop.structure.feed_forward(reference.rig, residual, reference.loop)
+    nothing = {name: np.zeros_like(getattr(designed, name)) for name in ("F", "G", "C", "D")}
+    frequencies = np.geomspace(*reference.band, 5)
+    deviating = _deviating(parts, replace(designed, **nothing))
+    beds = {(each.name, round(each.change, 9)): each.bed for each in deviating}
+    sides = ("left", "right")
+    soft = {f"shafts.flange_{side}.stiffness": 0.95 * 2e5 for side in sides}
+    for name, change, case in (
+        ("loop.dead_time", 5e-4, replace(reference, loop=reference.loop.with_values({"dead_time": 3.5e-3}))),
+        ("rig.shafts.flange_left.stiffness", -0.05, replace(reference, rig=reference.rig.with_values(soft))),
+    ):
+        expected = ComparedBed(case).at(frequencies).unmeasured
+        assert beds[name, change].at(frequencies).matched == pytest.approx(expected, rel=1e-9)
 
 
 def test_feedback_alone_answers_all_torques_alike(feedback):

@@ -63,7 +63,7 @@ def _run_row(row: _Row, states: bool, readings: bool, errors: bool) -> Trajector
     bad = np.argwhere(~np.isfinite(samples.T))
     failed = np.full(2, -1, dtype=np.int64)
     if len(bad):
-        failed[:] = bad[0][0], bad[0][1] if bad[0][1] < x else (bad[0][1] - x) % x
+        failed[:] = bad[0][0], bad[0][1] % x  # the state, or that of a sensitivity
         samples = samples.copy()
         samples[:, bad[0][0] :] = np.nan
         y[bad[0][0] :] = np.nan
