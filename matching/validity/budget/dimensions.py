@@ -113,6 +113,37 @@ def check_turns(expression: Any, units: Mapping[str, Unit], result: Unit, where:
                 f"multiplies the torque {torques[0]} by the frequency {counted['cycles']}, which counts cycles",
                 "write the factor 2*pi, or give a speed in 1/min or rad/s",
             )
+    if _is_rate(result) and not expression.has(sympy.pi):
+        _check_rate(expression, units, result, where)
+
+
+def _check_rate(expression: Any, units: Mapping[str, Unit], result: Unit, where: str) -> None:
+    """Check that no frequency in cycles becomes a speed in radians or turns, or the other way, without a factor.
+
+    Raises
+    ------
+    InputError
+        Naming the input.
+    """
+    cycles = result.counts == "cycles"
+    for term in sympy.Add.make_args(sympy.expand(expression)):
+        powers = {name: exponent for name, exponent in term.as_powers_dict().items() if name.is_Symbol}
+        other = [
+            name for name in powers if _is_rate(units[name.name]) and (units[name.name].counts == "cycles") != cycles
+        ]
+        if sum(powers[name] for name in other) == 1:
+            name = str(next(name for name in other if powers[name] > 0))
+            counted = ("radians", "cycles") if cycles else ("cycles", "radians")
+            raise InputError(
+                where,
+                f"{name} in {units[name].text} counts {counted[0]}, the result in {result.text} counts {counted[1]}",
+                f"{'divide by' if cycles else 'write the factor'} 2*pi, or give both in the same unit",
+            )
+
+
+def _is_rate(unit: Unit) -> bool:
+    """Whether it is a frequency or a speed of rotation."""
+    return unit.dimension == unit_of("Hz", "").dimension
 
 
 def result_unit(expression: Any, unit: Unit) -> Unit:
