@@ -1,4 +1,4 @@
-"""One table of spellings, every kind of file: what is taken means the same everywhere, else it is refused in one line."""
+"""One table of spellings, every kind of file: what is taken means the same everywhere, else one line refuses it."""
 
 import math
 
