@@ -60,12 +60,12 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
     from modelling.common.tables import read_toml
     from modelling.model.files import load
 
-    if named["command"] in ("verify", "excite"):
+    if named["command"] in ("verify", "excite", "commission"):
         from matching.bed_test.recorded import read_recordings
         from matching.fmu.export_source import tuned_case
 
         case = tuned_case(named["case"]).tuned
-        if named["command"] == "excite":
+        if named["command"] != "verify":
             return {named["case"]: _case(case)}
         read_recordings(named["recordings"], case, channels)
         return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")

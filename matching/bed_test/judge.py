@@ -20,7 +20,10 @@ from matching.bed_test.result import (
     ModeJudgement,
 )
 from matching.frequency.case.case import Case
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.response.observed import ObservedBed
 from matching.frequency.response.responses import ComparedBed
+from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 from modelling.modal.modes import modes
 
@@ -42,7 +45,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     """
     grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
     measured = response(recordings, grid)
-    bed = ComparedBed(case)
+    bed = _compared_bed(case)
     answers = bed.at(grid)
     pairs = [
         (h, source, sensor)
@@ -55,7 +58,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     functions, curves, kinds = [], [], []
     for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
         values, variances = measured.values[:, y, u], measured.variances[:, y, u]
-        known = bool(bed.measured[h])
+        known = bool(bed.measured[h]) or (isinstance(bed, ObservedBed) and source in bed.controller.known)
         figures = _Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
         repeated = _Figures.of(
             again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
@@ -85,6 +88,12 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity, tuple(curves),
         recorded.notes,
     )  # fmt: skip
+
+
+def _compared_bed(case: Case) -> ComparedBed:
+    """The prediction: an observer is a law of its own, from sample to sample."""
+    observer = case.loop.structure.observer(case.rig, cut(case.vehicle, case.rig), case.loop)
+    return ComparedBed(case) if observer is None else ObservedBed(case, parts_of(case), observer)
 
 
 def _place(recorded: BedRecordings, source: str, sensor: str) -> tuple[int, int]:

@@ -22,6 +22,7 @@ ONE_LINE = {
     "tolerance": "spread of a match over the tolerances of the bed",
     "excite": "plan the recording that identifies what a match depends on",
     "verify": "judge recordings of the controlled bed beside vehicle and prediction",
+    "commission": "the whole way onto the bed: match, run, verify, excite, record, diagnose, match again",
     "export": "write the tuned residual vehicle as an FMU",
     "explore": "models, cases, recordings and budgets in the browser",
     "new": "write a commented case to start from",

@@ -54,7 +54,7 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     order = order or ExcitationOrder()
     bed = recorded_bed(case)
     _check(case, order)
-    speed = _speed(case) if order.speed is None else order.speed
+    speed = steady_speed(case) if order.speed is None else order.speed
     limits = ExcitationLimits(bed, speed, demanded_limits(bed, order.largest))
     box = case.uncertainty
     hold = SpeedHold.of(exported_controller(case).settings)
@@ -99,7 +99,7 @@ def _check(case: Case, order: ExcitationOrder) -> None:
         raise InputError("--margin", f"{order.margin:g} is no share", "0 ≤ margin < 1 is needed")
 
 
-def _speed(case: Case) -> float:
+def steady_speed(case: Case) -> float:
     """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest."""
     point = case.rig.operating_point
     rotors = {part.on for part in case.rig.inputs if part.name in {d.torque_input for d in case.loop.dynamometers}}

@@ -80,5 +80,6 @@ def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settin
         unexpected[expecting] = UNEXPECTED_TORQUE * torque
     lost = LOST_TORQUE * torque if torque < NO_LIMIT else NO_LIMIT
     return Settings(
-        np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost), unexpected
+        np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
+        np.array([own.torque_gain for own in loop.dynamometers]), unexpected,
     )  # fmt: skip

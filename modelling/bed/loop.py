@@ -44,13 +44,17 @@ HARDWARE = {
 
 @dataclass(frozen=True)
 class Dynamometer:
-    """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is."""
+    """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is.
+
+    ``torque_gain`` is its air-gap torque over its command as calibrated: commands are divided by it.
+    """
 
     name: str
     torque_input: str
     torque_sensor: str
     speed_sensor: str
     follows: str
+    torque_gain: float = 1.0
 
 
 class ControlStructure(ABC):

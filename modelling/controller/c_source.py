@@ -28,7 +28,7 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w = len(controller.law.A), len(controller.law.known)
-    reals = 5 * k + y + x + 2 * y + (w + 1) + 4 * k + fixed.REMEMBERED_SAMPLES * k
+    reals = 6 * k + y + x + 2 * y + (w + 1) + 4 * k + fixed.REMEMBERED_SAMPLES * k
     return 8 * reals + 4 * 10
 
 
@@ -74,7 +74,15 @@ def _data(controller: ExportedController) -> str:
         f"static const int32_t SPEED_READING[] = {{{', '.join(map(str, controller.speed_readings))}}};",
         "static const controller_settings CONTROLLER_DEFAULTS = {",
     ]
-    for part in ("torque_limit", "speed_limit", "hold_proportional", "hold_integral", "lost_torque", "unexpected"):
+    per_dynamometer = (
+        "torque_limit",
+        "speed_limit",
+        "hold_proportional",
+        "hold_integral",
+        "lost_torque",
+        "torque_gain",
+    )
+    for part in (*per_dynamometer, "unexpected"):
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(own, part))}}}, /* {part} */")
     lines += [f"    {own.frozen_samples}, {own.life_samples}}};"]
     matrices = {

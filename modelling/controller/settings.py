@@ -29,6 +29,8 @@ class Settings:
         N·m·s/rad, N·m/rad of the speed hold.
     lost_torque : ndarray (k,)
         N·m: a flange torque above it that is gone within :data:`REMEMBERED_SAMPLES` samples is a broken shaft.
+    torque_gain : ndarray (k,)
+        Air-gap torque over command as calibrated: commands are divided by it.
     unexpected : ndarray (y,)
         How far a reading may be from what the controller's model expects, in its unit.
     frozen_samples : int
@@ -42,6 +44,7 @@ class Settings:
     hold_proportional: np.ndarray
     hold_integral: np.ndarray
     lost_torque: np.ndarray
+    torque_gain: np.ndarray
     unexpected: np.ndarray
     frozen_samples: int = 4
     life_samples: int = 0
@@ -51,5 +54,12 @@ def no_limits(dynamometers: int, readings: int) -> Settings:
     """Nothing limited and nothing watched but whether numbers are finite."""
     free = np.full(dynamometers, NO_LIMIT)
     return Settings(
-        free, free, np.zeros(dynamometers), np.zeros(dynamometers), free, np.full(readings, NO_LIMIT), frozen_samples=0
+        free,
+        free,
+        np.zeros(dynamometers),
+        np.zeros(dynamometers),
+        free,
+        np.ones(dynamometers),
+        np.full(readings, NO_LIMIT),
+        frozen_samples=0,
     )

@@ -88,7 +88,7 @@ class SupervisedController:
         if not unknown:
             self._last = readings.copy()
             self._past_torques = np.vstack([readings[self._torques], self._past_torques[:-1]])
-        return Answer(self._sent.copy(), self._mode, self._fault)
+        return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
 
     def _check(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, life: int) -> int:
         """The first of :data:`FAULTS` that shows."""

@@ -11,6 +11,7 @@ from modelling.fmu.export import Fmu, package, page_of
 from modelling.fmu.source import interface, variable_table
 from modelling.fmu.variables import Variable
 
+SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 MOST_SAMPLES = 1e6  # of a watchdog
 ABOUT = (
     "The controller of a powertrain test bed. All values in SI. A communication step is a whole number of samples; the "
@@ -67,14 +68,16 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     parameters = []
     for j, dynamometer in enumerate(law.dynamometers):
         for key, unit, meaning in (
-            ("torque_limit", "N*m", "commands stay within ± this"),
+            ("torque_limit", "N*m", "air-gap torques stay within ± this"),
             ("speed_limit", "rad/s", "beyond it is overspeed"),
             ("hold_proportional", "N*m*s/rad", "of the speed hold"),
             ("hold_integral", "N*m/rad", "of the speed hold"),
             ("lost_torque", "N*m", "a flange torque above it that is gone at once is a fault"),
+            ("torque_gain", "1", "air-gap torque over command as calibrated: commands are divided by it"),
         ):
             value = float(getattr(settings, key)[j])
-            parameters.append(Variable(f"{dynamometer}.{key}", "parameter", unit, value, meaning, 0.0))
+            least = SMALLEST_GAIN if key == "torque_gain" else 0.0
+            parameters.append(Variable(f"{dynamometer}.{key}", "parameter", unit, value, meaning, least))
     for sensor, unit, value in zip(law.sensors, controller.units, settings.unexpected, strict=True):
         meaning = "how far the reading may be from what the controller's model expects"
         parameters.append(Variable(f"{sensor}.unexpected", "parameter", unit, float(value), meaning, 0.0))

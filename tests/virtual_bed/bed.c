@@ -19,7 +19,7 @@ typedef struct {
     Plant plant;
     Modes modes;
     double y[LARGEST], command[INPUTS], sent[KEPT][INPUTS], begins[KEPT][INPUTS];
-    double filtered[SENSORS], history[SEEN][SENSORS], reading[SENSORS];
+    double filtered[SENSORS], before[SENSORS], history[SEEN][SENSORS], reading[SENSORS];
     double start_speed;
     int64_t sample, steps;
     uint64_t random;
@@ -55,7 +55,11 @@ static void observe(Bed *b, double t) {
     write_row(&b->plant, t, b->y, &b->modes, 0, row);
     for (int i = 0; i < SENSORS; i++) {
         double now = truth(b, row, i);
-        b->filtered[i] = FILTER[i] > 0 && b->steps > 0 ? now + (b->filtered[i] - now) * exp(-h / FILTER[i]) : now;
+        if (FILTER[i] > 0 && b->steps > 0) { /* exact for a signal that is straight between inner steps */
+            double a = exp(-h / FILTER[i]), last = FILTER[i] / h * (1 - a) - a;
+            b->filtered[i] = a * b->filtered[i] + last * b->before[i] + (1 - a - last) * now;
+        } else b->filtered[i] = now;
+        b->before[i] = now;
         b->history[b->steps % SEEN][i] = b->filtered[i];
     }
     b->steps++;

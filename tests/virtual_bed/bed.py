@@ -142,7 +142,7 @@ def _numbers(values: object) -> str:
     return ", ".join("INFINITY" if value == np.inf else repr(value.item()) for value in np.asarray(values)) or "0"
 
 
-def drive_of(path: Path) -> Drive:
+def drive_of(path: Path, title: str = "") -> Drive:
     """The drive of a rig file whose quantities are plain numbers in SI."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     values: dict[str, float] = {}
@@ -153,7 +153,7 @@ def drive_of(path: Path) -> Drive:
         if "ratio" in part:
             values[f"shafts.{name}.ratio"] = float(part["ratio"])
     return Drive(
-        "bed", data["title"], list(data["inertias"]),
+        "bed", title or data["title"], list(data["inertias"]),
         {name: (part["between"][0], part["between"][1]) for name, part in data["shafts"].items()},
         {name: part["on"] for name, part in data["inputs"].items()},
         {name: (part["measures"], part["of"]) for name, part in data["sensors"].items()}, values, {}, {"none": 0.0},

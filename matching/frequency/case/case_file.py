@@ -8,6 +8,7 @@ import tomli_w
 
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
+from matching.frequency.case.uncertainty import uncertainty_table
 from modelling.bed.manoeuvres import RecordedTorque
 from modelling.model.files import dumps
 
@@ -43,7 +44,10 @@ def case_text(case: Case) -> str:
     data["loop"] |= {name: loop[name] for name in loop.quantities}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
-    data["response"]["objective"] = case.objective
+    data["response"] |= {
+        "objective": case.objective, "tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance,
+    }  # fmt: skip
+    data["uncertainty"] = uncertainty_table(case.uncertainty, case.rig, loop)
     data["manoeuvre"] = {
         name: {"file": _trace_file(name)} if isinstance(torque, RecordedTorque) else torque.table()
         for name, torque in case.manoeuvre.items()

@@ -12,6 +12,9 @@ from modelling.bed.structures import DEFAULT, STRUCTURES
 from modelling.common.errors import InputError, unknown
 from modelling.model.files import quantity
 from modelling.model.system import System
+from modelling.units import to_si
+
+SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 
 
 def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Loop:
@@ -53,6 +56,14 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     return Loop(structure, dynamometers, knows, values, further)
 
 
+def _torque_gain(table: Mapping[str, Any], where: str) -> float:
+    """Air-gap torque over command as calibrated; 1 unless stated."""
+    gain = to_si(table.get("torque_gain", 1.0), "1", where)
+    if not SMALLEST_GAIN <= gain <= 1 / SMALLEST_GAIN:
+        raise InputError(where, f"{gain:g} is no calibration", f"{SMALLEST_GAIN:g} … {1 / SMALLEST_GAIN:g} is possible")
+    return gain
+
+
 def _names(table: Mapping[str, Any], key: str, known: list[str], example: str, where: str) -> tuple[str, ...]:
     names = table.get(key, [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -72,7 +83,7 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
     keys = ("torque_input", "torque_sensor", "speed_sensor", "follows")
     for name in tables:
         place = f"dynamometers.{name}"
-        table = table_of(tables, name, f"{where}: dynamometers", set(keys))
+        table = table_of(tables, name, f"{where}: dynamometers", {*keys, "torque_gain"})
         texts = [text_of(table, key, f"{where}: {place}") for key in keys]
         choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
         for key, value, known in zip(keys, texts, choices, strict=True):
@@ -85,7 +96,8 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
                     f"{value!r} measures {sensors[value].measures}",
                     f"a {measures} sensor is needed",
                 )
-        yield Dynamometer(name, *texts)
+        gain = _torque_gain(table, f"{where}: {place}.torque_gain")
+        yield Dynamometer(name, texts[0], texts[1], texts[2], texts[3], gain)
     followed = [table.get("follows") for table in tables.values()]
     for shaft in cuts:
         if followed.count(shaft) != 1:

@@ -24,6 +24,7 @@ DEFAULT = {
     "loop.torque_sensor_lag": 0.2,
     "loop.torque_gain": 0.03,
 }
+LARGEST_SHARE = 0.99  # of a value, as its half-width
 TORQUE_SENSOR_GAIN = 0.005  # relative half-width, of the dynamometers' torque sensors
 
 
@@ -91,6 +92,23 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
         name = f"sensors.{dynamometer.torque_sensor}.gain"
         found.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
     return Box(tuple(one for one in found.values() if one.half_width > 0))
+
+
+def uncertainty_table(box: Box, rig: System, loop: Loop) -> dict[str, float]:
+    """``[uncertainty]`` of a case file with every quantity by its own name: what is not in the box is 0 there."""
+    widths = {one.name: one for one in box.uncertain}
+    table = {}
+    for name, value in _known(rig, loop).items():
+        one = widths.get(name)
+        if one is None:
+            defaults = any(name in _fitting(key, {name: value}) for key in DEFAULT)
+            if defaults or name in {f"sensors.{own.torque_sensor}.gain" for own in loop.dynamometers}:
+                table[name] = 0.0
+        elif name == "loop.dead_time":
+            table[name] = one.half_width
+        elif one.value:
+            table[name] = min(one.half_width / abs(one.value), LARGEST_SHARE)
+    return table
 
 
 def _known(rig: System, loop: Loop) -> dict[str, float]:

@@ -279,7 +279,9 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
             c->past_torque[0][j] = in->reading[TORQUE_READING[j]];
         }
     }
-    (void)memcpy(out->command, c->sent, sizeof out->command);
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        out->command[j] = c->sent[j] / c->settings.torque_gain[j];
+    }
     out->mode = c->mode;
     out->fault = c->fault;
 }

@@ -72,6 +72,7 @@ static void take_settings(Motion *m) {
         own->hold_proportional[j] = *p++;
         own->hold_integral[j] = *p++;
         own->lost_torque[j] = *p++;
+        own->torque_gain[j] = *p++;
     }
     for (int i = 0; i < CONTROLLER_READINGS; i++) own->unexpected[i] = *p++;
     own->frozen_samples = (int32_t)*p++;

@@ -1,0 +1,59 @@
+"""`rigmatch commission`: the whole way onto the bed, stoppable at every step."""
+
+import argparse
+from typing import Any
+
+HELP = """The whole way onto the bed: match, export, run and verify; then excite, record, diagnose, match again with the
+values and uncertainties that the diagnosis found, export, run, verify, until the bed answers as predicted. BED is an
+FMU of the bed (FMI 2.0, inputs and outputs named as in the rig file), stepped with the exported controller's FMU, or a
+folder that recordings are put into: then the command stops and says what to record and where to put it. Called again
+it goes on where it stopped; steps that are done are not repeated. CASE is a case file, or the directory of a match."""
+EXAMPLES = (
+    "rigmatch commission case.toml --bed bed.fmu --out out/commission",
+    "rigmatch commission out/road_to_rig --bed recordings --rounds 3 --out out/commission",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Case, bed, rounds, excitation, output directory."""
+    from matching.arguments import count
+
+    parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
+    parser.add_argument("--bed", metavar="BED", required=True, help="FMU of the bed, or a folder for its recordings")
+    parser.add_argument("--rounds", metavar="N", type=count(1), default=2, help="rounds at most (default: 2)")
+    parser.add_argument("--duration", metavar="S", type=float, default=12.0, help="of the excitation, s (default: 12)")
+    parser.add_argument("--speed", metavar="RAD_S", type=float, help="rotor speed (default: a quarter of the limit)")
+    parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the matches (default: 0)")
+    parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
+    parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Go round and write files; the result object is the content of ``commission.json``.
+
+    Raises
+    ------
+    InputError
+        One line that names what of case, bed or recording is not as it has to be.
+    """
+    from pathlib import Path
+
+    from matching.arguments import cores, steps
+    from matching.commissioning.circle import Circle, CommissionOrder
+    from matching.excitation.plan import ExcitationOrder
+    from matching.report.commissioning.page import page
+    from modelling.common.output import strict_json, write_all
+
+    excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
+    order = CommissionOrder(arguments.rounds, excitation, arguments.seed, arguments.workers or cores())
+    with steps("commission") as tell:
+        result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case))
+    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result)})
+    return result
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The answer, then a few lines a round."""
+    from matching.report.commissioning.text import summary as words
+
+    return words(result)

@@ -1,0 +1,1 @@
+"""The whole way onto the bed: excite, record, diagnose, match with what was found, export, run, verify."""

@@ -1,0 +1,94 @@
+"""The bed without emulation as a model file's system, with a range on all that the case's box leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from matching.frequency.case.case import Case
+from matching.frequency.case.uncertainty import Uncertain
+from modelling.effects.place import shared_place
+from modelling.model.components import Effect
+from modelling.model.quantity import Quantity
+from modelling.model.system import System
+
+WIDER = 2.0  # ranges of a fit over the half-widths of the box, which need not hold to the letter
+SMALLEST = 1e-6  # of a value: bounds stay above it where only positive values make sense
+
+
+def names_in_system(case: Case) -> dict[str, str]:
+    """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box."""
+    loop = case.loop
+    commands = _commands(case)
+    found = {}
+    for one in case.uncertainty.uncertain:
+        if one.name.startswith("rig."):
+            found[one.name] = one.name.removeprefix("rig.")
+    found["loop.dead_time"] = f"{commands}.dead_time.delay"
+    found["loop.torque_sensor_lag"] = f"{_torques(case)}.lag.time_constant"
+    found["loop.inverter_lag"] = f"{commands}.lag.time_constant"
+    for dynamometer in loop.dynamometers:
+        found[f"dynamometers.{dynamometer.name}.torque_gain"] = f"inputs.{dynamometer.torque_input}.input_gain.factor"
+    return found
+
+
+def bed_system(case: Case) -> System:
+    """The rig with the dynamometers' dead time, lag and gain, and the lag of their torque sensors, as effects.
+
+    Its inputs are torque commands as recorded, linear between samples: the half sample of hold that the loop's dead
+    time counts is none of the delay here. Gains of sensors are taken as known; the box counts them after the fit.
+    """
+    box = {one.name: one for one in case.uncertainty.uncertain}
+    loop = case.loop
+    of_rig = {name.removeprefix("rig."): _range(one) for name, one in box.items() if name.startswith("rig.")}
+    commands, torques = _commands(case), _torques(case)
+    delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
+    effects = [
+        Effect("dead_time", commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
+        Effect("lag", commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
+        Effect("lag", torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
+    ]
+    for dynamometer in loop.dynamometers:
+        gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
+        effects.append(Effect("input_gain", f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
+    return _with_ranges(case.rig, of_rig).with_effects(*effects)
+
+
+def _commands(case: Case) -> str:
+    return shared_place(f"inputs.{dynamometer.torque_input}" for dynamometer in case.loop.dynamometers)
+
+
+def _torques(case: Case) -> str:
+    return shared_place(f"sensors.{dynamometer.torque_sensor}" for dynamometer in case.loop.dynamometers)
+
+
+def _range(one: Uncertain, value: float | None = None) -> Quantity:
+    value = one.value if value is None else value
+    reach = WIDER * one.half_width
+    return Quantity(value, max(value - reach, SMALLEST * value), value + reach)
+
+
+def _of(box: dict[str, Uncertain], name: str, value: float) -> Quantity:
+    return _range(box[name], value) if name in box else Quantity(value)
+
+
+def _shifted(delay: Uncertain | None, value: float, hold: float) -> Quantity:
+    return Quantity(value - hold) if delay is None else _range(delay, value - hold)
+
+
+def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
+    """The rig with ranges on some of its quantities, by name, and on no other."""
+
+    def ranged(table: str, part: object) -> object:
+        keys = [key for key in ("J", "drag", "stiffness", "damping", "ratio") if getattr(part, key, None) is not None]
+        changed = {}
+        for key in keys:
+            name = f"{table}.{part.name}.{key}"  # type: ignore[attr-defined]
+            changed[key] = ranges.get(name, Quantity(getattr(part, key).value))
+        return replace(part, **changed)  # type: ignore[type-var]
+
+    return replace(
+        rig,
+        inertias=tuple(ranged("inertias", part) for part in rig.inertias),  # type: ignore[misc]
+        shafts=tuple(ranged("shafts", part) for part in rig.shafts),  # type: ignore[misc]
+        operating_point=None,
+    )

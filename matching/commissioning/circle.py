@@ -1,0 +1,234 @@
+"""The circle: match, run, verify; excite, record, diagnose; match again with what was found, until the bed is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from matching.bed_test.judge import judge
+from matching.bed_test.recorded import read_recordings
+from matching.commissioning.bed_system import bed_system
+from matching.commissioning.fmu_bed import FmuBed, FmuController
+from matching.commissioning.identified import identified_case
+from matching.commissioning.runs import excited_recording, proof, proof_csv, proof_recording
+from matching.commissioning.stages import Files, Stages, checksum
+from matching.diagnosis.diagnosis import diagnose
+from matching.excitation.plan import ExcitationOrder, plan_excitation, steady_speed
+from matching.excitation.result import ExcitationPlan, excitation_csv
+from matching.fmu.controller import exported_controller
+from matching.fmu.export_source import tuned_case
+from matching.frequency.case.case import Case
+from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
+from matching.frequency.search.match import match
+from modelling.common.errors import InputError
+from modelling.common.output import strict_json, write_all
+from modelling.fmu.controller import controller_fmu
+from modelling.measurement.read import read_recording
+from modelling.model.files import dumps
+
+RECORDING = "recording.csv"
+Tell = Callable[[str], None]
+
+
+class Waiting(Exception):
+    """A recording is not there yet: ``what`` says which, and where to put it."""
+
+    def __init__(self, what: str):
+        super().__init__(what)
+        self.what = what
+
+
+@dataclass(frozen=True)
+class CommissionOrder:
+    """What is wanted: rounds at most, the excitation, seed and processes of the matches."""
+
+    rounds: int = 2
+    excitation: ExcitationOrder = field(default_factory=ExcitationOrder)
+    seed: int = 0
+    workers: int = 1
+
+
+class Circle:
+    """A commissioning in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder a step, and the record of what is done.
+    bed : Path
+        An FMU of the bed, or a folder that recordings are put into.
+    order : CommissionOrder
+    tell : callable
+        Is given the name of each step.
+    """
+
+    def __init__(self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None):
+        if not bed.exists():
+            raise InputError(str(bed), "does not exist", "give the FMU of a bed, or a folder for its recordings")
+        self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
+        self._stages = Stages(folder)
+
+    def run(self, path: Path) -> dict[str, Any]:
+        """Go round until the bed answers as predicted, the rounds are over, or a recording is waited for.
+
+        Parameters
+        ----------
+        path : Path
+            A case file, or the directory of a match, which the first round then takes as it is.
+
+        Returns
+        -------
+        dict
+            As ``commission.json`` holds it.
+
+        Raises
+        ------
+        InputError
+            If a file is not what it has to be, or the bed's controller gives up.
+        """
+        rounds: list[dict[str, Any]] = []
+        waiting = None
+        try:
+            for number in range(1, self._order.rounds + 1):
+                rounds.append({"round": number})
+                path = self._round(path, number, rounds[-1])
+                if rounds[-1]["verification"]["status"] == "as_predicted":
+                    break
+        except Waiting as reason:
+            waiting = reason.what
+        last = next((one["verification"]["status"] for one in reversed(rounds) if "verification" in one), None)
+        return {"status": "waiting" if waiting else last, "waiting_for": waiting, "rounds": rounds}
+
+    def _round(self, path: Path, number: int, found: dict[str, Any]) -> Path:
+        """One round; where the next one begins from."""
+        if number > 1:
+            found["identification"] = self._identified(path, number)
+            path = self._folder / f"{number}_diagnose" / "case.toml"
+        tuned = self._matched(path, number, found)
+        self._exported(tuned, number)
+        found["verification"] = self._verified(tuned, number)
+        return tuned
+
+    def _matched(self, path: Path, number: int, found: dict[str, Any]) -> Path:
+        if path.is_dir():
+            found["match"] = {"status": "as given"}
+            return path
+        self._tell(f"round {number}: match")
+        case = load_case(path)
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            result = match(case, self._order.seed, workers=self._order.workers)
+            entries = result.to_dict()
+            files = {"result.json": strict_json(entries), **case_files(result.tuned)}
+            return files, {"status": result.status, "limits": list(result.limits)}
+
+        name = f"{number}_match"
+        found["match"] = self._stages.run(name, checksum("".join(case_files(case).values())), work)
+        return self._folder / name
+
+    def _exported(self, tuned: Path, number: int) -> None:
+        self._tell(f"round {number}: export")
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            return {"controller.fmu": controller_fmu(exported_controller(tuned_case(tuned).tuned)).content}, {}
+
+        self._stages.run(f"{number}_export", _of_case(tuned_case(tuned).tuned), work)
+
+    def _verified(self, tuned: Path, number: int) -> dict[str, Any]:
+        self._tell(f"round {number}: run and verify")
+        case = tuned_case(tuned).tuned
+        name, wanted = f"{number}_verify", proof(case)
+        speed = plan_speed(case, self._order)
+        exported = self._folder / f"{number}_export" / "controller.fmu"
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            if self._bed.is_dir():
+                text = self._put_by_hand(
+                    name, {"excitation.csv": proof_csv(wanted)},
+                    f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
+                    f"{name}_excitation.csv, and record them with every sensor of the rig",
+                )  # fmt: skip
+            else:
+                law = exported_controller(case).law
+                with self._fmu(case) as bed, FmuController(exported, law) as controller:
+                    text = proof_recording(bed, case, law, controller, wanted, speed)
+            write_all(self._folder / name, {RECORDING: text})
+            result = judge(case, read_recordings([self._folder / name / RECORDING], case)).to_dict()
+            return {RECORDING: text, "verification.json": strict_json(result)}, result
+
+        return self._stages.run(name, _of_case(case), work)
+
+    def _identified(self, tuned: Path, number: int) -> dict[str, Any]:
+        """Excite, record, diagnose."""
+        case = tuned_case(tuned).tuned
+        self._tell(f"round {number}: excite")
+        plan = plan_excitation(case, self._order.excitation)
+        self._stages.run(
+            f"{number}_excite", _of_case(case),
+            lambda: ({"excite.json": strict_json(plan.to_dict()), "excitation.csv": excitation_csv(plan)}, {}),
+        )  # fmt: skip
+        self._recorded(case, plan, number)
+        self._tell(f"round {number}: diagnose")
+        system = bed_system(case)
+        path = self._folder / f"{number}_record" / RECORDING
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            found = diagnose(system, [read_recording(path, system)], None, lambda step: self._tell(f"diagnose: {step}"))
+            made = identified_case(case, found)
+            content = found.to_dict()
+            files = {"extended.toml": dumps(found.extended), **case_files(made.case)}
+            files |= {"diagnosis.json": strict_json(content)}
+            causes = [{"kind": one["kind"], "at": one["at"], "evidence": one["evidence"]} for one in content["causes"]]
+            return files, {
+                "verdict": found.verdict, "causes": causes, "notes": list(made.notes),
+                "values": [
+                    {"name": own.name, "before": own.value, "after": new.value, "half_width": new.half_width}
+                    for own, new in zip(case.uncertainty.uncertain, made.case.uncertainty.uncertain, strict=True)
+                ],
+                "torque_gains": {own.name: own.torque_gain for own in made.case.loop.dynamometers},
+            }  # fmt: skip
+
+        return self._stages.run(f"{number}_diagnose", self._stages.of_files(path), work)
+
+    def _recorded(self, case: Case, plan: ExcitationPlan, number: int) -> None:
+        self._tell(f"round {number}: record")
+        name = f"{number}_record"
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            if self._bed.is_dir():
+                text = self._put_by_hand(
+                    name, {"excitation.csv": excitation_csv(plan)},
+                    f"hold the rotors slowly at {plan.speed:.3g} rad/s (gains in {number}_excite/excite.json), add the "
+                    f"torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
+                )  # fmt: skip
+            else:
+                with self._fmu(case) as bed:
+                    text = excited_recording(bed, case, plan)
+            return {RECORDING: text}, {}
+
+        self._stages.run(name, checksum(excitation_csv(plan)), work)
+
+    def _put_by_hand(self, name: str, files: dict[str, str], what: str) -> str:
+        """Text of ``NAME.csv`` in the bed's folder; until it is there, what it needs lies beside its place."""
+        place = self._bed / f"{name}.csv"
+        if not place.is_file():
+            write_all(self._bed, {f"{name}_{file}": text for file, text in files.items()})
+            raise Waiting(f"{place}: {what}; then run the same command again")
+        return place.read_text(encoding="utf-8")
+
+    def _fmu(self, case: Case) -> FmuBed:
+        driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+        others = [part.name for part in case.rig.inputs if part.name not in driven]
+        return FmuBed(self._bed, [*driven, *others], [sensor.name for sensor in case.rig.sensors])
+
+
+def plan_speed(case: Case, order: CommissionOrder) -> float:
+    """Steady speed of the rotors, rad/s, of both kinds of run."""
+    return steady_speed(case) if order.excitation.speed is None else order.excitation.speed
+
+
+def _of_case(case: Case) -> str:
+    return checksum("".join(case_files(case).values()))

@@ -1,0 +1,1 @@
+"""How a commissioning is written."""

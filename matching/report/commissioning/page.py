@@ -1,0 +1,37 @@
+"""The page of a commissioning: the circle with what each round gained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matching.report.commissioning.text import MEANING, round_lines
+from matching.report.common.environment import environment
+
+
+def page(result: Mapping[str, Any]) -> str:
+    """The content of ``commission.json`` as HTML."""
+    rounds = [
+        {"number": one["round"], "lines": round_lines(one), "values": one.get("identification", {}).get("values")}
+        for one in result["rounds"]
+    ]
+    return (
+        environment()
+        .get_template("commission.html")
+        .render(
+            title="Commissioning", status=result["status"], answer=MEANING[result["status"]], rounds=rounds,
+            waiting=result["waiting_for"], gain=gain(result), figures={}, captions={},
+        )
+    )  # fmt: skip
+
+
+def gain(result: Mapping[str, Any]) -> float | None:
+    """Measured response error of the first round over that of the last; None where one is not determined."""
+    errors = [
+        one["verification"]["errors"][0]["error"]
+        for one in result["rounds"]
+        if "verification" in one and one["verification"]["errors"]
+    ]
+    if len(errors) < 2 or errors[0] is None or not errors[-1]:
+        return None
+    return float(errors[0] / errors[-1])

@@ -1,0 +1,123 @@
+"""A commissioning on a bed that nobody modelled, on a folder, and stopped in between."""
+
+import json
+import shutil
+from importlib.util import find_spec
+
+import pytest
+from needs import compiles
+from plant.engine import compiler
+from small_bed import CASE, write
+from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
+
+from matching.cli import main
+from matching.commissioning import circle, runs
+
+pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
+LIMITS = """
+[response]
+band = [5, 30]
+compare = [
+    { input = "motor_torque", sensor = "motor_speed" },
+    { input = "motor_torque", sensor = "side_torque" },
+]
+[manoeuvre.motor_torque]
+kind = "tip_in"
+amplitude = 50
+duration = 2
+[limits]
+dynamometer_torque = 1500
+dynamometer_speed = 120
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_runs():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "SHORTEST_PROOF", 5.0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def matched(tmp_path_factory):
+    """The directory of a match of the small bed, nothing of it tuned."""
+    folder = tmp_path_factory.mktemp("circle") / "match"
+    folder.mkdir()
+    write(folder, CASE[: CASE.index("[response]")] + LIMITS)
+    (folder / "result.json").write_text(json.dumps({"status": "matched", "parameters": []}))
+    return folder
+
+
+def bed(folder, gain):
+    """The small bed with its true values, its own dead time and lags; ``gain`` of the dynamometer."""
+    drive = drive_of(folder / "rig.toml", title="small")
+    noise = {"motor_speed": 0.005, "side_torque": 0.2, "flange_torque": 0.2, "rotor_speed": 0.005}
+    readers = {name: Reader(noise=size) for name, size in noise.items()}
+    readers["flange_torque"].lag = 0.0005
+    actuators = {"dyno": Actuator(delay=0.0018, lag=0.002, factor=gain)}
+    return VirtualBed(drive, [], actuators, readers).write(folder.parent / f"bed_{gain:g}.fmu")
+
+
+@pytest.fixture(scope="module")
+def proven(matched):
+    """Command and directory of a commissioning on a bed like its model."""
+    out = matched.parent / "out"
+    command = ["commission", str(matched), "--bed", str(bed(matched, 1.0)), "--out", str(out)]
+    assert main(command) == 0
+    return command, out
+
+
+def test_a_bed_like_its_model_needs_one_round(proven):
+    result = json.loads((proven[1] / "commission.json").read_text(encoding="utf-8"))
+    assert result["status"] == "as_predicted"
+    assert len(result["rounds"]) == 1
+    assert "as predicted" in (proven[1] / "report.html").read_text(encoding="utf-8")
+
+
+def test_it_goes_on_where_it_stopped(proven, monkeypatch):
+    """What is done is not done again: neither run nor export."""
+    command, out = proven
+    first = (out / "commission.json").read_bytes()
+
+    def never(*_, **__):
+        raise AssertionError("done again")
+
+    monkeypatch.setattr(circle, "proof_recording", never)
+    monkeypatch.setattr(circle, "controller_fmu", never)
+    assert main(command) == 0
+    assert (out / "commission.json").read_bytes() == first
+
+
+def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, capsys):
+    out, folder = tmp_path / "out", tmp_path / "recordings"
+    folder.mkdir()
+    command = ["commission", str(matched), "--bed", str(folder), "--rounds", "1", "--out", str(out)]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("waiting")
+    assert str(folder / "1_verify.csv") in said
+    assert (folder / "1_verify_excitation.csv").exists()
+    shutil.copy(proven[1] / "1_verify" / "recording.csv", folder / "1_verify.csv")
+    assert main(command) == 0
+    assert capsys.readouterr().out.startswith("as_predicted")
+
+
+@pytest.mark.parametrize(("content", "wrong"), [(None, "does not exist"), (b"no archive", "cannot be read as an FMU")])
+def test_a_bed_that_is_none(content, wrong, matched, tmp_path, capsys):
+    path = tmp_path / "bed.fmu"
+    if content is not None:
+        path.write_bytes(content)
+    assert main(["commission", str(matched), "--bed", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert wrong in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_wrong_torque_gain_is_found_and_the_second_round_is_better(matched, tmp_path):
+    """Measured on the bed: the response error falls by a factor of three at least."""
+    out = tmp_path / "out"
+    assert main(["commission", str(matched), "--bed", str(bed(matched, 1.04)), "--out", str(out)]) == 0
+    result = json.loads((out / "commission.json").read_text(encoding="utf-8"))
+    errors = [one["verification"]["errors"][0]["error"] for one in result["rounds"]]
+    assert errors[-1] < errors[0] / 3
+    gain = result["rounds"][1]["identification"]["torque_gains"]["dyno"]
+    assert gain == pytest.approx(1.04, abs=0.005)

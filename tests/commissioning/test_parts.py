@@ -1,0 +1,118 @@
+"""Parts of a commissioning: steps that are not repeated, held torques, what a diagnosis changes in a case."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_bed import write
+
+from matching.commissioning.bed_system import bed_system, names_in_system
+from matching.commissioning.fmu_bed import held_as_linear
+from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
+from matching.commissioning.runs import proof
+from matching.commissioning.stages import Stages
+from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
+from modelling.model.components import Effect
+from modelling.model.quantity import Quantity
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    return load_case(write(tmp_path_factory.mktemp("case")))
+
+
+def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_path):
+    stages, calls = Stages(tmp_path), []
+
+    def work():
+        calls.append(1)
+        return {"a.txt": "text", "b.bin": b"\x00"}, {"error": 0.5}
+
+    assert stages.run("1_step", "same", work) == {"error": 0.5}
+    assert stages.run("1_step", "same", work) == {"error": 0.5}
+    assert len(calls) == 1
+    assert stages.run("1_step", "other", work) == {"error": 0.5}
+    assert len(calls) == 2
+    (tmp_path / "1_step" / "a.txt").write_text("changed")
+    stages.run("1_step", "other", work)
+    assert len(calls) == 3
+    assert (tmp_path / "1_step" / "a.txt").read_text() == "text"
+
+
+@pytest.mark.parametrize("frequency", [5.0, 30.0, 60.0])
+def test_held_torques_are_recorded_as_what_they_do(frequency):
+    """The spectrum of the straight line through the samples against that of the staircase, both in closed form."""
+    step, count = 1e-3, 400
+    angle = 2 * np.pi * frequency * step
+    torque = np.cos(angle * np.arange(count))[:, None]
+    samples = held_as_linear(torque)[50:-50, 0]
+    phasor = np.array([np.exp(-1j * angle * n) for n in range(50, count - 50)])
+    found = np.linalg.lstsq(
+        np.stack([phasor.conj().real, -phasor.conj().imag], axis=1), samples, rcond=None
+    )[0] @ [1, 1j]  # fmt: skip
+    half = angle / 2
+    straight, staircase = (np.sin(half) / half) ** 2, np.sin(half) / half * np.exp(-1j * half)
+    assert abs(found * straight / staircase - 1) < 0.1 * angle**4 + 1e-12
+
+
+def test_a_bed_without_emulation_has_ranges_where_the_box_has_widths(case):
+    system = bed_system(case)
+    assert set(names_in_system(case).values()) == set(system.uncertain)
+    delay = system.parameters["inputs.dyno.dead_time.delay"]
+    assert delay.value == pytest.approx(0.0023 - 0.0005)  # the loop's dead time counts half a sample of hold
+    assert delay.upper - delay.value == pytest.approx(2 * 0.0005)
+
+
+def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
+    names = names_in_system(case)
+    values = {"rig.inertias.motor.J": 0.53, "rig.inertias.rotor.J": 0.87, "loop.dead_time": 0.0021,
+              "dynamometers.dyno.torque_gain": 0.97, "loop.inverter_lag": 0.0018}  # fmt: skip
+    spread = {"rig.inertias.motor.J": 0.004}
+    parameters = {names[name]: Estimate(value, spread.get(name, 1e-9)) for name, value in values.items()}
+    slip = Effect("slip", "shafts.side", (("coefficient", Quantity(5000.0)),))
+    friction = Effect("coulomb_friction", "inertias.rotor", (("torque", Quantity(3.0)),))
+    extended = bed_system(case).with_effects(slip, friction)
+    made = identified_case(case, SimpleNamespace(parameters=parameters, extended=extended))
+    new = made.case
+    assert new.rig.parameters["inertias.rotor.J"].value == 0.87
+    assert new.rig.parameters["inertias.motor.J"].value == new.vehicle.parameters["inertias.motor.J"].value == 0.53
+    assert new.loop["dead_time"] == pytest.approx(0.0026)
+    assert new.loop["inverter_lag"] == 0.0018
+    assert new.loop.dynamometers[0].torque_gain == 0.97
+    box = {one.name: one for one in new.uncertainty.uncertain}
+    assert box["rig.inertias.motor.J"].half_width == pytest.approx(COVERAGE * 0.004)
+    assert box["rig.inertias.rotor.J"].half_width == pytest.approx(LEAST_SHARE * 0.87)
+    assert box["dynamometers.dyno.torque_gain"].value == 1.0
+    assert box["rig.shafts.side.stiffness"].half_width == pytest.approx(0.05 * 4000)  # not identified: as before
+    linear = slip.law.linear
+    assert [one.kind for one in new.rig.effects] == [one.kind for one in new.vehicle.effects] == ["slip"] * linear
+    assert any("coulomb_friction" in note for note in made.notes)
+
+
+def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):
+    dynamometers = tuple(replace(own, torque_gain=0.97) for own in case.loop.dynamometers)
+    box = replace(case.uncertainty, uncertain=tuple(replace(one, half_width=0.3 * one.half_width)
+                                                    for one in case.uncertainty.uncertain[1:]))  # fmt: skip
+    changed = replace(case, loop=replace(case.loop, dynamometers=dynamometers), uncertainty=box, tolerance=0.07)
+    for name, text in case_files(changed).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    found = load_case(tmp_path / "case.toml")
+    assert found.loop.dynamometers[0].torque_gain == 0.97
+    assert found.tolerance == 0.07
+    widths = {one.name: one.half_width for one in found.uncertainty.uncertain}
+    assert widths == pytest.approx({one.name: one.half_width for one in box.uncertain})
+
+
+def test_a_proof_excites_every_compared_torque_over_the_band(case):
+    road = case.manoeuvre["motor_torque"]
+    wanted = proof(replace(case, manoeuvre={"motor_torque": road, "road": road}))
+    assert wanted.inputs == ("motor_torque", "road")
+    spectrum = np.abs(np.fft.rfft(wanted.torques, axis=0))
+    f = np.fft.rfftfreq(len(wanted.torques), wanted.step)
+    inside = (f > case.band[0]) & (f < case.band[1])
+    assert np.median(spectrum[inside], axis=0).min() > 30 * np.median(spectrum[f > 2 * case.band[1]], axis=0).max()
+    assert np.abs(wanted.torques).max() <= 0.8 * 50 + 1e-9
+    assert abs(np.corrcoef(wanted.torques.T)[0, 1]) < 0.1
