@@ -6,6 +6,9 @@ from dataclasses import replace
 
 from matching.frequency.case.case import Case
 from matching.frequency.case.uncertainty import Uncertain
+from modelling.effects.dead_time import DeadTime
+from modelling.effects.input_gain import InputGain
+from modelling.effects.lag import Lag
 from modelling.effects.place import shared_place
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
@@ -23,11 +26,13 @@ def names_in_system(case: Case) -> dict[str, str]:
     for one in case.uncertainty.uncertain:
         if one.name.startswith("rig."):
             found[one.name] = one.name.removeprefix("rig.")
-    found["loop.dead_time"] = f"{commands}.dead_time.delay"
-    found["loop.torque_sensor_lag"] = f"{_torques(case)}.lag.time_constant"
-    found["loop.inverter_lag"] = f"{commands}.lag.time_constant"
+    found["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
+    found["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
+    found["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
     for dynamometer in loop.dynamometers:
-        found[f"dynamometers.{dynamometer.name}.torque_gain"] = f"inputs.{dynamometer.torque_input}.input_gain.factor"
+        found[f"dynamometers.{dynamometer.name}.torque_gain"] = (
+            f"inputs.{dynamometer.torque_input}.{InputGain.kind}.factor"
+        )
     return found
 
 
@@ -43,13 +48,13 @@ def bed_system(case: Case) -> System:
     commands, torques = _commands(case), _torques(case)
     delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
     effects = [
-        Effect("dead_time", commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
-        Effect("lag", commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
-        Effect("lag", torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
+        Effect(DeadTime.kind, commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
+        Effect(Lag.kind, commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
+        Effect(Lag.kind, torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
     ]
     for dynamometer in loop.dynamometers:
         gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
-        effects.append(Effect("input_gain", f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
+        effects.append(Effect(InputGain.kind, f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
     return _with_ranges(case.rig, of_rig).with_effects(*effects)
 
 
