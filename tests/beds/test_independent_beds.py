@@ -20,7 +20,7 @@ def test_both_see_the_same_bed(small_case, controller, seed):
     judge = Judge(small_case, controller)
     beds = bed_set(small_case, [values], judge.frequencies)
     acting = action(controller, judge.frequencies)
-    size, ratio = damping(np.linalg.eigvals(closed_matrices(beds, controller)), controller.sample_time)
+    size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
     verdict = judge.verdict(values)
     assert verdict.stable == (size[0] < 1)
     assert verdict.damping_ratio == pytest.approx(ratio[0], rel=1e-6)

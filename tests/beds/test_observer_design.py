@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from matching.frequency.beds.closed_loop import bed_set, closed_matrices
+from matching.frequency.beds.closed_loop import closed_matrices, sampled_beds
 from modelling.bed.observer_design import (
     FORGETTING_PER_SAMPLE,
     FREE_COMMAND_WEIGHT,
@@ -85,7 +85,7 @@ def test_the_correction_is_where_the_filters_recursion_ends_residual_vehicle_inc
 
 
 def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small_case, model, controller):
-    beds = bed_set(small_case, [{}], np.array([1.0]))
+    beds = sampled_beds(small_case, [{}])
     closed = np.linalg.eigvals(closed_matrices(beds, controller)[0])
     o = controller.observed
     A, B, C, F, L = controller.A[:o, :o], controller.B[:o], controller.C[:, :o], controller.F[:, :o], controller.L[:o]
@@ -104,7 +104,7 @@ def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small
 
 def test_a_bed_that_is_the_model_leaves_nothing_to_correct(small_case, model, controller):
     """A known torque and commands by a dead time of 2.3 samples, stepped by the exact bed."""
-    beds = bed_set(small_case, [{}], np.array([1.0]))
+    beds = sampled_beds(small_case, [{}])
     A, B, C = beds.A[0], beds.B[0], beds.C[0]
     torque = model.bed.torques[: model.states, 0]
     bed, state, last = np.zeros(len(A)), np.zeros(len(controller.A)), 0.0

@@ -57,3 +57,13 @@ def test_draws_fill_the_box_and_come_again_with_their_seed(small_case):
 def test_the_tolerance_study_refuses_an_observer_in_one_line(small_case):
     with ThreadPoolExecutor(1) as executor, pytest.raises(InputError, match="does not cover 'observer'"):
         tolerance(small_case, 10, executor)
+
+
+def test_beds_of_the_search_fill_the_box_evenly_whatever_the_seed(small_case):
+    box = small_case.uncertainty
+    spread = box.spread(64)
+    assert np.all(np.abs(spread) <= 1)
+    np.testing.assert_array_equal(spread[:20], box.spread(64)[:20])
+    # of 64 points of a Sobol sequence, each coordinate has exactly 16 in every quarter
+    quarters = np.stack([np.histogram(column, bins=4, range=(-1, 1))[0] for column in spread.T])
+    assert np.all(quarters == 16)

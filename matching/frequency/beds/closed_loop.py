@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.beds.bed import Bed, bed_of, compared_sensors, disturbing, vehicle_response
+from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.case.case import Case
 from modelling.bed.sampled_controller import SampledController
 
@@ -16,13 +17,31 @@ SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 
 
 @dataclass(frozen=True)
-class BedSet:
-    """Beds of one case, their matrices side by side.
+class SampledBeds:
+    """Beds from sample to sample, their matrices side by side; the states end with the commands on their way.
 
     Attributes
     ----------
     A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
-        From sample to sample; the states end with the commands on their way, newest first.
+        Commands on their way stand newest first.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+
+    def some(self, which: np.ndarray) -> SampledBeds:
+        """The beds of these numbers (n,)."""
+        return SampledBeds(self.A[which], self.B[which], self.C[which])
+
+
+@dataclass(frozen=True)
+class BedSet:
+    """Beds of one case and what they do at frequencies.
+
+    Attributes
+    ----------
+    sampled : SampledBeds
     frequencies : ndarray (f,)
         Hz.
     held : ndarray (b, f, y, k)
@@ -33,9 +52,7 @@ class BedSet:
     """
 
     case: Case
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
+    sampled: SampledBeds
     frequencies: np.ndarray
     held: np.ndarray
     read: np.ndarray
@@ -44,27 +61,37 @@ class BedSet:
     vehicle: np.ndarray
 
 
+def sampled_beds(case: Case, values: Sequence[dict[str, float]]) -> SampledBeds:
+    """Beds with these values (SI, by name; :func:`bed_of`)."""
+    return _side_by_side([bed_of(case, of_bed) for of_bed in values])
+
+
+def _side_by_side(beds: Sequence[Bed]) -> SampledBeds:
+    longest = max(bed.sampled.delay for bed in beds) + 1
+    matrices = [_shifting(bed, longest) for bed in beds]
+    return SampledBeds(*(np.stack(parts) for parts in zip(*matrices, strict=True)))
+
+
 def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
     """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
-    beds = [bed_of(case, one) for one in values]
-    longest = max(bed.sampled.delay for bed in beds) + 1
-    step = case.loop["sample_time"]
-    matrices = [_shifting(bed, longest) for bed in beds]
-    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
+    beds = [bed_of(case, of_bed) for of_bed in values]
+    sampled, step = _side_by_side(beds), case.loop["sample_time"]
     s = 2j * np.pi * frequencies
     hold = (1 - np.exp(-s * step)) / (s * step)
     z = np.exp(s * step)
-    held = np.stack([c @ _resolved(a, b, z) for a, b, c in zip(A, B, C, strict=True)])
+    held = np.stack(
+        [c @ resolvent(a).columns(z, b) for a, b, c in zip(sampled.A, sampled.B, sampled.C, strict=True)]
+    )  # fmt: skip
     read, answered, commanded = [], [], []
     for bed in beds:
         d = bed.torques.shape[1]
-        states = _resolved(bed.A, np.hstack([bed.torques, bed.commands]), s)
+        states = resolvent(bed.A).columns(s, np.hstack([bed.torques, bed.commands]))
         read.append(bed.readings @ states[:, :, :d])
         answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
         late = hold * np.exp(-s * bed.delay)
         commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
-    vehicle = np.stack([vehicle_response(case, one, frequencies) for one in values])
-    return BedSet(case, A, B, C, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
+    vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
+    return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
 
 
 def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,11 +109,6 @@ def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return A, B, np.hstack([bed.readings, np.zeros((len(bed.readings), k * longest))])
 
 
-def _resolved(A: np.ndarray, B: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """(s·I − A)⁻¹·B, (f, x, u)."""
-    return np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
-
-
 @dataclass(frozen=True)
 class Action:
     """A controller at frequencies: commands for readings (f, k, y) and for known torques (f, k, w)."""
@@ -94,6 +116,10 @@ class Action:
     of_readings: np.ndarray
     of_known: np.ndarray
     known: tuple[str, ...]
+
+    def at(self, part: slice) -> Action:
+        """The same at some of the frequencies."""
+        return Action(self.of_readings[part], self.of_known[part], self.known)
 
 
 def action(controller: SampledController, frequencies: np.ndarray, ahead: np.ndarray | None = None) -> Action:
@@ -105,7 +131,7 @@ def action(controller: SampledController, frequencies: np.ndarray, ahead: np.nda
     feedback = controller.feedback
     # C·(zI − A)⁻¹ of the observer, from the left: as many right-hand sides as dynamometers
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
-    left = np.swapaxes(_resolved(feedback.A.T, feedback.C.T, z), 1, 2)
+    left = resolvent(feedback.A).rows(z, feedback.C)
     ahead = ahead_states(controller, frequencies) if ahead is None else ahead
     reaches = space.A[:o, o:] @ ahead + space.B[:o, y:]
     of_known = left @ reaches + space.C[:, o:] @ ahead + space.D[:, y:]
@@ -116,10 +142,10 @@ def ahead_states(controller: SampledController, frequencies: np.ndarray) -> np.n
     """States (f, m, w) of the model that runs ahead, for known torques, at frequencies (f,) in Hz."""
     space, o, y = controller.space, controller.observed, len(controller.sensors)
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
-    return _resolved(space.A[o:, o:], space.B[o:, y:], z)
+    return resolvent(space.A[o:, o:]).columns(z, space.B[o:, y:])
 
 
-def closed_matrices(beds: BedSet, controller: SampledController) -> np.ndarray:
+def closed_matrices(beds: SampledBeds, controller: SampledController) -> np.ndarray:
     """State matrices (b, x + c, x + c) of the closed loops."""
     space = controller.feedback
     By, Dy = space.B, space.D
@@ -137,16 +163,70 @@ def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
     Poles that do not swing have no damping ratio.
     """
+    return np.abs(z).max(axis=1), damping_ratios(z, step).min(axis=1)
+
+
+def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:
+    """Damping ratios (b, x) of poles (b, x) of a loop with this sampling interval (s); 1 of what does not swing."""
     size = np.abs(z)
     s = np.log(np.where(size > FORGOTTEN, z, 0.5).astype(complex)) / step
     swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
-    ratio = np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
-    return size.max(axis=1), ratio.min(axis=1)
+    return np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
 
 
 def return_difference(beds: BedSet, acting: Action) -> np.ndarray:
     """I + L at the commands (b, f, k, k)."""
-    return np.eye(beds.B.shape[2]) - acting.of_readings @ beds.held
+    return np.eye(acting.of_readings.shape[1]) - acting.of_readings @ beds.held
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What the i inputs of the compared functions do before any command reaches the bed.
+
+    Attributes
+    ----------
+    commands : ndarray (b, f, k, i)
+        What the controller makes of them.
+    read, answered : ndarray (b, f, y, i), (b, f, c, i)
+        Readings and compared sensors.
+    known : dict
+        Of the inputs, by number, those whose torque the controller knows: number among its known torques.
+    """
+
+    commands: np.ndarray
+    read: np.ndarray
+    answered: np.ndarray
+    known: dict[int, int]
+
+
+def compared_columns(case: Case) -> tuple[list[int], list[int]]:
+    """Of every compared function: number of its sensor, number of its input."""
+    sensors, inputs = compared_sensors(case), compared_inputs(case)
+    return [sensors.index(pair.sensor) for pair in case.compared], [inputs.index(pair.input) for pair in case.compared]
+
+
+def compared_inputs(case: Case) -> list[str]:
+    """Inputs of the compared functions, each once."""
+    return list(dict.fromkeys(pair.input for pair in case.compared))
+
+
+def drive(beds: BedSet, acting: Action, told: Sequence[str]) -> Driven:
+    """What the compared functions' inputs do; ``told`` and what acts inside the residual vehicle are known."""
+    rig_inputs, inputs = disturbing(beds.case), compared_inputs(beds.case)
+    shape = beds.read.shape[:2]
+    read = np.zeros((*shape, beds.read.shape[2], len(inputs)), complex)
+    answered = np.zeros((*shape, beds.answered.shape[2], len(inputs)), complex)
+    known = {}
+    for i, name in enumerate(inputs):
+        if name in rig_inputs:
+            read[..., i] = beds.read[..., rig_inputs.index(name)]
+            answered[..., i] = beds.answered[..., rig_inputs.index(name)]
+        if name in told or name not in rig_inputs:
+            known[i] = acting.known.index(name)
+    commands = acting.of_readings @ read
+    for i, column in known.items():
+        commands[..., i] += acting.of_known[:, :, column]
+    return Driven(commands, read, answered, known)
 
 
 def responses(beds: BedSet, acting: Action, told: Sequence[str]) -> np.ndarray:
@@ -154,20 +234,10 @@ def responses(beds: BedSet, acting: Action, told: Sequence[str]) -> np.ndarray:
 
     What acts inside the residual vehicle is always known.
     """
-    case, pairs = beds.case, beds.case.compared
-    rig_inputs, sensors = disturbing(case), compared_sensors(case)
-    inputs = list(dict.fromkeys(pair.input for pair in pairs))
-    drive = np.zeros((*beds.read.shape[:2], beds.B.shape[2], len(inputs)), complex)
-    for i, name in enumerate(inputs):
-        if name in rig_inputs:
-            drive[..., [i]] += acting.of_readings @ beds.read[..., [rig_inputs.index(name)]]
-        if name in told or name not in rig_inputs:
-            drive[..., [i]] += acting.of_known[:, :, [acting.known.index(name)]]
-    answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), drive)
-    for i, name in enumerate(inputs):
-        if name in rig_inputs:
-            answer[..., i] += beds.answered[..., rig_inputs.index(name)]
-    return answer[:, :, [sensors.index(pair.sensor) for pair in pairs], [inputs.index(pair.input) for pair in pairs]]
+    driven = drive(beds, acting, told)
+    answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
+    sensors, inputs = compared_columns(beds.case)
+    return answer[:, :, sensors, inputs]
 
 
 def errors(beds: BedSet, acting: Action, told: Sequence[str]) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.beds.closed_loop import (
+    Action,
     BedSet,
     action,
     bed_set,
@@ -65,24 +66,67 @@ def planned(case: Case, uncertainty: np.ndarray) -> Planned:
     )  # fmt: skip
 
 
-def loop_figures(
-    bed: Planned, controller: SampledController, required: Requirements, ahead: np.ndarray | None = None
-) -> LoopFigures:  # fmt: skip
-    """Margin, roll-off and noise of a controller; ``ahead`` (f, m, w) as for :func:`action`."""
-    f = bed.every.frequencies
-    acting = action(controller, f, ahead)
+@dataclass(frozen=True)
+class LoopCurves:
+    """Of the bed as planned, at all its frequencies (f,).
+
+    Attributes
+    ----------
+    difference : ndarray (f, k, k)
+        I + L.
+    margin, closed : ndarray (f,)
+        Least singular value of I + L, largest of T.
+    noise : ndarray (f, k, y)
+        Commands for the sensors' standard deviations.
+    """
+
+    difference: np.ndarray
+    margin: np.ndarray
+    closed: np.ndarray
+    noise: np.ndarray
+
+
+def loop_curves(bed: Planned, acting: Action) -> LoopCurves:
+    """What the requirements on the loop are read from."""
     difference = return_difference(bed.every, acting)[0]
-    sizes = np.linalg.svd(difference, compute_uv=False)[:, -1]
-    sizes[f < min(required.margin_from, f[-1])] = np.inf
     identity = np.eye(difference.shape[-1])
-    closed = np.linalg.solve(difference, identity - difference)[f >= required.rolled_off_from]
-    largest = np.linalg.svd(closed, compute_uv=False)[:, 0].max(initial=0.0) if len(closed) else 0.0
-    at = int(np.argmin(sizes))
-    commands = np.linalg.solve(difference, acting.of_readings * bed.uncertainty)
-    power = (np.abs(commands) ** 2).sum(axis=2)
-    # a sample's noise is spread evenly up to half the sampling frequency; below the band it counts as at its edge
-    noise = np.sqrt((np.trapezoid(power, f, axis=0) + power[0] * f[0]) / f[-1])
-    return LoopFigures(float(sizes[at]), float(f[at]), float(largest), tuple(noise.tolist()))
+    inverse = np.linalg.inv(difference)
+    return LoopCurves(
+        difference,
+        np.linalg.svd(difference, compute_uv=False)[:, -1],
+        np.linalg.svd(inverse - identity, compute_uv=False)[:, 0],
+        inverse @ (acting.of_readings * bed.uncertainty),
+    )
+
+
+def command_noise(curves: LoopCurves, frequencies: np.ndarray) -> np.ndarray:
+    """N·m rms (k,): a sample's noise is spread evenly up to half the sampling frequency."""
+    power = (np.abs(curves.noise) ** 2).sum(axis=2)
+    return np.sqrt(noise_weights(frequencies) @ power)
+
+
+def noise_weights(f: np.ndarray) -> np.ndarray:
+    """Weights (f,) of a mean over all frequencies up to the last; below the first it counts as there."""
+    edges = np.r_[0.0, (f[1:] + f[:-1]) / 2, f[-1]]
+    return np.diff(edges) / f[-1]
+
+
+def counted(bed: Planned, required: Requirements) -> tuple[np.ndarray, np.ndarray]:
+    """At which frequencies (f,) the margin counts, and at which the roll-off."""
+    f = bed.every.frequencies
+    return f >= min(required.margin_from, f[-1]), f >= required.rolled_off_from
+
+
+def loop_figures(bed: Planned, controller: SampledController, required: Requirements) -> LoopFigures:
+    """Margin, roll-off and noise of a controller."""
+    f = bed.every.frequencies
+    curves = loop_curves(bed, action(controller, f))
+    margin, rolled_off = counted(bed, required)
+    at = int(np.argmin(np.where(margin, curves.margin, np.inf)))
+    largest = curves.closed[rolled_off].max(initial=0.0)
+    return LoopFigures(
+        float(curves.margin[at]), float(f[at]), float(largest), tuple(command_noise(curves, f).tolist())
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,11 +143,9 @@ class BedFigures:
         return self.largest_pole < 1 + neutral
 
 
-def bed_figures(
-    beds: BedSet, controller: SampledController, told: Sequence[str], ahead: np.ndarray | None = None
-) -> BedFigures:  # fmt: skip
-    """Figures of every bed of a set; ``ahead`` (f, m, w) as for :func:`action`."""
-    acting = action(controller, beds.frequencies, ahead)
-    size, ratio = damping(np.linalg.eigvals(closed_matrices(beds, controller)), controller.sample_time)
+def bed_figures(beds: BedSet, controller: SampledController, told: Sequence[str]) -> BedFigures:
+    """Figures of every bed of a set."""
+    acting = action(controller, beds.frequencies)
+    size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
     measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (told, ()))
     return BedFigures(size, ratio, measured, unmeasured)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 
 from modelling.bed.loop import Loop
 from modelling.common.errors import InputError, unknown
@@ -57,6 +58,15 @@ class Box:
     def draw(self, count: int, seed: int) -> np.ndarray:
         """Positions (count, p), each coordinate even over −1 … 1."""
         return np.random.default_rng(seed).uniform(-1, 1, (count, len(self.uncertain)))
+
+    def spread(self, count: int) -> np.ndarray:
+        """Positions (count, p) that fill the box evenly, the first of them as well (Sobol 1967); always the same."""
+        if not self.uncertain:
+            return np.zeros((count, 0))
+        return (
+            2 * scipy.stats.qmc.Sobol(len(self.uncertain), seed=0).random_base2(int(np.ceil(np.log2(count))))[:count]
+            - 1
+        )
 
     def without(self, *kinds: str) -> Box:
         """The same box with what begins with one of ``kinds`` known exactly."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
-from matching.frequency.independent.closed_loop import plain_response
+from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
 from modelling.bed.sampled_controller import SampledController
 
@@ -88,6 +88,9 @@ class Judge:
         low, high = np.log(case.band)
         self.frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
         self._of_readings, self._of_known = self._action()
+        self._rig_inputs = {part.name for part in case.rig.inputs}
+        self._sources = list(dict.fromkeys(pair.input for pair in case.compared))
+        self._sensors = list(dict.fromkeys(pair.sensor for pair in case.compared))
         resting = [self.rig.stiffness(np.zeros(1, complex))[0].real, *self._residual()]
         self._at_rest = sum(len(K) - np.linalg.matrix_rank(K) for K in resting)
 
@@ -131,23 +134,34 @@ class Judge:
         A, B, C = bed.stepped
         z = np.exp(s * self.judged.sample_time)
         loop = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)))
-        difference = np.eye(B.shape[1]) - self._of_readings @ loop
-        sensors, by_command = bed.sensors(s), bed.moved(s, bed.drive) * bed.command_at(s)[:, None, :]
+        k, on_rig = B.shape[1], [source for source in self._sources if source in self._rig_inputs]
+        moved = bed.moved(s, np.hstack([bed.drive, bed.rig.drive(on_rig)]))
+        by_command, sensed = moved[:, :, :k] * bed.command_at(s)[:, None, :], bed.sensors(s) @ moved[:, :, k:]
+        commanded = {told: self._commands(sensed, on_rig, told) for told in (True, False)}
+        commands = np.linalg.solve(np.eye(k) - self._of_readings @ loop, np.concatenate([*commanded.values()], axis=2))
+        i = len(self._sources)
+        wanted = plain_responses(vehicle, s, self._sources, self._sensors)
+        rows = np.stack([bed.rig.reading(sensor, s) for sensor in self._sensors], axis=1)
+        answered = rows @ by_command @ commands
+        alone = rows @ moved[:, :, k:]
         squares: dict[bool, list[np.ndarray]] = {True: [], False: []}
-        on_rig = {part.name for part in self.case.rig.inputs}
         for pair in self.case.compared:
-            wanted = plain_response(vehicle, s, pair.input, pair.sensor)
-            row = bed.rig.reading(pair.sensor, s)[:, None]
-            for told, found in squares.items():
-                command, alone = np.zeros((len(s), B.shape[1], 1), complex), 0.0
-                if pair.input in on_rig:
-                    moved = bed.moved(s, bed.rig.drive([pair.input]))
-                    command, alone = command + self._of_readings @ (sensors @ moved), (row @ moved)[:, 0, 0]
-                if pair.input not in on_rig or (told and pair.input in self.judged.known):
-                    command = command + self._of_known[:, :, [self.judged.known.index(pair.input)]]
-                answered = alone + (row @ by_command @ np.linalg.solve(difference, command))[:, 0, 0]
-                found.append(np.abs(np.log(answered / wanted)) ** 2)
+            row, column = self._sensors.index(pair.sensor), self._sources.index(pair.input)
+            of_rig = alone[:, row, on_rig.index(pair.input)] if pair.input in on_rig else 0.0
+            for told, first in ((True, 0), (False, i)):
+                found = of_rig + answered[:, row, first + column]
+                squares[told].append(np.abs(np.log(found / wanted[:, row, column])) ** 2)
         return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))
+
+    def _commands(self, sensed: np.ndarray, on_rig: list[str], told: bool) -> np.ndarray:
+        """What the controller makes (f, k, i) of the sources, before its commands return; readings (f, y, rig)."""
+        made = np.zeros((*self._of_known.shape[:2], len(self._sources)), complex)
+        for column, source in enumerate(self._sources):
+            if source in on_rig:
+                made[:, :, column] += (self._of_readings @ sensed[:, :, [on_rig.index(source)]])[:, :, 0]
+            if source not in on_rig or (told and source in self.judged.known):
+                made[:, :, column] += self._of_known[:, :, self.judged.known.index(source)]
+        return made
 
 
 def check_beds(

@@ -6,7 +6,7 @@ right half plane, so det W turns once round 0 for every closed-loop pole that a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -204,5 +204,11 @@ def torque_into(system: System, shaft: Shaft, rotor: str) -> float:
 
 def plain_response(chain: Chain, s: np.ndarray, source: str, sensor: str) -> np.ndarray:
     """What a sensor of a system reads (f,) for a torque at one of its inputs, nothing closed round it."""
-    drive = np.broadcast_to(chain.drive([source]).astype(complex), (len(s), chain.basis.shape[1], 1))
-    return (chain.reading(sensor, s)[:, None] @ np.linalg.solve(chain.stiffness(s), drive))[:, 0, 0]
+    return plain_responses(chain, s, [source], [sensor])[:, 0, 0]
+
+
+def plain_responses(chain: Chain, s: np.ndarray, sources: Sequence[str], sensors: Sequence[str]) -> np.ndarray:
+    """What sensors of a system read (f, sensors, sources) for torques at some of its inputs."""
+    drive = chain.drive(list(sources)).astype(complex)
+    motion = np.linalg.solve(chain.stiffness(s), np.broadcast_to(drive, (len(s), *drive.shape)))
+    return np.stack([chain.reading(sensor, s) for sensor in sensors], axis=1) @ motion

@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
-from matching.frequency.beds.tune import TuningEffort, tuned_weights, tuner
+from matching.frequency.beds.tune import TuningEffort, tuned_weights
+from matching.frequency.beds.tuner import tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import parts_of
@@ -40,7 +41,7 @@ def match_with_observer(
         If the case cannot be worked on as it stands.
     """
     begin, effort, case = time.perf_counter(), effort or TuningEffort(), question.case
-    search = tuner(case, seed, effort.drawn)
+    search = tuner(case, effort.drawn, effort.pool)
     tell("drawn beds")
     weights, cost = tuned_weights(search, effort)
     tell("weights")

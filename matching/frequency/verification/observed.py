@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.frequency.beds.closed_loop import bed_set, closed_matrices
+from matching.frequency.beds.closed_loop import bed_set, closed_matrices, sampled_beds
 from matching.frequency.beds.figures import LoopFigures, bed_figures, loop_figures, planned
 from matching.frequency.beds.requirements import Requirements, requirements
 from matching.frequency.case.case import Case
@@ -80,7 +80,7 @@ def verify_observer(
     controller = controller_of(case)
     required, neutral = requirements(case), neutral_motions(parts)
     figures = loop_figures(planned(case, model.readings.noise), controller, required)
-    poles = np.linalg.eigvals(closed_matrices(bed_set(case, [{}], np.array([1.0])), controller)[0])
+    poles = np.linalg.eigvals(closed_matrices(sampled_beds(case, [{}]), controller)[0])
     ahead = regulator(model)
     fresh = check_beds(case, controller, required.damping_ratio, beds, seed + FRESH)
     checks = {

@@ -1,0 +1,44 @@
+"""(z·I − A)⁻¹ at many z from one Schur form of A: a back substitution a frequency in place of a factorisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur
+
+
+@dataclass(frozen=True)
+class Resolvent:
+    """A = V·T·V⁻¹ with T upper triangular, all (x, x) and complex; see :func:`resolvent`."""
+
+    T: np.ndarray
+    V: np.ndarray
+    inverse: np.ndarray
+
+    def columns(self, z: np.ndarray, B: np.ndarray) -> np.ndarray:
+        """(z·I − A)⁻¹·B, (f, x, u), for z (f,) and B (x, u) or (f, x, u)."""
+        x, u = B.shape[-2:]
+        turned = np.moveaxis(np.broadcast_to(self.inverse @ B, (len(z), x, u)), 0, 1)
+        found = np.empty((x, len(z) * u), complex)
+        for i in reversed(range(x)):
+            above = turned[i] + (self.T[i, i + 1 :] @ found[i + 1 :]).reshape(len(z), u)
+            found[i] = (above / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.V @ found).reshape(x, len(z), u), 1, 0)
+
+    def rows(self, z: np.ndarray, C: np.ndarray) -> np.ndarray:
+        """C·(z·I − A)⁻¹, (f, k, x), for z (f,) and C (k, x)."""
+        k, x = C.shape
+        turned = C @ self.V
+        found = np.empty((x, len(z) * k), complex)
+        for i in range(x):
+            before = turned[:, i] + (self.T[:i, i] @ found[:i]).reshape(len(z), k)
+            found[i] = (before / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.inverse.T @ found).reshape(x, len(z), k), 0, 2)
+
+
+def resolvent(A: np.ndarray) -> Resolvent:
+    """The Schur form of a matrix (x, x), balanced: states in N·m and rad/s are of very different size."""
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    T, Q = schur(balanced, output="complex")
+    return Resolvent(T, scale[:, None] * Q, Q.conj().T / scale)

@@ -1,0 +1,278 @@
+"""What the search over an observer's weights asks at a point: cost and requirements, and their first derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from matching.frequency.beds.closed_loop import (
+    Action,
+    BedSet,
+    SampledBeds,
+    action,
+    ahead_states,
+    bed_set,
+    closed_matrices,
+    damping_ratios,
+    errors,
+    sampled_beds,
+)
+from matching.frequency.beds.figures import (
+    BED_POINTS,
+    LoopCurves,
+    Planned,
+    command_noise,
+    counted,
+    loop_curves,
+    planned,
+)
+from matching.frequency.beds.gains import Gains
+from matching.frequency.beds.loop_slopes import loop_slopes
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
+from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
+from matching.frequency.case.case import Case
+from modelling.bed.observer_design import runs_ahead
+from modelling.bed.observer_model import ObserverModel, observer_model
+from modelling.bed.residual_vehicle import cut
+from modelling.bed.sampled_controller import SampledController
+from modelling.common.errors import InputError
+
+RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the search are a little coarse
+DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is long
+PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
+MERIT = 10.0  # cost of a requirement missed by all of it, where ends are compared
+WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
+LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
+GUARDS = 12  # of the pool's beds, the least damped ones, that the search comes to see at a time
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Cost of a point of the search, and how much of its requirements is left, relative; negative if missed.
+
+    Attributes
+    ----------
+    cost : float
+    room : ndarray (r,)
+        Of every bed's damping, every dynamometer's noise, roll-off and margin at every frequency.
+    least : ndarray (b + 3,)
+        The same, of noise, roll-off and margin the worst alone.
+    """
+
+    cost: float
+    room: np.ndarray
+    least: np.ndarray
+
+    @property
+    def merit(self) -> float:
+        """By which points are compared: the cost, and much for what is missed."""
+        return self.cost + MERIT * float(np.maximum(-self.least, 0.0).sum())
+
+
+@dataclass(frozen=True)
+class DesignPoint:
+    """What was worked out at a point of the search; errors over the tolerance of the drawn beds, then as planned."""
+
+    controller: SampledController
+    acting: Action
+    curves: LoopCurves
+    poles: np.ndarray
+    errors: np.ndarray
+
+
+@dataclass
+class Tuner:
+    """Cost of an observer's weights on a set of beds, and what is left of the requirements.
+
+    Attributes
+    ----------
+    beds : BedSet
+        Whose errors are the cost.
+    pool : SampledBeds
+        All that have to stay damped. The search sees those that ``guarded`` numbers: the least damped ones, see
+        :meth:`guard`.
+    gains : Gains
+        Its w weights are the variables of the search, as decimal logarithms.
+    """
+
+    case: Case
+    model: ObserverModel
+    required: Requirements
+    plan: Planned
+    beds: BedSet
+    pool: SampledBeds
+    gains: Gains
+    guarded: tuple[int, ...] = ()
+    known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
+    _last: tuple[tuple[float, ...], DesignPoint] | None = None
+
+    def judged(self, logarithms: np.ndarray) -> Judged:
+        """Cost and requirements at a point of the search; what was worked out is kept."""
+        key = tuple(logarithms.tolist())
+        if key not in self.known:
+            try:
+                self.known[key] = self._judged(self.point(logarithms))
+            except InputError:
+                count = len(self.guarded) + 3
+                self.known[key] = Judged(WORST, np.full(self._requirements, -1.0), np.full(count, -1.0))
+        return self.known[key]
+
+    @property
+    def _guards(self) -> SampledBeds:
+        return self.pool.some(np.array(self.guarded, int))
+
+    def guard(self, logarithms: np.ndarray, count: int = GUARDS) -> None:
+        """Have the search see the least damped beds of the pool at a point as well."""
+        try:
+            poles = np.linalg.eigvals(closed_matrices(self.pool, self.gains.controller(logarithms)))
+        except InputError:
+            return
+        room = self._damping_room(poles)
+        self.guarded = tuple(sorted({*self.guarded, *np.argsort(room)[:count].tolist()}))
+        self.known.clear()
+        self._last = None
+
+    @property
+    def best(self) -> np.ndarray:
+        """The best point (w,) that was judged since the beds to be seen were chosen."""
+        return np.array(min(self.known, key=lambda key: self.known[key].merit))
+
+    @cached_property
+    def _ahead(self) -> np.ndarray:
+        """States of the model that runs ahead at all frequencies; the weights do not reach it."""
+        start = np.log10([self.case.loop.values[name] for name in self.gains.names])
+        return ahead_states(self.gains.controller(start), self._frequencies)
+
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        return np.concatenate([self.plan.every.frequencies, self.plan.band.frequencies, self.beds.frequencies])
+
+    def _of(self, beds: BedSet) -> slice:
+        """Where the frequencies of a set of beds stand among all."""
+        sets = [self.plan.every, self.plan.band, self.beds]
+        begins = np.cumsum([0, *(len(each.frequencies) for each in sets)])
+        at = next(i for i, each in enumerate(sets) if each is beds)
+        return slice(int(begins[at]), int(begins[at + 1]))
+
+    @cached_property
+    def _counted(self) -> tuple[np.ndarray, np.ndarray]:
+        return counted(self.plan, self.required)
+
+    @property
+    def _requirements(self) -> int:
+        return len(self.guarded) + len(self.model.dynamometers) + sum(int(where.sum()) for where in self._counted)
+
+    def point(self, logarithms: np.ndarray) -> DesignPoint:
+        """Work a point out.
+
+        Raises
+        ------
+        InputError
+            If the design has no solution there.
+        """
+        key = tuple(logarithms.tolist())
+        if self._last is None or self._last[0] != key:
+            controller = self.gains.controller(logarithms)
+            acting = action(controller, self._frequencies, self._ahead)
+            errors_of = [errors(beds, acting.at(self._of(beds)), ()) for beds in (self.beds, self.plan.band)]
+            self._last = key, DesignPoint(
+                controller, acting, loop_curves(self.plan, acting.at(self._of(self.plan.every))),
+                np.linalg.eigvals(closed_matrices(self._guards, controller)),
+                np.sqrt(np.concatenate([each.mean(axis=1) for each in errors_of])) / self.case.unmeasured_tolerance,
+            )  # fmt: skip
+        return self._last[1]
+
+    def _judged(self, at: DesignPoint) -> Judged:
+        squares = np.minimum(at.errors, WORST) ** 2
+        rooms = [np.clip(part, -1e2, LARGEST_ROOM) for part in self._rooms(at)]
+        least = [rooms[0], *(np.array([part.min(initial=LARGEST_ROOM)]) for part in rooms[1:])]
+        return Judged(
+            float(squares[:-1].mean() + PLANNED * squares[-1]), np.concatenate(rooms), np.concatenate(least)
+        )  # fmt: skip
+
+    def _rooms(self, at: DesignPoint) -> tuple[np.ndarray, ...]:
+        """Of the beds' damping, the commands' noise, roll-off, margin."""
+        (margin, rolled_off), allowed = self._counted, self.required.command_noise
+        noise = command_noise(at.curves, self.plan.every.frequencies)
+        return (
+            self._damping_room(at.poles),
+            np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
+            1 - (1 + RESERVE) * at.curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
+            at.curves.margin[margin] / self._margin - 1,
+        )
+
+    @property
+    def _damping(self) -> float:
+        return self.required.damping_ratio * (1 + DAMPING_RESERVE)
+
+    @property
+    def _margin(self) -> float:
+        return self.required.modulus_margin * (1 + RESERVE)
+
+    def _damping_room(self, poles: np.ndarray) -> np.ndarray:
+        """What is left (b,) of the damping that beds with poles (b, x) need."""
+        ratio = damping_ratios(poles, self.model.sample_time).min(axis=1)
+        return np.minimum(ratio, self._beyond_stable(poles)) / self._damping - 1
+
+    def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
+        """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
+        return 1 - np.abs(poles).max(axis=1) + 2 * self.required.damping_ratio
+
+    def slopes(self, logarithms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of cost (w,) and room (r, w)."""
+        judged = self.judged(logarithms)
+        try:
+            at, gains = self.point(logarithms), self.gains.slopes(logarithms)
+        except InputError:
+            return np.zeros(len(self.gains.names)), np.zeros((self._requirements, len(self.gains.names)))
+        changes = action_slopes(at.controller, gains, self._frequencies, self._ahead)
+        margin, closed, noise = loop_slopes(self.plan, at.curves, changes.at(self._of(self.plan.every)))
+        where, allowed = self._counted, self.required.command_noise
+        rooms = [
+            self._damping_slopes(at, gains) / self._damping,
+            np.zeros_like(noise) if allowed is None else -(1 + RESERVE) * noise / allowed,
+            -(1 + RESERVE) * closed[:, where[1]] / LARGEST_ROLLED_OFF,
+            margin[:, where[0]] / self._margin,
+        ]
+        steering = (judged.room < LARGEST_ROOM)[:, None]
+        return self._cost_slopes(at, changes), np.where(steering, np.concatenate(rooms, axis=1).T, 0.0)
+
+    def _cost_slopes(self, at: DesignPoint, changes: ActionSlopes) -> np.ndarray:
+        share: np.ndarray = np.where(at.errors < WORST, 1.0, 0.0) / self.case.unmeasured_tolerance**2
+        share = share * np.r_[np.full(len(share) - 1, 1 / (len(share) - 1)), PLANNED]
+        slopes = [
+            error_slopes(beds, at.acting.at(self._of(beds)), changes.at(self._of(beds)), part)
+            for beds, part in ((self.beds, share[:-1]), (self.plan.band, share[-1:]))
+        ]  # fmt: skip
+        return slopes[0] + slopes[1]
+
+    def _damping_slopes(self, at: DesignPoint, gains: GainSlopes) -> np.ndarray:
+        """Of the least damping ratio (w, b), or of what stands for it where a pole leaves the unit circle."""
+        step, beds = at.controller.sample_time, np.arange(len(at.poles))
+        ratios, size = damping_ratios(at.poles, step), np.abs(at.poles)
+        swings = ratios.min(axis=1) <= self._beyond_stable(at.poles)
+        z = at.poles[beds, np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))]
+        close = np.minimum(ratios.min(axis=1), self._beyond_stable(at.poles)) < (1 + LARGEST_ROOM) * self._damping
+        found = np.zeros((len(self.gains.names), len(beds)))
+        if not close.any():
+            return found
+        z, swings = z[close], swings[close]
+        change = pole_slopes(self._guards.some(beds[close]), at.controller, gains, z)
+        s = np.log(z.astype(complex)) / step
+        by_s = change / (z * step)
+        of_ratio = -by_s.real / np.abs(s) + s.real * (s.conj() * by_s).real / np.abs(s) ** 3
+        found[:, close] = np.where(swings, of_ratio, -(z.conj() * change).real / np.abs(z))
+        return found
+
+
+def tuner(case: Case, drawn: int = 24, pool: int = 160) -> Tuner:
+    """Prepare the search over beds from the case's box: spread evenly, the same whenever the case is matched."""
+    model = observer_model(case.rig, cut(case.vehicle, case.rig), case.loop)
+    values = [case.uncertainty.at(position) for position in case.uncertainty.spread(max(drawn, pool))]
+    return Tuner(
+        case, model, requirements(case), planned(case, model.readings.noise),
+        bed_set(case, values[:drawn], np.geomspace(*case.band, BED_POINTS)), sampled_beds(case, values[:pool]),
+        Gains(model, runs_ahead(model), tuple(case.loop.structure.quantities)),
+    )  # fmt: skip
