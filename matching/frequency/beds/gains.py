@@ -21,7 +21,10 @@ REGULATOR = (
 
 @dataclass
 class Gains:
-    """Of a model; w weights, given by their decimal logarithms in the order of ``names``."""
+    """Of a model; w weights, given by their decimal logarithms in the order of ``names``.
+
+    ``_known`` holds gains (k, o) and corrections (n + e + v, y) worked out lately.
+    """
 
     model: ObserverModel
     ahead: Ahead
@@ -39,11 +42,11 @@ class Gains:
         return assembled(self.model, self.ahead, self.feedback(logarithms), self.correction(logarithms))
 
     def feedback(self, logarithms: np.ndarray) -> np.ndarray:
-        """Gains (k, o) of the state feedback, see :func:`modelling.bed.observer_design.state_feedback`."""
+        """Gains (k, o) of the state feedback for logarithms (w,), see :mod:`modelling.bed.observer_design`."""
         return self._gains(True, logarithms)
 
     def correction(self, logarithms: np.ndarray) -> np.ndarray:
-        """Gains of the correction, see :func:`modelling.bed.observer_design.correction`."""
+        """Correction for logarithms (w,), (n + e + v, y); see :func:`modelling.bed.observer_design.correction`."""
         return self._gains(False, logarithms)
 
     def _gains(self, of_regulator: bool, logarithms: np.ndarray) -> np.ndarray:
@@ -64,7 +67,7 @@ class Gains:
         return self._known[key]
 
     def slopes(self, logarithms: np.ndarray) -> GainSlopes:
-        """Forward differences of the gains: each weight changes the state feedback or the correction alone."""
+        """Forward differences of the gains at logarithms (w,): a weight changes feedback or correction alone."""
         here = self.controller(logarithms)
         there = [self.controller(logarithms + STEP_DECADES * unit) for unit in np.eye(len(logarithms))]
         o = here.observed

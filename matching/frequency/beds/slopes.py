@@ -48,7 +48,7 @@ class ActionSlopes:
 def action_slopes(
     controller: SampledController, gains: GainSlopes, frequencies: np.ndarray, ahead: np.ndarray
 ) -> ActionSlopes:
-    """Derivatives of :func:`matching.frequency.beds.closed_loop.action`; ``ahead`` (f, m, known) as there."""
+    """Derivatives of :func:`~matching.frequency.beds.closed_loop.action` at (f,) Hz; ``ahead`` (f, m, w)."""
     o, y = controller.observed, len(controller.sensors)
     A, B, C, L = controller.A[:o, :o], controller.B[:o], controller.C[:, :o], controller.L[:o]
     F, feedback, space = controller.F[:, :o], controller.feedback, controller.space

@@ -38,7 +38,7 @@ class TuningEffort:
 
 @dataclass(frozen=True)
 class TuningEnd:
-    """Where a search ended: logarithms of the weights, and what was judged there."""
+    """Where a search ended: logarithms (w,) of the weights, and what was judged there."""
 
     logarithms: np.ndarray
     judged: Judged

@@ -73,7 +73,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """What was worked out at a point of the search; errors over the tolerance of the drawn beds, then as planned."""
+    """What was worked out at a point: poles (b, x), errors (b + 1,) over the tolerance, of the bed as planned last."""
 
     controller: SampledController
     acting: Action
@@ -109,7 +109,7 @@ class Tuner:
     _last: tuple[tuple[float, ...], DesignPoint] | None = None
 
     def judged(self, logarithms: np.ndarray) -> Judged:
-        """Cost and requirements at a point of the search; what was worked out is kept."""
+        """Cost and requirements at a point of the search, decimal logarithms (w,) of the weights; results are kept."""
         key = tuple(logarithms.tolist())
         if key not in self.known:
             try:
@@ -124,7 +124,7 @@ class Tuner:
         return self.pool.some(np.array(self.guarded, int))
 
     def guard(self, logarithms: np.ndarray, count: int = GUARDS) -> None:
-        """Have the search see the least damped beds of the pool at a point as well."""
+        """Have the search see the least damped beds of the pool at a point (w,) as well."""
         try:
             poles = np.linalg.eigvals(closed_matrices(self.pool, self.gains.controller(logarithms)))
         except InputError:
@@ -165,7 +165,7 @@ class Tuner:
         return len(self.guarded) + len(self.model.dynamometers) + sum(int(where.sum()) for where in self._counted)
 
     def point(self, logarithms: np.ndarray) -> DesignPoint:
-        """Work a point out.
+        """Work a point (w,) out.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class Tuner:
         return 1 - np.abs(poles).max(axis=1) + 2 * self.required.damping_ratio
 
     def slopes(self, logarithms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of cost (w,) and room (r, w)."""
+        """Derivatives of cost (w,) and room (r, w) at a point (w,)."""
         judged = self.judged(logarithms)
         try:
             at, gains = self.point(logarithms), self.gains.slopes(logarithms)

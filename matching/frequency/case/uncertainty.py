@@ -63,10 +63,8 @@ class Box:
         """Positions (count, p) that fill the box evenly, the first of them as well (Sobol 1967); always the same."""
         if not self.uncertain:
             return np.zeros((count, 0))
-        return (
-            2 * scipy.stats.qmc.Sobol(len(self.uncertain), seed=0).random_base2(int(np.ceil(np.log2(count))))[:count]
-            - 1
-        )
+        sequence = scipy.stats.qmc.Sobol(len(self.uncertain), seed=0)
+        return 2 * sequence.random_base2(int(np.ceil(np.log2(count))))[:count] - 1
 
     def without(self, *kinds: str) -> Box:
         """The same box with what begins with one of ``kinds`` known exactly."""
