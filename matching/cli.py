@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help, --version and wrong arguments
         return int(end.code or 0)
     except InputError as error:
-        number = line_of(error.where)
+        number = line_of(error.where, error.wrong)
         return _say(f"{error} (line {number})" if number else str(error), BAD_INPUT)
     except KeyboardInterrupt as interrupt:
         stop = interrupt if isinstance(interrupt, Interrupted) else Interrupted()

@@ -118,7 +118,9 @@ def _kill_orphans() -> None:
 
 def _children() -> list[int]:
     with contextlib.suppress(OSError):
-        return [int(child) for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+        return [
+            int(child) for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+        ]
     return []
 
 

@@ -9,7 +9,6 @@ Pictures and pages that belonged to the results that are replaced are removed, s
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shutil
 import tempfile
@@ -20,6 +19,11 @@ from errno import EISDIR
 from pathlib import Path
 
 from modelling.common.outdated import outdated
+
+try:
+    import fcntl
+except ImportError:  # Windows, where a folder cannot be locked
+    fcntl = None  # type: ignore[assignment]
 
 WRITING, UNFINISHED = ".writing-", "unfinished-"
 EMPTY_SECONDS = 60.0  # for which an empty folder may be one that another process has just made
@@ -80,7 +84,7 @@ def unfinished(directory: Path) -> bool:
 def recover(directory: Path) -> None:
     """Finish or remove what runs left that were killed; what belongs to a run that goes on is left alone."""
     for folder in [*directory.glob(f"{WRITING}*/"), *directory.glob(f"{UNFINISHED}*/")]:
-        with contextlib.suppress(OSError), _held(folder, fcntl.LOCK_NB):
+        with contextlib.suppress(OSError), _held(folder, wait=False):
             if folder.name.startswith(UNFINISHED):
                 _finish(folder, directory)
             elif any(folder.iterdir()) or time.time() - folder.stat().st_mtime > EMPTY_SECONDS:
@@ -99,17 +103,19 @@ def _finish(marked: Path, directory: Path) -> None:
 
 
 @contextmanager
-def _held(folder: Path, flags: int = 0) -> Iterator[None]:
+def _held(folder: Path, wait: bool = True) -> Iterator[None]:
     """Hold a folder against other processes until the end, also by a kill.
 
     Raises
     ------
     OSError
-        If another process holds it and ``flags`` say not to wait, or the file system knows no locks.
+        If another process holds it and this one shall not wait, or the system knows no locks on folders.
     """
+    if fcntl is None:
+        raise OSError("no locks on folders")
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | flags)
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         yield
     finally:
         os.close(handle)

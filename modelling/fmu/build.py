@@ -11,7 +11,7 @@ from modelling.simulation.integrator.c_compiler import CompilerFault, check, com
 FLAGS = (
     "-O2", "-std=c11", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-fno-math-errno", "-w",
 )  # fmt: skip
-SUFFIX = {"linux": "so", "darwin": "dylib"}
+SUFFIX = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 
 
 def folder(fmi: str) -> str:
@@ -19,7 +19,7 @@ def folder(fmi: str) -> str:
     system = platform.system().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
     if fmi == "2.0" and machine == "x86_64":
-        return {"linux": "linux64", "darwin": "darwin64"}.get(system, f"{machine}-{system}")
+        return {"linux": "linux64", "darwin": "darwin64", "windows": "win64"}.get(system, f"{machine}-{system}")
     return f"{machine}-{system}"
 
 

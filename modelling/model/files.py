@@ -16,7 +16,7 @@ from modelling.effects.place import place_in_file, shared_place
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
-from modelling.units import QUANTITY_UNITS, to_si
+from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, to_si
 
 _KEYS = {
     "inertias": {"J", "drag"},
@@ -114,7 +114,9 @@ def _input(name: str, table: dict, place: str) -> Input:
 
 def _sensor(name: str, table: dict, place: str) -> Sensor:
     measures = text(table, "measures", place)
-    unit = Sensor(name, measures, "").unit if measures in ("angle", "speed", "acceleration", "torque") else "1"
+    if measures not in SENSOR_UNITS:
+        raise unknown(measures, list(SENSOR_UNITS), f"{place}.measures")
+    unit = SENSOR_UNITS[measures]
     uncertainty = to_si(table["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in table else None
     return Sensor(name, measures, text(table, "of", place), uncertainty)
 

@@ -59,7 +59,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     for key in data:
         if key not in _TOP:
             raise unknown(key, sorted(_TOP), where)
-    vehicle, rig = (load(path.parent / text_of(data, key, where)) for key in ("vehicle", "rig"))
+    vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     try:
         vehicle, rig, notes = without_shared_delays(vehicle, rig)
     except InputError as fault:
@@ -92,6 +92,14 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         notes=notes,
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
+
+
+def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
+    """The model that a case names; the case is at fault where there is no such file."""
+    named = path.parent / text_of(data, key, str(path))
+    if not named.exists():
+        raise InputError(f"{path}: {key}", f"{named} does not exist", "name a model file, relative to the case")
+    return load(named)
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:

@@ -148,7 +148,7 @@ def _measurands(tables: dict[str, Any], inputs: list[InputQuantity], where: str)
     units = {one.name: one.unit for one in inputs}
     measurands = []
     for name, table in given.items():
-        here = f"{where}: measurand {name}"
+        here = f"{where}: measurand" if "measurand" in tables else f"{where}: measurands.{name}"
         if not name.isprintable() or not 0 < len(name) <= LONGEST_NAME:
             right = f"give it 1 to {LONGEST_NAME} characters that can be printed"
             raise InputError(f"{where}: measurand", "a name that nobody can read", right)

@@ -53,7 +53,9 @@ def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
         raise InputError(
             where, f"{type(table).__name__} where a table is expected", 'write kind = "tip_in", amplitude = 100, …'
         )
-    kind = table.get("kind")
+    if "kind" not in table:
+        raise InputError(f"{where}.kind", "is missing", f"write one of {', '.join(KINDS)}")
+    kind = table["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
         raise unknown(str(kind), list(KINDS), f"{where}.kind")
     cls = KINDS[kind]

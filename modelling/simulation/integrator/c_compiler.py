@@ -156,7 +156,10 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
         finally:
             if running.returncode is None:
                 with contextlib.suppress(OSError):
-                    os.killpg(running.pid, signal.SIGKILL)
+                    if hasattr(os, "killpg"):
+                        os.killpg(running.pid, signal.SIGKILL)
+                    else:
+                        running.kill()
     if running.returncode:
         lines = said.splitlines()
         raise CompilerFault(next((line for line in lines if "error" in line), lines[0] if lines else "it fails"))

@@ -36,7 +36,7 @@ def folder() -> Path:
 def _candidates() -> list[Path]:
     if wanted := os.environ.get("RIGMATCH_CACHE"):
         return [Path(wanted).absolute()]
-    caches = os.environ.get("XDG_CACHE_HOME", "")
+    caches = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA", "")
     with contextlib.suppress(RuntimeError):  # nobody knows where home is
         home = Path(caches) if os.path.isabs(caches) else Path.home() / ".cache"
         return [home / "rigmatch"]
@@ -54,8 +54,10 @@ _KEPT_UNTIL_THE_END: list[tempfile.TemporaryDirectory] = []
 
 def only_mine(path: Path) -> bool:
     """Whether a folder or file is this user's, nobody else may write to it, and nobody may put another in its place."""
-    own = path.lstat()
-    if own.st_uid != os.getuid() or own.st_mode & OTHERS_MAY_WRITE:
+    if not hasattr(os, "getuid"):  # Windows: what lies in the user's profile is the user's
+        return path.resolve().is_relative_to(Path.home())
+    status = path.lstat()
+    if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
         return False
     above = (folder.stat().st_mode for folder in path.resolve().parents)
     return all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in above)
