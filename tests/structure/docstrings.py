@@ -126,7 +126,10 @@ def _errors(node: ast.FunctionDef) -> Errors:
             error = part.exc.func if isinstance(part.exc, ast.Call) else part.exc
             raised.add(ast.unparse(error).rpartition(".")[2])
         elif isinstance(part, ast.Call) and isinstance(part.func, ast.Name | ast.Attribute):
-            calls.add(part.func.id if isinstance(part.func, ast.Name) else part.func.attr)
+            called = part.func.id if isinstance(part.func, ast.Name) else part.func.attr
+            calls.add(called)
+            if called == "suppress":
+                caught |= {name.id for error in part.args for name in ast.walk(error) if isinstance(name, ast.Name)}
         elif isinstance(part, ast.ExceptHandler) and part.type is not None:
             caught |= {name.id for name in ast.walk(part.type) if isinstance(name, ast.Name)}
     leaving = {name for name in raised - caught - SILENT if name[0].isupper()}

@@ -37,7 +37,7 @@ def test_text_files_have_an_encoding(nodes):
 
 def _binary_or_other(node: ast.Call) -> bool:
     """Whether a call of open is in binary mode, or not that of a file: ``os.open``, ``webbrowser.open``."""
-    if isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) in ("os", "webbrowser", "archive"):
+    if isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) in ("os", "self", "webbrowser", "archive"):
         return True
     texts = [part.value for part in [*node.args, *(k.value for k in node.keywords)] if isinstance(part, ast.Constant)]
     return any(isinstance(text, str) and "b" in text for text in texts)
