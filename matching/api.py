@@ -331,6 +331,7 @@ def match(
     return run(_case(case), seed, starts, progress, workers)
 
 
+# more than six parameters: the options of the command
 def map(  # noqa: A001
     case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
     seed: int = 0, starts: int = 2,
@@ -380,6 +381,7 @@ def map(  # noqa: A001
     )
 
 
+# more than six parameters: the options of the command
 def tolerance(
     case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
     added: Mapping[str, float] | None = None, workers: int | None = None, record: File | None = None,

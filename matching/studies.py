@@ -27,6 +27,7 @@ _prepared: dict[str, Any] = {}
 _preparing = Lock()  # of the threads of a worker
 
 
+# more than six parameters: the work, and how the study runs
 def run(
     work: Callable[[Any, Any], Any],
     prepare: Callable[[Any], Any],
@@ -80,6 +81,7 @@ def run(
     return [found[key] for key in keys]
 
 
+# more than six parameters: the work, and how the study runs
 def finished(
     work: Callable[[Any, Any], Any],
     prepare: Callable[[Any], Any],

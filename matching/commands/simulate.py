@@ -1,7 +1,10 @@
 """`rigmatch simulate`: run a model on recorded inputs."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 HELP = """Simulates a model on the inputs of a recording, all its effects included. Writes simulated.csv (time and every
 sensor of the model, SI) and simulated.svg. Where the recording has sensors, the root mean square of the difference is
@@ -45,8 +48,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     InputError
         One line that names option, file or key.
     """
-    import numpy as np
-
     from matching.report.common.style import image
     from matching.report.simulation.view import simulation_figure
     from modelling.common.errors import InputError
@@ -82,12 +83,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         for name, error in done.integration_error.items()
         if error > tolerance
     ]
-    misfit = {}
-    for name in recording.sensors(system):
-        there = np.isfinite(recording[name])
-        rms = float(np.sqrt(np.mean((done[name] - recording[name])[there] ** 2)))
-        spread = float(np.ptp(recording[name][there]))
-        misfit[name] = {"rms": rms, "unit": done.units[name], "of_range": rms / spread if spread else None}
+    misfit = {name: _misfit(done[name], recording[name], done.units[name]) for name in recording.sensors(system)}
     files: dict[str, str | bytes] = {"simulated.csv": csv_text(done.time, done.readings, done.units)}
     if done.readings:
         measured = {name: recording[name] for name in done.readings if name in recording.channels}
@@ -106,6 +102,15 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "notes": [*recording.notes, *inaccurate],
         "files": sorted(files),
     }
+
+
+def _misfit(simulated: "np.ndarray", recorded: "np.ndarray", unit: str) -> dict[str, Any]:
+    """Root mean square of a sensor's difference (t,), and its share of the recorded range; None where that is 0."""
+    import numpy as np
+
+    there = np.isfinite(recorded)
+    rms, spread = float(np.sqrt(np.mean((simulated - recorded)[there] ** 2))), float(np.ptp(recorded[there]))
+    return {"rms": rms, "unit": unit, "of_range": rms / spread if spread else None}
 
 
 def summary(result: dict[str, Any]) -> str:

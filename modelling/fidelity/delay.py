@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -74,9 +76,9 @@ def delay(reference: np.ndarray, test: np.ndarray, step: float, longest: float |
     first = refine(reference, test, float(lags[best]))
     if first is None:
         return Delay(None, None, "the signals do not resolve it")
-    fits = [first]
+    fits, smoothed = [first], _Smoothed.of(reference, test, first.cutoff)
     for place in [*(int(lags[peak]) for peak in peaks[1:8]), 0]:
-        fits += [fit for fit in [_at_cutoff(reference, test, float(place), first.cutoff)] if fit is not None]
+        fits += [fit for fit in [_at_cutoff(smoothed, float(place))] if fit is not None]
     least = min(fit.unexplained for fit in fits)
     margin = least * (1 + RIVAL * math.sqrt(2 / first.freedom)) + FLOOR
     rivals = [fit.delay for fit in fits if fit.unexplained <= margin]
@@ -152,25 +154,52 @@ def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None
     best: _Fit | None = None
     for cutoff in (0.015625, 0.03125, 0.0625, 0.125, 0.25, 0.5):
         starts = [start] if best is None or abs(best.delay - start) < 0.01 else [start, best.delay]
-        fits = [fit for one in starts if (fit := _at_cutoff(reference, test, one, cutoff)) is not None]
+        if cutoff < 0.5 and len(reference) < 8 * _settling(cutoff):
+            continue
+        smoothed = _Smoothed.of(reference, test, cutoff)
+        fits = [fit for one in starts if (fit := _at_cutoff(smoothed, one)) is not None]
         if fits:
             fit = min(fits, key=lambda fit: fit.unexplained)
             best = fit if best is None or fit.uncertainty < best.uncertainty else best
     return best
 
 
-def _at_cutoff(reference: np.ndarray, test: np.ndarray, start: float, cutoff: float) -> _Fit | None:
-    settle = math.ceil(3 / cutoff)
-    if cutoff < 0.5 and len(reference) < 8 * settle + 2 * abs(start):
+@dataclass(frozen=True)
+class _Smoothed:
+    """Signals below a cut-off (of half the sampling rate): a curve through the reference, its slope, the test (t,)."""
+
+    curve: Any
+    slope: Any
+    response: np.ndarray
+    cutoff: float
+
+    @classmethod
+    def of(cls, reference: np.ndarray, test: np.ndarray, cutoff: float) -> _Smoothed:
+        smooth, response = (
+            scipy.signal.sosfiltfilt(_low_pass(cutoff), signal, padlen=_settling(cutoff))
+            for signal in (reference, test)
+        )
+        spline = scipy.interpolate.make_interp_spline(np.arange(len(smooth)), smooth, k=5)
+        curve = scipy.interpolate.PPoly.from_spline(spline)
+        return cls(curve, curve.derivative(), response, cutoff)
+
+
+def _settling(cutoff: float) -> int:
+    """Samples at either end in which the filter has not settled."""
+    return math.ceil(3 / cutoff)
+
+
+@cache
+def _low_pass(cutoff: float) -> np.ndarray:
+    return scipy.signal.butter(4, cutoff, output="sos")
+
+
+def _at_cutoff(smoothed: _Smoothed, start: float) -> _Fit | None:
+    curve, slope, response, cutoff = smoothed.curve, smoothed.slope, smoothed.response, smoothed.cutoff
+    settle, shift = _settling(cutoff), start
+    if cutoff < 0.5 and len(response) < 8 * settle + 2 * abs(start):
         return None
-    sections = scipy.signal.butter(4, cutoff, output="sos")
-    smooth, response = (scipy.signal.sosfiltfilt(sections, signal, padlen=settle) for signal in (reference, test))
-    curve = scipy.interpolate.PPoly.from_spline(
-        scipy.interpolate.make_interp_spline(np.arange(len(smooth)), smooth, k=5)
-    )
-    slope = curve.derivative()
-    shift = start
-    ends = (math.ceil(max(0.0, start)) + settle + 2, len(test) - math.ceil(max(0.0, -start)) - settle - 2)
+    ends = (math.ceil(max(0.0, start)) + settle + 2, len(response) - math.ceil(max(0.0, -start)) - settle - 2)
     places = np.arange(*ends)
     if len(places) < 12:
         return None

@@ -1,12 +1,15 @@
 """No class name stands twice in the program; files and functions stay small, or say in a line why not."""
 
 import ast
+import re
 from collections import defaultdict
 
 import pytest
 from structure.imports import modules
 
-LONGEST_FILE = 300  # lines
+LONGEST_FILE = 300  # lines, docstrings not counted
+LONGEST_FUNCTION = 60  # lines, docstrings not counted
+MOST_PARAMETERS = 6
 
 
 @pytest.fixture(scope="module")
@@ -21,3 +24,46 @@ def test_no_class_name_stands_twice(trees):
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(module)
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
+
+
+def lines_without_docstrings(tree: ast.AST, count: int) -> int:
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    for node in ast.walk(tree):
+        if isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None:
+            count -= node.body[0].end_lineno - node.body[0].lineno + 1
+    return count
+
+
+def functions(trees):
+    for module, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield module, node
+
+
+def test_files_are_small(trees):
+    lines = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in modules().items()}
+    sizes = {module: lines_without_docstrings(tree, lines[module]) for module, tree in trees.items()}
+    assert {module: size for module, size in sizes.items() if size > LONGEST_FILE} == {}
+
+
+def test_functions_are_small(trees):
+    sizes = {
+        f"{module}.{node.name}": lines_without_docstrings(node, node.end_lineno - node.lineno + 1)
+        for module, node in functions(trees)
+    }
+    assert {name: size for name, size in sizes.items() if size > LONGEST_FUNCTION} == {}
+
+
+def test_more_than_six_parameters_have_a_reason(trees):
+    """A comment in the signature or in the line above it."""
+    without = []
+    for module, node in functions(trees):
+        given = [each.arg for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+        if len([name for name in given if name not in ("self", "cls")]) <= MOST_PARAMETERS:
+            continue
+        lines = modules()[module].read_text(encoding="utf-8").splitlines()
+        first = node.lineno - 2 - len(node.decorator_list)
+        if not any(re.search(r"# (?!fmt:|noqa)", line) for line in lines[first : node.body[0].lineno - 1]):
+            without.append(f"{module}.{node.name}")
+    assert without == []

@@ -84,6 +84,7 @@ def feed_forward_modes(
     return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, answers))
 
 
+# more than six parameters: eigenpairs, and what they are read with
 def _listed(
     parts: Parts,
     residual: Sequence[Body],

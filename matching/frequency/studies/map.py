@@ -62,6 +62,7 @@ class Map(Displayed):
         )
 
 
+# more than six parameters: what is drawn, and how the study runs
 def map_case(
     case: Case,
     x: Axis | str,

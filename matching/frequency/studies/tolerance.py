@@ -120,6 +120,7 @@ def tuned(case: Case) -> Case:
     return apply(case, {name: move.start for move in case.moves for name in move.together})
 
 
+# more than six parameters: what is drawn, and how the study runs
 def tolerance(
     case: Case, draws: int, executor: Executor, *, seed: int = 0, added: Mapping[str, float] | None = None,
     record: Path | None = None, progress: Callable[[int, int], None] | None = None,

@@ -89,24 +89,7 @@ def monte_carlo(
     """
     chunk = max(math.ceil(100 / (1 - budget.coverage)), 10_000)
     limit = max(2, math.ceil((draws or (MOST_TO_DECIDE if undecided else most)) / chunk))
-    function = sympy.lambdify(
-        [sympy.Symbol(one.name, real=True) for one in budget.inputs], measurand.expression, "numpy", cse=True
-    )
-    draw = sampler(budget)
-
-    def values(place: int) -> np.ndarray:
-        generator = np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(place,))))
-        with np.errstate(all="ignore"):
-            y = np.asarray(function(*draw(generator, chunk)), dtype=float)
-        y = np.broadcast_to(y, (chunk,))
-        if not np.all(np.isfinite(y)):
-            raise InputError(
-                f"{budget.where}: measurand {measurand.name}.formula",
-                f"has no finite real value for {np.count_nonzero(~np.isfinite(y))} of {chunk} draws",
-                "narrow an input or correct it",
-            )
-        return y
-
+    values = _drawn_values(budget, measurand, seed, chunk)
     workers = workers or min(os.cpu_count() or 1, 8)
     with ThreadPoolExecutor(workers) as pool:
         pilot = list(pool.map(values, range(min(PILOT, limit))))
@@ -143,6 +126,27 @@ def monte_carlo(
                 break
             next_question = QUESTION_GROWTH * len(rows)
         return result()
+
+
+def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -> Callable[[int], np.ndarray]:
+    """The measurand's values (count,) of the chunk at a place; each place has random numbers of its own."""
+    symbols = [sympy.Symbol(quantity.name, real=True) for quantity in budget.inputs]
+    function = sympy.lambdify(symbols, measurand.expression, "numpy", cse=True)
+    draw = sampler(budget)
+
+    def values(place: int) -> np.ndarray:
+        generator = np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(place,))))
+        with np.errstate(all="ignore"):
+            y = np.broadcast_to(np.asarray(function(*draw(generator, count)), dtype=float), (count,))
+        if not np.all(np.isfinite(y)):
+            raise InputError(
+                f"{budget.where}: measurand {measurand.name}.formula",
+                f"has no finite real value for {np.count_nonzero(~np.isfinite(y))} of {count} draws",
+                "narrow an input or correct it",
+            )
+        return y
+
+    return values
 
 
 def _result(coverage: float, histogram: Histogram, rows: list[tuple], seed: int, digits: int) -> MonteCarlo:

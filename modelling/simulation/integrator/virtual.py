@@ -141,6 +141,7 @@ def _implicit_nodes(row: _Row, node_times: np.ndarray) -> _Nodes:
     return _Nodes(node_times, *done)
 
 
+# more than six parameters: all that the augmented rate depends on
 def _rate(made: Functions, X: ca.SX, u: ca.SX, du: ca.SX, c: ca.SX, selection: ca.SX, by_delay: ca.SX) -> ca.SX:
     """Ẋ of X = [x, S by columns]; ``by_delay`` (u, s) are the derivatives of the input delays by the columns."""
     x, s = made.field.size1_in(0), selection.shape[1]
