@@ -20,6 +20,7 @@ from matching.explore.page.match import match_tab
 from matching.explore.page.measurement import measurement_tab
 from matching.explore.page.modes import ModesTab
 from matching.explore.page.running import RESULTS
+from matching.explore.page.tab_bar import TabBar
 from matching.explore.page.validity import validity
 
 HOST = "127.0.0.1"
@@ -37,28 +38,27 @@ class NoIcon(RequestHandler):
 
 def page(workspace: Workspace) -> Any:
     """The whole page."""
-    tabs: list[tuple[str, Any]] = []
-    late: dict[int, tuple[Any, Callable[[], Any]]] = {}
+    makers: dict[str, Callable[[], Any]] = {}
     if workspace.models:
         modes = ModesTab(workspace)
         drivetrain = DrivetrainTab(workspace, modes.open_model)
         modes.after_keeping = drivetrain.after_change
-        tabs = [("Drivetrain", drivetrain.panel()), ("Modes", modes.panel())]
-    for title, make in (("Match", match_tab), ("Measurement", measurement_tab), ("Validity", validity)):
-        place = pn.Column(sizing_mode=WIDE)
-        late[len(tabs)] = place, partial(make, workspace)
-        tabs.append((title, place))
-    shown = pn.Tabs(*tabs, dynamic=True, sizing_mode=WIDE)
+        makers = {"Drivetrain": drivetrain.panel, "Modes": modes.panel}
+    others = (("Match", match_tab), ("Measurement", measurement_tab), ("Validity", validity))
+    makers |= {name: partial(make, workspace) for name, make in others}
+    names, made = list(makers), dict[str, Any]()
+    bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
 
-    def fill(number: int) -> None:
-        """Make a tab when it is first opened."""
-        if number in late:
-            place, make = late.pop(number)
-            place[:] = [make()]
+    def show(number: int) -> None:
+        """Put a tab's content on the page; it is made when it is first opened."""
+        name = names[number]
+        if name not in made:
+            made[name] = makers[name]()
+        content[:] = [made[name]]
 
-    shown.param.watch(lambda event: fill(event.new), "active")
-    fill(shown.active)
-    return pn.Column(heading("rigmatch", 1), shown, sizing_mode=WIDE)
+    bar.param.watch(lambda event: show(event.new), "active")
+    show(0)
+    return pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE)
 
 
 def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:

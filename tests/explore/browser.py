@@ -1,0 +1,61 @@
+"""A page of the explorer in the machine's own browser, for tests; none where there is no browser."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from structure.imports import ROOT
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+WAIT_MS = 60_000  # at most, for anything on the page: the machine may be busy
+
+
+def browser_path() -> str:
+    """The browser; skips the test where there is none."""
+    pytest.importorskip("panel", reason="the packages of the explorer are not installed")
+    pytest.importorskip("playwright", reason="playwright is not installed")
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    return path
+
+
+@contextmanager
+def served(*files: Path, out: Path) -> Iterator[str]:
+    """Address of the page that `rigmatch explore` serves."""
+    command = [sys.executable, "-m", "matching", "explore", *map(str, files), "--out", str(out), "--no-browser"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
+        try:
+            address = next((found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))), "")
+            assert address, "the server did not start"
+            yield address
+        finally:
+            process.terminate()
+            process.stderr.read()
+
+
+@contextmanager
+def opened_page(address: str, width: int = 1366) -> Iterator[tuple]:
+    """The page in the browser, and what its console complains of."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": width, "height": 900})
+        page.set_default_timeout(WAIT_MS)
+        complaints: list[str] = []
+        page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(address)
+        page.get_by_role("tab").first.wait_for()
+        try:
+            yield page, complaints
+        finally:
+            browser.close()

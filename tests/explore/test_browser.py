@@ -1,0 +1,145 @@
+"""The explorer in a real browser: by keyboard and mouse, at two widths, without complaints of console and axe-core."""
+
+import math
+import shutil
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from explore.browser import browser_path, opened_page, served
+from structure.imports import ROOT
+
+BENCH = """\
+title = "Bench"
+[inertias.motor]
+J = 0.1   # data sheet
+[inertias.load]
+J = 1.0
+[shafts.link]
+between = ["motor", "load"]
+stiffness = { value = 200, tolerance = 0.2 }
+damping = 0.5
+[inputs.motor_torque]
+on = "motor"
+[sensors.motor_speed]
+measures = "speed"
+of = "motor"
+uncertainty = 0.02
+[sensors.link_torque]
+measures = "torque"
+of = "link"
+uncertainty = 0.05
+"""
+TABS = ("Drivetrain", "Modes", "Match", "Measurement", "Validity")
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    browser_path()
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "bench.toml").write_text(BENCH)
+    with served(folder / "bench.toml", out=folder / "out") as address:
+        yield folder, address
+
+
+def test_a_value_is_changed_tried_and_saved_by_keyboard_alone(bench):
+    folder, address = bench
+    with pytest.raises(urllib.error.HTTPError, match="404"):  # without the secret
+        urllib.request.urlopen(address.rpartition("/")[0].rpartition("/")[0] + "/page", timeout=60)
+    with opened_page(address) as (page, complaints):
+        page.get_by_role("button", name="shaft link").focus()
+        page.keyboard.press("Enter")
+        field = page.get_by_label("stiffness [N·m/rad]")
+        field.wait_for()
+        field.focus()
+        field.fill("much")
+        page.keyboard.press("Enter")
+        page.get_by_text("is no", exact=False).first.wait_for()
+        field = page.get_by_label("stiffness [N·m/rad]")
+        field.fill("400")
+        page.keyboard.press("Enter")
+        page.get_by_text("200 N·m/rad → 400 N·m/rad").wait_for()
+        assert page.locator(".part.changed").get_attribute("data-part") == "shafts.link"
+        page.get_by_role("tab", name="Drivetrain").focus()
+        page.keyboard.press("ArrowRight")
+        frequency = math.sqrt(400 * (1 / 0.1 + 1 / 1.0)) / (2 * math.pi)
+        page.get_by_role("cell", name=f"{frequency:.2f}").first.wait_for()
+        page.get_by_role("slider").focus()
+        page.keyboard.press("ArrowRight")
+        page.get_by_text("tried:", exact=False).wait_for()
+        page.get_by_role("tab", name="Modes").focus()
+        page.keyboard.press("ArrowLeft")
+        page.get_by_role("button", name="Save").focus()
+        page.keyboard.press("Enter")
+        page.get_by_text("Everything is saved.").wait_for()
+        assert complaints == []
+    assert (folder / "bench.toml").read_text() == BENCH.replace("value = 200", "value = 400")
+
+
+def recording(path: Path) -> None:
+    """A sweep on the bench by the implicit midpoint rule, with a shaft of 230 N·m/rad."""
+    speed, other, twist, step = 0.0, 0.0, 0.0, 0.0005
+    rows = ["time [s],M_motor [N*m],n_motor [1/min],LinkTrq [N*m]"]
+    for number in range(16_000):
+        time = number * step
+        torque = 5 * math.sin(2 * math.pi * (1 + time) * time)
+        link = 230 * twist + 0.5 * (speed - other)
+        if number % 8 == 0:
+            rows.append(f"{time:.6f},{torque:.9f},{speed * 30 / math.pi:.9f},{link:.9f}")
+        speed, other = speed + step * (torque - link) / 0.1, other + step * link
+        twist += step * (speed - other)
+    path.write_text("\n".join(rows))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_every_tab_at_both_widths_runs_and_is_accessible(tmp_path):
+    browser_path()
+    import axe_core_python
+
+    axe = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text()
+    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    files = [tmp_path / "case" / "case.toml", ROOT / "examples" / "gum" / "impedance.toml",
+             ROOT / "examples" / "fidelity" / "tab2.toml"]  # fmt: skip
+    with served(*files, out=tmp_path / "out") as address:
+        for width in (1366, 400):
+            with opened_page(address, width) as (page, complaints):
+                page.evaluate(axe)
+                for tab in TABS:
+                    page.get_by_role("tab", name=tab).click()
+                    page.get_by_text("The same without this page").first.wait_for()
+                    if width == 1366 and tab == "Match":
+                        page.get_by_label("Starting points").fill("2")
+                        page.get_by_role("button", name="Run the match").click()
+                        page.get_by_role("link", name="Open the report").wait_for(timeout=300_000)
+                    serious = [
+                        (tab, width, found["id"], found["nodes"][0]["html"])
+                        for found in page.evaluate("axe.run()")["violations"]
+                        if found["impact"] in ("serious", "critical")
+                    ]
+                    assert serious == []
+                    assert page.evaluate("document.documentElement.scrollWidth") <= width
+                assert complaints == []
+    assert (tmp_path / "out" / "match" / "result.json").exists()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(tmp_path):
+    browser_path()
+    (tmp_path / "bench.toml").write_text(BENCH)
+    recording(tmp_path / "log.csv")
+    with served(tmp_path / "bench.toml", out=tmp_path / "out") as address, opened_page(address) as (page, complaints):
+        page.get_by_role("tab", name="Measurement").click()
+        page.locator("input[type=file]").set_input_files(tmp_path / "log.csv")
+        page.get_by_text("2000 samples", exact=False).wait_for()
+        assert page.get_by_label("motor speed (speed)").input_value() == "n_motor"
+        page.get_by_role("button", name="Simulate").click()
+        page.get_by_text("done", exact=True).wait_for()
+        page.get_by_role("button", name="Diagnose").click()
+        page.get_by_role("link", name="Open the report").wait_for(timeout=300_000)
+        page.get_by_role("button", name="Keep").click()
+        page.get_by_text("written:", exact=False).wait_for()
+        assert complaints == []
+    assert (tmp_path / "bench_extended.toml").exists()
