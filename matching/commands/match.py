@@ -32,7 +32,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.case.case_file import case_files
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
+    from matching.report.common.provenance import provenance
     from matching.report.common.style import image
+    from matching.report.curves.curve_data import curve_data
+    from matching.report.curves.moving_figures import moving_figures
     from matching.report.match.figures import figures
     from matching.report.match.page import page
     from matching.report.match.text import content
@@ -42,9 +45,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with steps("match") as tell:
         found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), **effort)
-    result = content(found)
+    made = provenance(found.case, arguments.seed)
+    result = content(found) | {"made_by": made.to_dict()}
     drawn = {name: image(figure) for name, figure in figures(found).items()}
-    files: dict[str, str | bytes] = {"report.html": page(found, drawn)}
+    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, moving_figures(found), curve_data(found))}
     files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
     files |= case_files(found.tuned)
     return write_results(arguments.out, "result.json", result, files)

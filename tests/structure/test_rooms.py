@@ -54,6 +54,7 @@ FLOORS = [
     ["matching.report.drawing"],
     ["matching.report.modes", "matching.report.simulation"],
     ["matching.report.match", "matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
+    ["matching.report.curves"],
     ["matching.report.map", "matching.report.diagnosis", "matching.report.bed_test", "matching.report.excitation"],
     ["matching.report.commissioning"],
     ["matching.api"],

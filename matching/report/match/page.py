@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from typing import Any
 
 from matching.frequency.search.result import MatchResult, ParameterResult
 from matching.report.common.environment import embedded, environment
 from matching.report.common.mathml import LEGEND, equations
+from matching.report.common.provenance import Provenance
 from matching.report.common.style import RIG, VEHICLE
 from matching.report.common.wording import amount, change, component, number, sentence
 from matching.report.match.checks import checks, needs, wrong_values
@@ -29,7 +31,13 @@ NEAR_BEST = 0.01  # relative: starts that end this near to the best objective co
 MOST_POINTS = 4  # of a list on the first screen
 
 
-def page(result: MatchResult, images: Mapping[str, bytes]) -> str:
+def page(
+    result: MatchResult,
+    images: Mapping[str, bytes],
+    made: Provenance | None = None,
+    moving: Mapping[str, str] | None = None,
+    data: Mapping[str, str] | None = None,
+) -> str:
     """The page as HTML.
 
     Parameters
@@ -37,8 +45,20 @@ def page(result: MatchResult, images: Mapping[str, bytes]) -> str:
     result : MatchResult
     images : mapping of str to bytes
         Figures by the names of :func:`matching.report.match.figures.figures`, as SVG or PNG.
+    made : Provenance, optional
+        What the result was made from; without it the page does not say.
+    moving : mapping of str to str, optional
+        Figures that act, as :func:`matching.report.curves.moving_figures.moving_figures` has them.
+    data : mapping of str to str, optional
+        CSV of the curves by the name of their figure.
     """
-    return environment().get_template("match.html").render(context(result, images))
+    values = context(result, images) | {"made": made, "moving": moving or {}, "data": _addresses(data or {})}
+    return environment().get_template("match.html").render(values)
+
+
+def _addresses(data: Mapping[str, str]) -> dict[str, str]:
+    """Tables as addresses from which a browser saves them."""
+    return {name: f"data:text/csv;base64,{base64.b64encode(text.encode()).decode()}" for name, text in data.items()}
 
 
 def summary_html(result: MatchResult) -> str:

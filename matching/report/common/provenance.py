@@ -1,0 +1,59 @@
+"""Where a result comes from: date, version, seed, input files with checksums, the case as it was run."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matching.frequency.case.case import Case
+from modelling.common.tables import read_toml
+from modelling.common.version import VERSION
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a match was made from.
+
+    Attributes
+    ----------
+    date : str
+        Day of the run (UTC), or that of ``SOURCE_DATE_EPOCH`` where that is set.
+    version : str
+    seed : int
+    files : tuple of (str, str)
+        Path and SHA-256 of every input file, the case file first; empty where the case came from no file.
+    case_text : str
+        The case file as it was read.
+    """
+
+    date: str
+    version: str
+    seed: int
+    files: tuple[tuple[str, str], ...]
+    case_text: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """``made_by`` of ``result.json``."""
+        case, checksum = self.files[0] if self.files else ("", "")
+        files = [{"file": file, "sha256": sum_} for file, sum_ in self.files]
+        return {
+            "version": self.version, "date": self.date, "case": case, "sha256": checksum, "seed": self.seed,
+            "files": files,
+        }  # fmt: skip
+
+
+def provenance(case: Case, seed: int) -> Provenance:
+    """Of a case that was read from a file, and the seed of its match."""
+    now = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
+    date = time.strftime("%Y-%m-%d", time.gmtime(now))
+    path = Path(case.path)
+    if not case.path or not path.is_file():
+        return Provenance(date, VERSION, seed, (), "")
+    content = read_toml(path)
+    files = [path, *(path.parent / content[key] for key in ("vehicle", "rig") if isinstance(content.get(key), str))]
+    checked = tuple((str(file), hashlib.sha256(file.read_bytes()).hexdigest()) for file in files if file.is_file())
+    return Provenance(date, VERSION, seed, checked, path.read_text(encoding="utf-8"))

@@ -1,0 +1,44 @@
+"""The curves of a match's figures as tables (CSV), to be calculated with."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from matching.frequency.search.result import MatchResult
+from matching.report.match.checks import signals
+from matching.report.match.response_figure import curves_of
+
+DIGITS = 7  # of every number
+
+
+def curve_data(result: MatchResult) -> dict[str, str]:
+    """CSV texts by the name of the figure whose curves they hold."""
+    tables = {"responses": _responses(result)}
+    if drawn := signals(result):
+        columns = {f"{signal.title}, {who} [{signal.label.rpartition(' in ')[2]}]": values
+                   for signal in drawn for who, values in signal.curves.items()}  # fmt: skip
+        tables["manoeuvre"] = _table(["time [s]", *columns], [drawn[0].time, *columns.values()])
+    return tables
+
+
+def _responses(result: MatchResult) -> str:
+    head, columns = ["frequency [Hz]"], [result.curves.frequencies]
+    for index, pair in enumerate(result.case.compared):
+        for who, values in curves_of(result, index).items():
+            name = f"{pair.sensor} / {pair.input}, {who}"
+            head += [f"{name}, modulus [SI]", f"{name}, phase [deg]"]
+            columns += [np.abs(values), np.degrees(np.angle(values))]
+    return _table(head, columns)
+
+
+def _table(head: Sequence[str], columns: Iterable[np.ndarray]) -> str:
+    """Rows of numbers below a head."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([f"{value:.{DIGITS}g}" for value in row] for row in zip(*columns, strict=True))
+    return text.getvalue()
