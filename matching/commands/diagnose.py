@@ -6,9 +6,11 @@ from typing import Any
 HELP = """Fits the model to recordings, shows where it fails, names the cause and its place, and writes the extended
 model. Writes diagnosis.json, extended.toml, report.html and figures. A quantity of the model with a range is fitted
 within it; one without is taken as known. Every sensor's uncertainty is also the noise that the fit assumes. Without
---holdout the last 30 % of every recording is not fitted but used to judge the result."""
+--holdout the last 30 % of every recording is not fitted but used to judge the result. Files joined by + are one motion
+recorded by several loggers, whose clocks are set to that of the one with the inputs."""
 EXAMPLES = (
     "rigmatch diagnose model.toml recording.csv --out out/diagnosis",
+    "rigmatch diagnose model.toml a.csv+a_second_logger.mf4 --out out/diagnosis",
     "rigmatch diagnose model.toml a.mf4 b.mf4 --holdout c.mf4 --channels channels.toml --out out/diagnosis",
 )
 
@@ -32,18 +34,18 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.arguments import watched
     from matching.diagnosis.diagnosis import diagnose
+    from matching.diagnosis.loggers import read_loggers
     from matching.report.common.style import image
     from matching.report.diagnosis.figures import figures
     from matching.report.diagnosis.page import content, page
     from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
-    from modelling.measurement.read import read_recording
     from modelling.model.files import dumps, load
 
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
-    recordings = [read_recording(path, system, channels) for path in arguments.recordings]
-    holdout = read_recording(arguments.holdout, system, channels) if arguments.holdout else None
+    recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
+    holdout = read_loggers(arguments.holdout, system, channels) if arguments.holdout else None
     with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
 
         def tell(step: str) -> None:

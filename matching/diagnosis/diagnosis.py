@@ -27,6 +27,7 @@ from matching.diagnosis.fitting.holdout import (
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import discretisation_shift, estimates
 from matching.diagnosis.identify_causes import best_without, identify_causes
+from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
 from matching.diagnosis.search.refit_candidates import Progress
@@ -71,6 +72,7 @@ def diagnose(
     """
     for recording in [*recordings, *([holdout] if holdout else [])]:
         check_speed_units(system, recording)
+    stated, system = system, with_clocks(system, [*recordings, *([holdout] if holdout else [])])
     whole, train, judge, notes = _data(system, recordings, holdout)
     progress("base model")
     compile_models([system])
@@ -97,7 +99,7 @@ def diagnose(
         errors_by_sensor(system, base, final, before, after), pooled_errors(whole, before, after),
         fidelity(system, unseen), refitted_candidates(judged), identified.fitted, remaining_errors(final),
         recording_to_tell_rivals(final, judged, explained), notes,
-        extended_system(system, final.causes, final.fit.values), _plot_data(state, final, unseen),
+        extended_system(stated, final.causes, final.fit.values), _plot_data(state, final, unseen),
     )  # fmt: skip
 
 

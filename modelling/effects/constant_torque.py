@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from modelling.effects.first_guess import FittedMotion, Guess
-from modelling.effects.interface import EquationBuilder, Motion, Symbols
+from modelling.effects.input_offset import InputOffset
+from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 from modelling.effects.recorded_range import RecordedRange
 
@@ -22,6 +23,7 @@ class ConstantTorque(Kind):
         "directions of load, and at standstill the drive does not stay at rest."
     )
     tables = ("inertias",)
+    zero_of_recording = True
     parameters = {"torque": Parameter("N*m")}
     speed_exponent = 0
 
@@ -30,6 +32,10 @@ class ConstantTorque(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield Guess(({at: -np.ones_like(motion.time)},), lambda a: {"torque": float(a[0])})
+
+    def same_as(self, at: str, system: Drivetrain) -> list[tuple[str, str]]:
+        """An offset of each input on the inertia, with the opposite sign."""
+        return [(InputOffset.kind, f"inputs.{one.name}") for one in system.inputs if f"inertias.{one.on}" == at]
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         largest = recorded.torque[at.split(".")[1]]

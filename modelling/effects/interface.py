@@ -27,6 +27,10 @@ class Drivetrain(Protocol):
         """Shafts, see :class:`modelling.model.components.Shaft`."""
 
     @property
+    def inputs(self) -> Iterable[Any]:
+        """Inputs, see :class:`modelling.model.components.Input`."""
+
+    @property
     def sensors(self) -> Iterable[Any]:
         """Sensors, see :class:`modelling.model.components.Sensor`."""
 
@@ -141,6 +145,8 @@ class ShaftLaw:
         Coefficient of damping in parallel that grows with the square of the rate, N·m·s²/rad².
     parallel, parallel_stiffness : list of Expr
         Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
+    losses : list of callable
+        Torque of the closed law → torque (N·m) that is lost of it at the second end.
     torque : Expr
         All that the shaft transmits (N·m), once the law is closed.
     """
@@ -158,6 +164,7 @@ class ShaftLaw:
     quadratic: sm.Expr = sm.S.Zero
     parallel: list[sm.Expr] = field(default_factory=list)
     parallel_stiffness: list[sm.Expr] = field(default_factory=list)
+    losses: list[Callable[[sm.Expr], sm.Expr]] = field(default_factory=list)
     torque: sm.Expr = sm.S.Zero
 
 

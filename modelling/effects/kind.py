@@ -81,6 +81,10 @@ class Kind:
         Its only parameter times speed to this power is the torque that resists; None where it is another law.
     only_delays : bool
         Its only parameter is a time in s by which an input acts or a sensor reads later; nothing else changes.
+    zero_of_recording : bool
+        A zero that may differ between recordings: a recording that is not fitted gets its own, with its start state.
+    is_clock : bool
+        Its only parameter is by how many s the clock of a logger, whose channels share it, is late.
     zero_mean : tuple of str
         Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
     """
@@ -100,6 +104,8 @@ class Kind:
     free_play: ClassVar[str] = ""
     speed_exponent: ClassVar[int | None] = None
     only_delays: ClassVar[bool] = False
+    zero_of_recording: ClassVar[bool] = False
+    is_clock: ClassVar[bool] = False
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
@@ -193,6 +199,14 @@ class Kind:
     def places(self, system: Drivetrain) -> list[str]:
         """Every place of a system where this kind can sit by itself."""
         return [place for place in system.places() if place.split(".")[0] in self.tables]
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """Those of :meth:`places` where a diagnosis looks for it."""
+        return self.places(system)
+
+    def same_as(self, at: str, system: Drivetrain) -> Iterable[tuple[str, str]]:
+        """Kinds and places that no recording can tell from this effect at a place; they are named with it."""
+        return ()
 
     def shared_places(self, system: Drivetrain) -> list[str]:
         """Groups of sensors that may share it, as far as a diagnosis tries them: all that measure the same quantity.

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 LONGEST_MEMORY_SHARE = 0.25  # of the recording: a longer delay or lag cannot be told from a start state
-FEWEST_PERIODS = 1.0  # over the angle that an inertia turns: a torque that repeats has been seen once as a whole
+FEWEST_PERIODS = 1.0  # within the range of an angle: a torque over it has been recorded once as a whole
+FEWEST_PASSES = 3.0  # periods over the whole path: it has been recorded to repeat
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,9 @@ class RecordedRange:
     largest_reading, width : dict of str to float
         By sensor, SI: largest magnitude, and largest minus smallest reading.
     turns : dict of str to float
-        By inertia: over how many turns it moves, its segments together.
+        By inertia: over how many turns it moves, the path of all segments together.
+    range_of_turns : dict of str to float
+        By inertia: largest minus smallest angle of the segment that covers most, in turns.
     """
 
     duration: float
@@ -30,6 +33,12 @@ class RecordedRange:
     largest_reading: Mapping[str, float]
     width: Mapping[str, float]
     turns: Mapping[str, float]
+    range_of_turns: Mapping[str, float]
+
+    def lowest_order(self, inertia: str) -> float:
+        """Lowest order per turn of a torque that the recording shows to repeat over the angle of an inertia."""
+        once = FEWEST_PERIODS / max(self.range_of_turns[inertia], 1e-9)
+        return max(once, FEWEST_PASSES / max(self.turns[inertia], 1e-9))
 
     @property
     def longest_memory(self) -> float:

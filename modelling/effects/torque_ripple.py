@@ -13,7 +13,7 @@ from sympy import sin
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.recorded_range import FEWEST_PERIODS, RecordedRange
+from modelling.effects.recorded_range import RecordedRange
 
 MOST_ORDERS = 4  # that are tried from one spectrum
 HIGHEST_ORDER = 24.0  # per turn, that is searched for: above those of cogging and joints
@@ -57,7 +57,7 @@ class TorqueRipple(Kind):
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         name = at.split(".")[1]
         if key == "order":
-            return FEWEST_PERIODS / max(recorded.turns[name], 1e-9), math.inf
+            return recorded.lowest_order(name), math.inf
         return (-math.inf, recorded.torque[name]) if key == "amplitude" else (-math.inf, math.inf)
 
 

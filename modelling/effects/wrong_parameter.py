@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol
 
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain
 from modelling.effects.kind import Kind, Parameter
+
+
+class Quantified(Protocol):
+    """What has a value, SI."""
+
+    value: float
 
 
 class WrongParameter(Kind):
@@ -23,6 +30,11 @@ class WrongParameter(Kind):
     def places(self, system: Drivetrain) -> list[str]:
         return [name for name in system.parameters if name.count(".") == 2]
 
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """A whole-number ratio is counted in teeth: it is known, and what looks like another one is a loss."""
+        counted = {name for name in system.parameters if name.endswith(".ratio") and _whole(system.parameters[name])}
+        return [name for name in self.places(system) if name not in counted]
+
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         known = motion.value[at]
         scale = abs(known) or 1.0
@@ -33,3 +45,7 @@ class WrongParameter(Kind):
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.0, float("inf")) if guess > 0 else super().fit_bounds(key, guess, step)
+
+
+def _whole(quantity: Quantified) -> bool:
+    return float(quantity.value).is_integer()

@@ -124,7 +124,10 @@ class Assembly:
             law = self.shafts[shaft.name] = shaft_law.begin(shaft, self)
             for kind, p in by_place.get(law.place, ()):
                 kind.shaft(law, p, self)
+            second = law.second
             shaft_law.close(law, self)
+            for loss in law.losses:
+                self.add_torque(law.place, -loss(law.torque), second)
         for part in system.inertias:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
             self.add_inertia(place, self.symbol(f"{place}.J"), motion)

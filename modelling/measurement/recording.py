@@ -28,6 +28,8 @@ class Recording:
         The file.
     units : mapping of str to str
         The unit that the file states for a channel; empty or absent where it states none.
+    clock_groups : tuple of tuple of str
+        Sensors of each further logger, whose clock was set to that of the first.
     """
 
     time: np.ndarray
@@ -35,6 +37,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     source: str = ""
     units: Mapping[str, str] = field(default_factory=dict, repr=False)
+    clock_groups: tuple[tuple[str, ...], ...] = ()
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A channel, (t,)."""

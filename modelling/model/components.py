@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from modelling.effects import EFFECTS, Kind
-from modelling.effects.place import members
+from modelling.effects.place import members, shared_place
 from modelling.model.quantity import Quantity
 from modelling.units import QUANTITY_UNITS, SENSOR_UNITS
 
@@ -186,3 +186,11 @@ def resistance(at: str, exponent: int, coefficient: float) -> Effect:
     """The effect on an inertia whose torque coefficient·speed^exponent resists, SI."""
     law = next(law for law in EFFECTS.values() if law.speed_exponent == exponent)
     return Effect(law.kind, at, tuple((key, Quantity(coefficient)) for key in law.parameters))
+
+
+def clock_error(places: Iterable[str], largest: float) -> Effect:
+    """The effect on the channels of a logger whose clock is late by an uncertain time, at most ``largest`` s."""
+    law = next(law for law in EFFECTS.values() if law.is_clock)
+    return Effect(
+        law.kind, shared_place(places), tuple((key, Quantity(0.0, -largest, largest)) for key in law.parameters)
+    )

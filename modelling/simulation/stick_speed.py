@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelling.equations.assembly import STICK_SPEED
+from modelling.effects.interface import Motion
+from modelling.equations.assembly import STICK_SPEED, Assembly
 from modelling.equations.compiled import Model
 from modelling.simulation.plan import STABLE_STEP, rates_at_rest, steps_per_second
 
@@ -46,7 +47,7 @@ def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndar
     speeds = []
     for effect in model.system.effects:
         if effect.law.sticks:
-            share = a.motions[effect.at.removeprefix("inertias.")].coefficients
+            share = _sliding_motion(a, effect.at).coefficients
             speeds.append(
                 sum(
                     float(c.subs({s: values[str(s)] for s in c.free_symbols})) * states[:, model.n + i]
@@ -54,3 +55,9 @@ def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndar
                 )
             )
     return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))
+
+
+def _sliding_motion(assembly: Assembly, at: str) -> Motion:
+    """The motion that dry friction at a place opposes: that of the inertia, or of a shaft's second end."""
+    table, name = at.split(".")
+    return assembly.motions[name] if table == "inertias" else assembly.shafts[name].second

@@ -58,11 +58,20 @@ def test_bounds_of_a_cause(model: ExtendedModel, kind: str, at: str, parameters:
     assert extended.bounds[extended.causes[0].names()[key]] == pytest.approx(expected)
 
 
-def test_a_ripple_of_less_than_two_periods_is_beyond_the_recording(model: ExtendedModel) -> None:
+@pytest.mark.parametrize(("turns", "path", "lowest"), [(0.8, 11.0, 1.25), (8.0, 8.0, 0.375), (8.0, 40.0, 0.125)])
+def test_orders_are_those_whose_period_was_recorded_as_a_whole_and_three_times(
+    model: ExtendedModel, turns: float, path: float, lowest: float
+) -> None:
+    """An axis that swings over 0.8 turns eleven turns long shows no order of 0.1, though one period fits its path."""
+    assert model.recorded is not None
+    recorded = replace(model.recorded, turns={"rotor": path}, range_of_turns={"rotor": turns})
     ripple = {"order": 2.0, "amplitude": 0.1, "phase": 0.0}
-    extended = model.with_cause("torque_ripple", "inertias.rotor", ripple, 0.01)
+    extended = replace(model, recorded=recorded).with_cause("torque_ripple", "inertias.rotor", ripple, 0.01)
     low, _ = extended.bounds["inertias.rotor.torque_ripple.order"]
-    assert low >= 2 / (SPEED * DURATION / (2 * np.pi)) * (1 - 1e-3)
+    assert low == pytest.approx(max(lowest, 1.7))  # a fit keeps within 0.3 of its guess
+    names = extended.causes[0].names()
+    at_end = {names["order"]: lowest, names["amplitude"]: 0.1, names["phase"]: 0.0}
+    assert extended.not_taken(SimpleNamespace(values=at_end)) == "beyond_recording"
 
 
 def test_values_at_the_end_of_the_recorded_range_are_refused(model: ExtendedModel) -> None:

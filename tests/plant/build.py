@@ -53,6 +53,12 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
         case "torque_ripple":
             for key in ("order", "amplitude", "phase"):
                 chain[f"ripple_{key}"][index] = p[key]
+        case "position_torque":
+            for key in ("period", "amplitude", "phase"):
+                chain[f"place_{key}"][index] = p[key]
+        case "gear_loss":
+            chain["lost_driven"][index] = 1 - p["efficiency"]
+            chain["lost_driving"][index] = 1 / p.get("efficiency_reverse", p["efficiency"]) - 1
         case "disturbance":
             chain.disturbed, chain.disturbance = index, (p["amplitude"], 2 * np.pi * p["frequency"], p["phase"])
         case "hysteresis":
@@ -69,6 +75,7 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
                 "dead_time": ("delay", "delay"),
                 "input_lag": ("lag", "time_constant"),
                 "input_gain": ("factor", "factor"),
+                "input_offset": ("offset", "offset"),
                 "saturating_actuator": ("limit", "limit"),
             }.get(effect.kind)
             if slot:

@@ -77,7 +77,7 @@ def make_case(
         if kind not in KINDS:
             raise ValueError(f"unknown kind {kind!r}")
         hidden.append(first_that_fits(scene, kind, place, target, rng, hidden))
-    watched = {e.name for e in hidden if e.at.startswith("sensors.")}
+    watched = {name for e in hidden if e.at.startswith("sensors.") for name in e.members}
     spare = [name for name in scene.drive.sensors if name not in watched]
     left_out = [str(name) for name in rng.permutation(spare)[:missing]]
     told = {"system": system, "size": size, "noise": noise, "seed": seed, "closed_loop": closed_loop}

@@ -18,12 +18,14 @@ typedef struct {
     /* inertias; J, drag (and k, c of shafts) hold a second block that holds from jump_sample on */
     const double *J, *drag, *friction, *friction_reverse, *breakaway, *breakaway_reverse, *stribeck_speed;
     const double *quadratic, *constant, *ripple_order, *ripple_amplitude, *ripple_phase;
+    const double *place_period, *place_amplitude, *place_phase;   /* resisting torque that repeats over the angle */
     /* shafts */
     const int *first, *second;
     const double *ratio, *k, *c, *gap, *cubic, *dahl_torque, *dahl_angle, *series_damper, *wave_amplitude, *wave_order;
+    const double *lost_driven, *lost_driving;   /* shares of the torque that the second end loses */
     /* inputs */
     const int *on, *controlled;
-    const double *delay, *lag, *factor, *limit;
+    const double *delay, *lag, *factor, *limit, *offset;
     const double *gain_p, *gain_i, *torque_limit, *reference, *feedback_noise;
     double *input;   /* samples x u: feed-forward before, recorded torque after */
     const double *start;   /* angle[n], speed[n] */
@@ -51,7 +53,7 @@ static double recorded(const Plant *p, int j, double t) {
     if (x > p->samples - 1) x = p->samples - 1;
     a = p->input[k * p->u + j];
     b = p->input[(k + 1) * p->u + j];
-    a = p->factor[j] * (a + (b - a) * (x - k));
+    a = p->factor[j] * (a + (b - a) * (x - k)) + p->offset[j];
     if (a > p->limit[j]) a = p->limit[j];
     if (a < -p->limit[j]) a = -p->limit[j];
     return a;
@@ -98,6 +100,9 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
         if (p->ripple_amplitude[i] != 0)
             load[i] += p->ripple_amplitude[i] * sin(p->ripple_order[i] * q[i] + p->ripple_phase[i]);
     }
+    for (int i = 0; i < p->n; i++)
+        if (p->place_amplitude[i] != 0)
+            load[i] -= p->place_amplitude[i] * sin(6.283185307179586 * q[i] / p->place_period[i] + p->place_phase[i]);
     if (p->disturbed >= 0)
         load[p->disturbed] += p->disturbance_amplitude * sin(p->disturbance_frequency * t + p->disturbance_phase);
     for (int j = 0; j < p->u; j++) {
@@ -110,6 +115,11 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
         torque[j] = shaft_torque(p, j, y, m, b, &dy[2 * p->n + p->s + j]);
         load[p->first[j]] -= torque[j] / p->ratio[j];
         load[p->second[j]] += torque[j];
+        if (p->lost_driven[j] > 0 || p->lost_driving[j] > 0) {
+            double power = torque[j] * w[p->second[j]];
+            double lost = fabs(torque[j]) * (power > 0 ? p->lost_driven[j] : p->lost_driving[j]);
+            load[p->second[j]] -= w[p->second[j]] > 0 ? lost : w[p->second[j]] < 0 ? -lost : 0;
+        }
         dy[2 * p->n + j] = p->dahl_torque[j] > 0
             ? (rate - fabs(rate) * dahl[j] / p->dahl_torque[j]) * p->dahl_torque[j] / p->dahl_angle[j] : 0;
     }

@@ -30,6 +30,9 @@ INERTIA = (
     "ripple_order",
     "ripple_amplitude",
     "ripple_phase",
+    "place_period",
+    "place_amplitude",
+    "place_phase",
 )
 SHAFT_ENDS = ("first", "second")
 SHAFT = (
@@ -43,9 +46,11 @@ SHAFT = (
     "series_damper",
     "wave_amplitude",
     "wave_order",
+    "lost_driven",
+    "lost_driving",
 )
 INPUT_FLAGS = ("on", "controlled")
-INPUT = ("delay", "lag", "factor", "limit", "gain_p", "gain_i", "torque_limit")
+INPUT = ("delay", "lag", "factor", "limit", "offset", "gain_p", "gain_i", "torque_limit")
 LATE = {"J", "drag", "k", "c"}  # these have a second block that holds after a parameter jump
 ARRAYS = (
     *INERTIA,

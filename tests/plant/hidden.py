@@ -27,7 +27,12 @@ class Hidden:
 
     @property
     def name(self) -> str:
-        return self.at.split(".")[1]
+        return self.at.split("+")[0].split(".")[1]
+
+    @property
+    def members(self) -> list[str]:
+        """Names of all that share it."""
+        return [place.split(".")[1] for place in self.at.split("+")]
 
 
 @dataclass
@@ -43,6 +48,7 @@ class Scales:
     noise: dict[str, float]
     duration: float
     crest: dict[str, float]  # shaft -> peak / rms of the twist
+    swing: dict[str, float]  # inertia -> range of its angle
 
 
 def scales(drive: Drive, motion: Motion, readings: dict[str, np.ndarray], noise: dict[str, float]) -> Scales:
@@ -61,6 +67,7 @@ def scales(drive: Drive, motion: Motion, readings: dict[str, np.ndarray], noise:
         noise,
         float(motion.time[-1]),
         {name: peak[name] / torque[name] for name in drive.shafts},
+        {name: float(np.ptp(motion.angle[:, i])) for i, name in enumerate(drive.inertias)},
     )
 
 
@@ -72,6 +79,7 @@ class Kind:
     parameters: Callable[..., Callable[[float], dict[str, float]]]
     largest: float = 20.0
     inside: bool = True
+    chosen: bool = True  # in the first campaign, whose orders stay as they were
 
 
 def _sign(rng: np.random.Generator) -> float:
@@ -156,6 +164,31 @@ def _jump_value(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any
     return lambda s: {"value": d.values[name] * float(np.exp(0.3 * sign * s)), "time": when}
 
 
+def _input_offset(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    sign = _sign(rng)
+    return lambda s: {"offset": sign * 0.1 * s * c.input_peak[name]}
+
+
+def _gear_loss(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    more = rng.uniform(1.2, 2.0) if rng.random() < 0.4 else 0.0
+
+    def parameters(s: float) -> dict[str, float]:
+        lost = 0.5 * (1 - np.exp(-0.2 * s))  # never more than half
+        return {"efficiency": 1 - lost} | ({"efficiency_reverse": max(1 - more * lost, 0.05)} if more else {})
+
+    return parameters
+
+
+def _position(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    period, phase = rng.uniform(0.4, 1.2) * c.swing[name], rng.uniform(-np.pi, np.pi)
+    return lambda s: {"period": period, "amplitude": s * c.drive_torque[name], "phase": phase}
+
+
+def _clock(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    sign = _sign(rng)
+    return lambda s: {"offset": 0.005 * sign * s}
+
+
 def _seven_hertz(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     phase = rng.uniform(-np.pi, np.pi)
     return lambda s: {"amplitude": s * c.drive_torque[name], "frequency": 7.0, "phase": phase}
@@ -196,6 +229,10 @@ KINDS: dict[str, Kind] = {
     "sensor_delay": Kind("sensors", _late("delay"), 40.0),
     "sensor_lag": Kind("sensors", _late("time_constant"), 40.0),
     "wrong_parameter": Kind("values", _wrong, 6.0),
+    "input_offset": Kind("inputs", _input_offset, 10.0, chosen=False),
+    "gear_loss": Kind("shafts", _gear_loss, chosen=False),
+    "position_torque": Kind("inertias", _position, 5.0, chosen=False),
+    "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
     "clock_jump": Kind("sensors", _jump_clock, 40.0, inside=False),
     "saturating_actuator": Kind(
         "inputs",
@@ -213,7 +250,8 @@ KINDS: dict[str, Kind] = {
 }
 # two entries that the specification calls by one kind, apart here because they differ in place
 SPOKEN = {"input_lag": "lag", "sensor_lag": "lag"}
-INSIDE = tuple(kind for kind, entry in KINDS.items() if entry.inside)
+INSIDE = tuple(kind for kind, entry in KINDS.items() if entry.inside and entry.chosen)
+NEWER = tuple(kind for kind, entry in KINDS.items() if entry.inside and not entry.chosen)
 OUTSIDE = tuple(kind for kind, entry in KINDS.items() if not entry.inside)
 
 
@@ -225,6 +263,12 @@ def places(drive: Drive, kind: str) -> list[str]:
         return [name for name in drive.values if name.rsplit(".", 1)[1] in ends]
     if kind == "clock_jump":
         return ["sensors.all"]
+    if kind == "clock_offset":
+        what = [measures for measures, _ in drive.sensors.values()]
+        groups = {one: [name for name, (measures, _) in drive.sensors.items() if measures == one] for one in what}
+        return [
+            "+".join(f"sensors.{name}" for name in group) for group in groups.values() if 1 < len(group) < len(what)
+        ]
     found = [f"{group}.{name}" for name in getattr(drive, group)]
     if kind == "crosstalk" and len({what for what, _ in drive.sensors.values()}) < 2:
         return []

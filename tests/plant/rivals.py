@@ -16,7 +16,7 @@ from plant.systems import Drive
 ALIKE = [
     ("coulomb_friction", "stribeck_friction", "quadratic_drag", "constant_torque"),
     ("backlash", "hardening", "hysteresis", "slip", "compliance"),
-    ("dead_time", "input_lag", "input_gain"),
+    ("dead_time", "input_lag", "input_gain", "input_offset"),
     ("sensor_delay", "sensor_lag", "sensor_gain", "sensor_offset", "sensor_drift"),
 ]
 # another kind is inseparable when the rival leaves less than this chi-square: the likelihood cannot part the two

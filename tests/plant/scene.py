@@ -52,7 +52,7 @@ def set_scene(
 
 def scaled(scene: Scene, kind: str, at: str, draw: int) -> Callable[[float], dict[str, float]]:
     """The parameters of a kind at a place as a function of its size."""
-    name = at if KINDS[kind].group == "values" else at.split(".")[1]
+    name = at if KINDS[kind].group == "values" else Hidden(kind, at).name
     return KINDS[kind].parameters(np.random.default_rng(draw), scene.drive, scene.scale, name)
 
 

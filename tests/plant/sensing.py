@@ -9,7 +9,7 @@ from plant.engine import Motion
 from plant.hidden import Hidden
 from plant.systems import Drive
 
-FINE = ("sensor_delay", "sensor_lag", "clock_jump")  # faults that need the motion between samples
+FINE = ("sensor_delay", "sensor_lag", "clock_jump", "clock_offset")  # faults that need the motion between samples
 
 
 def rows_needed(effects: list[Hidden]) -> int:
@@ -40,6 +40,8 @@ def read(drive: Drive, motion: Motion, effects: list[Hidden], rows: int, begin: 
                 value = _lagged(value, fine[1] - fine[0], e.parameters["time_constant"])
             elif e.kind == "sensor_delay" and e.name == name:
                 shift += e.parameters["delay"]
+            elif e.kind == "clock_offset" and name in e.members:
+                shift += e.parameters["offset"]
             elif e.kind == "clock_jump":
                 shift += np.where(time >= e.parameters["time"], e.parameters["jump"], 0.0)
         late = np.any(shift)

@@ -57,6 +57,10 @@ EFFECTS = {
     "sensor_drift": ("sensors.link_torque", {"rate": 0.1}),
     "sensor_delay": ("sensors.load_speed", {"delay": 0.0033}),
     "wrong_parameter": ("inertias.load.J", {"value": 1.5}),
+    "input_offset": ("inputs.motor_torque", {"offset": 0.4}),
+    "gear_loss": ("shafts.link", {"efficiency": 0.92, "efficiency_reverse": 0.85}),
+    "position_torque": ("inertias.motor", {"period": 1.5, "amplitude": 0.5, "phase": 0.3, "amplitude_2": 0.2}),
+    "clock_offset": ("sensors.load_speed", {"offset": 0.0033}),
 }
 
 

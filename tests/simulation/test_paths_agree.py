@@ -13,7 +13,8 @@ MIXED = [
     ("backlash", "coulomb_friction", "dead_time", "sensor_delay", "lag"),
     ("hysteresis", "hardening", "stribeck_friction", "sensor_gain", "sensor_drift"),
     ("slip", "compliance", "quadratic_drag", "wrong_parameter"),
-    ("constant_torque", "torque_ripple", "input_gain", "sensor_offset"),
+    ("constant_torque", "torque_ripple", "input_gain", "sensor_offset", "input_offset"),
+    ("gear_loss", "position_torque", "clock_offset"),
 ]
 KINDS = [(kind,) for kind in EFFECTS] + MIXED[1:2]
 

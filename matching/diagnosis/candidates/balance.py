@@ -14,6 +14,7 @@ from scipy.linalg import expm
 
 from matching.diagnosis.candidates.smoother import stationary_smoother
 from matching.diagnosis.fitting.fit import Fit
+from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
 from modelling.model.components import Input
 from modelling.model.system import System
@@ -101,6 +102,11 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
         Parameters by name, SI.
     scale : float
         A torque typical of the drivetrain, N·m.
+
+    Raises
+    ------
+    InputError
+        If the readings determine no motion: absurd values, units or sampling.
     """
     linear, data = linear_model(system, value), fit.problem.data
     n, x, torques = linear.model.n, len(linear.A), linear.B.shape[1]
@@ -111,7 +117,14 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
     Q = np.diag([0.0] * x + [variance] * torques)
     angles = np.hstack([np.eye(n), np.zeros((n, x + torques - n))])
     H = np.vstack([np.hstack([linear.C, linear.D]), angles])
-    smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
+    try:
+        smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            data.segments[0].name or "recording",
+            "no motion of the model's inertias follows from its readings",
+            "check units and sampling of the channels, and the sensors' uncertainties",
+        ) from None
     parts = []
     for residual, segment in zip(fit.errors, data.segments, strict=True):
         deviation = np.where(segment.measured, residual * data.noise, 0.0)

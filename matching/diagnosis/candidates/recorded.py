@@ -36,7 +36,11 @@ def recorded_range(system: System, data: FitData, motion: FittedMotion) -> Recor
         {name: float(np.abs(values).max(initial=0.0)) for name, values in measured.items()},
         {name: float(np.ptp(values)) if len(values) else 0.0 for name, values in measured.items()},
         {
-            name: sum(float(np.ptp(angle[p])) for p in motion.segments) / (2 * np.pi)
+            name: sum(float(np.abs(np.diff(angle[p])).sum()) for p in motion.segments) / (2 * np.pi)
+            for name, angle in motion.angle.items()
+        },
+        {
+            name: max(float(np.ptp(angle[p])) for p in motion.segments) / (2 * np.pi)
             for name, angle in motion.angle.items()
         },
     )

@@ -151,7 +151,7 @@ class Screening:
         for kind, effect in EFFECTS.items():
             places = [
                 at
-                for at in (*effect.places(system), *effect.shared_places(system))
+                for at in (*effect.candidate_places(system), *effect.shared_places(system))
                 if not any((kind, place) in present for place in members(at))
                 and not (effect.replaces_quantity and system.parameters[at].uncertain)
             ]

@@ -7,21 +7,27 @@ rattling forgets where it began (multiple shooting: Bock and Plitt 1984).
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from matching.diagnosis.candidates.carry_over import start_states
 from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.candidates.refit import extended_problem
+from matching.diagnosis.candidates.refit import SEARCH, extended_problem
+from matching.diagnosis.data.segments import Segment
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
+from matching.diagnosis.fitting.problem import FitProblem
+from matching.diagnosis.fitting.start_states import flank_shifts
 
 SHORTEST_WINDOW = 0.5  # s
 MOST_WINDOWS = 24
+POOR_RATIO = 3.0  # of the median of the windows' mean squares, from which one began on the wrong flank
+MOST_FLANKS, FLANK_ITERATIONS = 3, 12  # windows begun on every flank in a round, and the iterations of each fit
 ITERATIONS, AGAIN_ITERATIONS = 30, 15
-ROUNDS = 3  # in which windows may begin where the one before ends
-GOOD = 1.2  # mean square of the residual in times the noise, which needs no further round
+ROUNDS = 8  # at most, in which windows may begin where the one before ends
+GOOD = 1.02  # mean square of the residual in times the noise, which needs no further round
 PROGRESS = 0.98  # of χ², for a round to count
+LOST_RATIO = 2.0  # of χ² to that of windows half as long, from which longer ones have lost the way
 
 
 def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> Fit:
@@ -40,15 +46,64 @@ def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> 
     windows = _cut(parent, motion)
     problem, p = extended_problem(model, windows)
     problem.held_states = start_states(problem, windows, p)
-    fit = solve(problem, problem.pack(model.values, problem.held_states), None, FitOptions(ITERATIONS))
+    return _again(solve(problem, problem.pack(model.values, problem.held_states), None, FitOptions(ITERATIONS)))
+
+
+def _again(fit: Fit) -> Fit:
+    """A fit over windows begun again from better start states while that pays."""
     for _ in range(ROUNDS):
-        if fit.cost < GOOD * problem.data.readings_count:
+        if fit.cost < GOOD * fit.problem.data.readings_count:
             break
-        again = solve(problem, _joined(fit), None, FitOptions(AGAIN_ITERATIONS))
+        again = solve(fit.problem, _joined(fit), None, FitOptions(AGAIN_ITERATIONS))
         if again.cost > PROGRESS * fit.cost:
             break
         fit = again
     return fit
+
+
+def fit_longer_windows(fit: Fit) -> Fit:
+    """The fit of short windows carried on over windows twice as long, again and again, until they are whole segments.
+
+    A fit over long windows finds its way only from near the minimum, and that of windows half as long is near enough.
+    Where it does not keep what those reached (rattling forgets where it began), the last that did is returned.
+    """
+    while True:
+        segments, starts = _pairs(fit)
+        if len(segments) == len(fit.problem.data.segments):
+            return fit
+        problem = replace(fit.problem, data=replace(fit.problem.data, segments=tuple(segments)), held_states=starts)
+        begun = replace(fit, problem=problem, v=problem.pack(fit.values, starts))
+        longer = _again(solve(problem, _joined(begun), None, SEARCH))
+        if longer.cost > LOST_RATIO * fit.cost:
+            return fit
+        fit = longer
+
+
+def _pairs(fit: Fit) -> tuple[list[Segment], list[np.ndarray]]:
+    """Windows of a fit joined two by two where one begins at the other's last sample, and their start states (x,)."""
+    windows = list(zip(fit.problem.data.segments, fit.starts, strict=True))
+    run, begins_run = 0, []
+    for i, (segment, _) in enumerate(windows):
+        before = windows[i - 1][0] if i else None
+        run += not (before and before.name == segment.name and before.time[-1] == segment.time[0])
+        begins_run.append(run)
+    segments, starts = [], []
+    for _, group in groupby(zip(windows, begins_run, strict=True), key=lambda pair: pair[1]):
+        members = [window for window, _ in group]
+        for i in range(0, len(members), 2):
+            segments.append(_joined_segment([segment for segment, _ in members[i : i + 2]]))
+            starts.append(members[i][1])
+    return segments, starts
+
+
+def _joined_segment(parts: list[Segment]) -> Segment:
+    """Windows that share the last sample of one with the first of the next, as one."""
+    pieces = [parts[0], *(part.part(1, len(part.time)) for part in parts[1:])]
+    time, inputs, readings = (
+        np.concatenate(arrays)
+        for arrays in zip(*((piece.time, piece.inputs, piece.readings) for piece in pieces), strict=True)
+    )
+    return replace(parts[0], time=time, inputs=inputs, readings=readings)
 
 
 def _cut(parent: Fit, motion: np.ndarray) -> Fit:
@@ -69,13 +124,41 @@ def _cut(parent: Fit, motion: np.ndarray) -> Fit:
 
 
 def _joined(fit: Fit) -> np.ndarray:
-    """Variables of a fit over windows, each beginning where the one before ends if it fits better from there."""
+    """Variables of a fit over windows, each beginning where the one before ends if it fits better from there; poor ones
+    on the flank of a free play from which they fit best."""
     problem, starts = fit.problem, fit.starts
     ends = [states[-1] for states in problem.states(fit.v)]
     v = problem.pack(fit.values, [starts[0], *ends[:-1]])
-    from_ends = problem.by_sensor(problem.residuals(v[None])[0])
-    joined = [
-        end if chi_square(moved.ravel()) < chi_square(kept.ravel()) else start
-        for start, end, moved, kept in zip(starts, problem.unpack(v)[1], from_ends, fit.by_sensor(), strict=True)
+    kept, moved = (_squares(problem, one) for one in (fit.v, v))
+    starts = [
+        end if b < a else start for start, end, a, b in zip(starts, problem.unpack(v)[1], kept, moved, strict=True)
     ]
-    return problem.pack(fit.values, joined)
+    squares = np.minimum(kept, moved)
+    count = np.array([segment.measured.sum() for segment in problem.data.segments])
+    share = squares / np.maximum(count, 1)
+    poor = share > max(GOOD, POOR_RATIO * float(np.median(share)))
+    for i in sorted(np.flatnonzero(poor).tolist(), key=lambda i: -share[i])[:MOST_FLANKS]:
+        starts[i] = _best_flank(fit, i, starts[i])
+    return problem.pack(fit.values, starts)
+
+
+def _best_flank(fit: Fit, i: int, start: np.ndarray) -> np.ndarray:
+    """The start state (x,) of a window that fits best, begun on the flanks of a free play, the parameters held.
+
+    From within a free play, or from its wrong flank, no small step leads to the right one.
+    """
+    known = {name: value for name, value in fit.values.items() if name in fit.problem.system.parameters}
+    system = fit.problem.system.with_values(known)
+    data = replace(fit.problem.data, segments=(fit.problem.data.segments[i],))
+    window = replace(fit.problem, system=system, data=data, bounds={}, held_states=[start])
+    shifts = flank_shifts(system, window.model)
+    if len(shifts) == 1:
+        return start
+    begins = [start + share * shift for shift in shifts for share in (1, 2)][1:]
+    fits = [solve(window, window.pack({}, [begin]), None, FitOptions(FLANK_ITERATIONS)) for begin in begins]
+    return min(fits, key=lambda one: one.cost).starts[0]
+
+
+def _squares(problem: FitProblem, v: np.ndarray) -> np.ndarray:
+    """χ² (w,) of every window for variables v (v,)."""
+    return np.array([chi_square(part.ravel()) for part in problem.by_sensor(problem.residuals(v[None])[0])])

@@ -22,6 +22,7 @@ REJECTED, REJECTED_SHARE = 0.5, 1e-5  # the same after a step from a Jacobian of
 ACCEPTED_GAIN = 1e-4  # decrease over promised decrease from which a step is taken
 KEEP_GAIN = (0.7, 1.5)  # in between, an old Jacobian serves on
 GROW_GAIN, SHRINK_GAIN, RENEW_GAIN = 0.7, 0.25, 0.5  # of the trust region; of the Jacobian
+SMALLEST_DIFFERENCE = 1.0  # of the residual, in times the noise: less is lost in what the integration leaves
 SHORTEST_STEP = 1e-10  # in times the noise
 HOPELESS_RATIO, HOPELESS_PROGRESS = 3.0, 0.2  # given up: χ² beyond so many times the rival's, gaining less than this
 PATIENCE = 2  # iterations before a fit is compared with its rival
@@ -125,6 +126,7 @@ class _Descent:
         if not np.isfinite(self.cost):
             raise FloatingPointError("the simulation diverges at the start of the fit")
         self.radius = np.inf
+        self._finer_steps: np.ndarray | None = None  # (v,) of the differences, once wider ones failed
         self._use(jacobian(problem, self.v, self.residual) if known_jacobian is None else known_jacobian)
         self.fresh = known_jacobian is None
         self._paced = (0, self.cost)  # iteration and χ² when last judged with a Jacobian of the point itself
@@ -170,9 +172,23 @@ class _Descent:
                 return False
         renew = moved and gain < RENEW_GAIN if self.fresh else not KEEP_GAIN[0] < gain < KEEP_GAIN[1]
         if renew:
-            self._use(jacobian(problem, self.v, self.residual))
+            self._use(jacobian(problem, self.v, self.residual, largest_central=self._finer_steps))
+        elif self.fresh and not moved:
+            self._refine_differences()
         self.fresh = renew or (self.fresh and not moved)
         return True
+
+    def _refine_differences(self) -> None:
+        """A Jacobian of the same point by central differences no wider than the trust region.
+
+        Where torques jump, χ² has kinks: differences over wide steps describe it far away, and no step along them
+        lowers it here (implicit filtering; Kelley, Iterative Methods for Optimization, 1999, chapter 7).
+        """
+        if self.radius < SMALLEST_DIFFERENCE:
+            return
+        length = np.linalg.norm(self.jacobian, axis=0)
+        self._finer_steps = np.where(length > 0, self.radius / np.where(length > 0, length, 1.0), np.inf)
+        self._use(jacobian(self.problem, self.v, self.residual, largest_central=self._finer_steps))
 
     def _hopeless(self, iteration: int, reached: float) -> bool:
         """Whether the fit will not come near those it is compared with."""

@@ -14,6 +14,7 @@ from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import Fit, FitOptions, solve
 from matching.diagnosis.fitting.problem import FitProblem
 from matching.diagnosis.fitting.start_states import first_state, flank_shifts
+from modelling.model.system import System
 
 START_ITERATIONS = 30  # of the fit of start states
 
@@ -158,14 +159,15 @@ def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
 
 
 def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
-    """Other data: parameters as fitted, only the start states are fitted to them."""
+    """Other data: parameters as fitted, only the start states are fitted to them, and the zeros of the recording."""
     problem = _without_memory(fit.problem)
     known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
     system = problem.system.with_values(known)
-    fixed = FitProblem(system, data, {}, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
+    zeros = {name: problem.bounds[name] for name in zeros_of_recording(system) if name in problem.bounds}
+    fixed = FitProblem(system, data, zeros, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
     starts = [first_state(system, fixed.model, segment) for segment in data.segments]
     fits = [
-        solve(fixed, fixed.pack({}, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
+        solve(fixed, fixed.pack(known, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
         for shift in flank_shifts(system, fixed.model)
     ]
     best = np.argmin([[np.sum(part**2) for part in fit.by_sensor()] for fit in fits], axis=0)
@@ -173,7 +175,13 @@ def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
     starts = [fits[k].starts[i] for i, k in enumerate(best)]
     same = replace(problem, data=data, held_states=None)
     none_used = (0,) * len(data.segments)
-    return [HoldoutRun(same, same.pack(fit.values, starts), residual, none_used, False)]
+    values = fit.values | fits[int(np.argmin([one.cost for one in fits]))].values
+    return [HoldoutRun(same, same.pack(values, starts), residual, none_used, False)]
+
+
+def zeros_of_recording(system: System) -> list[str]:
+    """Names of the parameters of effects that are zeros: a recording that was not fitted has its own."""
+    return [f"{e.name}.{key}" for e in system.effects if e.law.zero_of_recording for key, _ in e.parameters]
 
 
 def _without_memory(problem: FitProblem) -> FitProblem:

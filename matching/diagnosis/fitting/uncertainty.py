@@ -64,6 +64,9 @@ def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
             notes.append("not identifiable: the data do not narrow its range")
         if shift is not None:
             uncertainty = float(np.hypot(uncertainty, shift[i]))
+        if uncertainty == 0.0:
+            uncertainty = np.inf
+            notes.append("unknown: no reading depends on it")
         out[name] = Estimate(float(fit.v[i]), uncertainty, "; ".join(notes))
     return out
 

@@ -10,7 +10,7 @@ import numpy as np
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.candidates.refit import SEARCH, fit_extended
 from matching.diagnosis.candidates.screening import Screening
-from matching.diagnosis.candidates.short_windows import fit_short_windows
+from matching.diagnosis.candidates.short_windows import fit_longer_windows, fit_short_windows
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.friction_regularisation import MOST_STEPS, with_sharper_friction
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
@@ -161,14 +161,18 @@ def _from_windows(parent: Hypothesis, hypothesis: Hypothesis, motion: np.ndarray
         short = again if again.cost < short.cost else short
     if short.cost > BETTER_WINDOWS * hypothesis.fit.cost:
         return None
-    one_segment = len(parent.fit.problem.data.segments) == 1
-    model = replace(
-        hypothesis.model,
-        values=hypothesis.model.values | short.values,
-        starts=(short.starts[0],) if one_segment else (),
-    )
+    windows = fit_longer_windows(short)
+    values = hypothesis.model.values | windows.values
+    model = replace(hypothesis.model, values=values, starts=_segment_starts(windows, parent.fit))
     fit = fit_extended(model, parent.fit, replace(SEARCH, iterations=ITERATIONS_AFTER_WINDOWS))
     abrupt = any(EFFECTS[cause.kind].abrupt for cause in hypothesis.causes)
-    if abrupt and short.cost < MUCH_BETTER_WINDOWS * fit.cost:
-        fit = short  # with backlash no long simulation can be reproduced; the windows are what can be judged
+    whole = len(windows.problem.data.segments) == len(parent.fit.problem.data.segments)
+    if windows.cost < fit.cost if whole else abrupt and windows.cost < MUCH_BETTER_WINDOWS * fit.cost:
+        fit = windows  # with backlash no long simulation can be reproduced; the windows are what can be judged
     return replace(hypothesis, model=model, fit=fit)
+
+
+def _segment_starts(windows: Fit, parent: Fit) -> tuple[np.ndarray, ...]:
+    """Start states (x,) of a parent's segments, from the windows that begin with them."""
+    at = {(s.name, float(s.time[0])): x for s, x in zip(windows.problem.data.segments, windows.starts, strict=True)}
+    return tuple(at[segment.name, float(segment.time[0])] for segment in parent.problem.data.segments)

@@ -61,11 +61,14 @@ def named_causes(
         cause, part = one.cause, share_explained_by(final, one.without)
         own = next(r for r in one.rated if (r.kind, r.at) == (cause.kind, cause.at))
         rivals = _rivals(one)
-        alternatives = [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
+        same = list(EFFECTS[cause.kind].same_as(cause.at, system))
+        certain = confidence(own.share, explained, part) / (1 + len(same))
+        alternatives = [Alternative(kind, at, certain) for kind, at in same]
+        alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
         causes.append(
             NamedCause(
-                cause.kind, cause.at, _parameters(system, cause, estimates), confidence(own.share, explained, part),
-                _evidence(system, one.without, final, rivals[0].hypothesis if rivals else None),
+                cause.kind, cause.at, _parameters(system, cause, estimates), certain,
+                _evidence(system, one.without, final, rivals[0].hypothesis if rivals else None) + _alike(same),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 one.without.chi_square / final.chi_square,
             )
@@ -102,6 +105,11 @@ def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
             instead_of = f"{one.cause.kind} at {place_in_words(one.cause.at)}"
             out.append(Candidate(rated.kind, rated.at, instead_of, misfit, chi_square, rated.share))
     return out
+
+
+def _alike(same: Sequence[tuple[str, str]]) -> str:
+    """What no recording tells from a cause, in words; empty where there is nothing."""
+    return f"; no recording tells it from {' or '.join(f'{kind} at {at}' for kind, at in same)}" if same else ""
 
 
 def _rivals(judged: JudgedCause) -> list[RatedCause]:

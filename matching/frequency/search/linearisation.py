@@ -29,7 +29,7 @@ def check_sliding(case: Case) -> None:
     for system in (case.vehicle, case.rig):
         speeds = speeds_of(system)
         for effect in system.effects:
-            name = effect.at.removeprefix("inertias.")
+            name = _sliding_inertia(system, effect.at)
             if effect.law.sticks and abs(speeds.get(name, 0.0)) < SLIDING_FROM:
                 at = "at standstill" if system.operating_point is None else f"at {speeds[name]:.2g} rad/s"
                 raise InputError(
@@ -37,6 +37,14 @@ def check_sliding(case: Case) -> None:
                     f"the dry friction of {effect.at} sticks {at}: no linear model holds",
                     CURE,
                 )
+
+
+def _sliding_inertia(system: System, at: str) -> str:
+    """The inertia whose motion dry friction at a place opposes: of a shaft, its second end."""
+    table, name = at.split(".")[:2]
+    return (
+        next((shaft.between[1] for shaft in system.shafts if shaft.name == name), name) if table == "shafts" else name
+    )
 
 
 def unloaded_lashes(case: Case) -> list[str]:

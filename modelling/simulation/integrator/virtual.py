@@ -241,7 +241,7 @@ def _readings(row: _Row, nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _states_at(row: _Row, nodes: _Nodes, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """X and Ẋ at times: nodes exactly, cubic Hermite between them, before the first moving on as at the start."""
+    """X and Ẋ at times: nodes exactly, cubic Hermite between them, outside them moving as at the nearest."""
     task, s, X, time = row.task, row.task.columns, nodes.states, nodes.time
     n, x = task.model.n, len(task.model.states)
     j = np.clip(np.searchsorted(time, at, side="left") - 1, 0, len(time) - 2)
@@ -265,10 +265,11 @@ def _states_at(row: _Row, nodes: _Nodes, at: np.ndarray) -> tuple[np.ndarray, np
         + h * z**2 * (z - 1) * dhigh
     )
     dZ = 6 * z * (z - 1) / h * (low - high) + (1 - z) * (1 - 3 * z) * dlow + z * (3 * z - 2) * dhigh
-    early = np.flatnonzero(at <= time[0])
-    Z[:, early], dZ[:, early] = X[:, :1], 0.0
-    for block in range(1 + s):
-        angles, speeds = slice(block * x, block * x + n), slice(block * x + n, block * x + 2 * n)
-        Z[angles, early] -= (time[0] - at[early]) * X[speeds, :1]
-    dZ[:n, early] = X[n : 2 * n, :1]
+    for node, beyond in ((0, at <= time[0]), (-1, at > time[-1])):
+        outside, end = np.flatnonzero(beyond), X[:, node, None]
+        Z[:, outside], dZ[:, outside] = end, 0.0
+        for block in range(1 + s):
+            angles, speeds = slice(block * x, block * x + n), slice(block * x + n, block * x + 2 * n)
+            Z[angles, outside] += (at[outside] - time[node]) * end[speeds]
+        dZ[:n, outside] = end[n : 2 * n]
     return Z, dZ

@@ -16,6 +16,9 @@ BASE = {
 }
 PLACES = {"shafts": "shafts.link", "inertias": "inertias.b", "inputs": "inputs.drive", "sensors": "sensors.speed"}
 VALUES = {
+    "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01}, "input_offset": {"offset": 2.0},
+    "gear_loss": {"efficiency": 0.9, "efficiency_reverse": 0.8},
+    "position_torque": {"period": 2 * np.pi / 3, "amplitude": 2.0, "phase": 0.4},
     "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
     "coulomb_friction": {"torque": 3.0}, "dead_time": {"delay": 0.01}, "hardening": {"cubic": 2e4},
     "hysteresis": {"torque": 4.0, "angle": 0.01}, "input_gain": {"factor": 1.2}, "lag": {"time_constant": 0.05},
@@ -28,7 +31,8 @@ VALUES = {
 
 def with_effect(kind, **changed):
     at = "inertias.b.J" if EFFECTS[kind].replaces_quantity else PLACES[EFFECTS[kind].tables[0]]
-    return compiled(from_dict(BASE | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
+    base = BASE | {"sensors": {"speed": {"measures": "angle", "of": "b"}}} if kind == "angle_zero" else BASE
+    return compiled(from_dict(base | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
 
 
 def output(model, x, u, t=0.0):

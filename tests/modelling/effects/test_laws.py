@@ -110,6 +110,44 @@ def test_inertia_laws(name):
         np.testing.assert_allclose(acceleration[1], (torque - law(x[3], x[1])) / 1.5, rtol=1e-9, atol=1e-9)
 
 
+def test_position_torque_with_harmonics():
+    parameters = {"period": 0.8, "amplitude": 2.0, "phase": 0.7, "amplitude_3": -0.5, "phase_3": 0.2}
+    model = model_with({"kind": "position_torque", "at": "inertias.b"} | parameters)
+    for x, u, _ in states(model):
+        acceleration, _, _, torque = numbers(model, x, u)
+        turned = 2 * np.pi * x[1] / 0.8
+        resisting = 2.0 * np.sin(turned + 0.7) - 0.5 * np.sin(3 * turned + 0.2)
+        np.testing.assert_allclose(acceleration[1], (torque - resisting) / 1.5, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("reverse", [None, 0.6])
+def test_gear_loss_takes_power_in_over_power_out(reverse):
+    """Power into the loss over power out of it is the efficiency of the direction in which it flows."""
+    more = {} if reverse is None else {"efficiency_reverse": reverse}
+    model = model_with({"kind": "gear_loss", "at": "shafts.link", "efficiency": 0.8} | more)
+    driven = 0
+    for x, u, _ in states(model):
+        acceleration, _, readings, torque = numbers(model, x, u)
+        assert readings[1] == torque  # before the loss
+        passed = torque * x[3]  # power that the shaft gives to its second end
+        kept = 1.5 * acceleration[1] * x[3]  # and what the inertia there gets of it
+        if passed > 0:
+            assert kept == pytest.approx(0.8 * passed)
+            driven += 1
+        else:
+            assert passed == pytest.approx((reverse or 0.8) * kept)
+    assert 5 < driven < 25
+
+
+def test_offset_of_an_input_is_a_constant_torque_of_the_other_sign():
+    one = model_with({"kind": "input_offset", "at": "inputs.drive", "offset": 2.5})
+    other = model_with({"kind": "constant_torque", "at": "inertias.a", "torque": -2.5})
+    for x, u, _ in states(one, 5):
+        np.testing.assert_allclose(numbers(one, x, u)[0], numbers(other, x, u)[0], rtol=1e-12)
+    assert list(EFFECTS["constant_torque"].same_as("inertias.a", one.system)) == [("input_offset", "inputs.drive")]
+    assert list(EFFECTS["constant_torque"].same_as("inertias.b", one.system)) == []
+
+
 def test_hysteresis_in_parallel():
     model = model_with({"kind": "hysteresis", "at": "shafts.link", "torque": 6.0, "angle": 0.01})
     assert model.states[-1] == "shafts.link.hysteresis"

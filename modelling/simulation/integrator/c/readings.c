@@ -26,8 +26,8 @@ static void read_group(Work *k, integer b, integer sample, integer g, double t, 
         if (r->group[j] == g) memcpy(r->derivative + (at + j) * s, derivative + j * s, sizeof(double) * (size_t)s);
 }
 
-/* before the recording the system moved as it did at its start: angles run back with their speeds */
-static void extrapolate_back(const Work *k, double earlier, const double *X, double *Y, double *dY) {
+/* outside the recording the system moves as at its end: angles run on, or back, with their speeds */
+static void extrapolate(const Work *k, double earlier, const double *X, double *Y, double *dY) {
     const Run *r = k->r;
     integer n = r->coordinates, s = r->columns, x = r->states;
     memcpy(Y, X, sizeof(double) * (size_t)k->size);
@@ -76,7 +76,20 @@ static void read_start(Work *k, integer b, const double *X) {
     for (integer g = 0; g < r->groups && r->out; g++)
         for (; k->due[g] < r->samples && r->time[k->due[g]] - delay[g] <= r->time[0]; k->due[g]++) {
             double at = r->time[k->due[g]] - delay[g];
-            extrapolate_back(k, r->time[0] - at, X, Z, dZ);
+            extrapolate(k, r->time[0] - at, X, Z, dZ);
+            read_group(k, b, k->due[g], g, at, Z, dZ);
+        }
+}
+
+/* sensors whose clock is behind read what comes after the last sample: the system moves on as it did there */
+static void read_end(Work *k, integer b, const double *X) {
+    const Run *r = k->r;
+    const double *delay = r->group_delay + b * r->groups, last = r->time[r->samples - 1];
+    double *Z = k->stage[6], *dZ = k->stage[7];
+    for (integer g = 0; g < r->groups && r->out; g++)
+        for (; k->due[g] < r->samples; k->due[g]++) {
+            double at = r->time[k->due[g]] - delay[g];
+            extrapolate(k, last - at, X, Z, dZ);
             read_group(k, b, k->due[g], g, at, Z, dZ);
         }
 }

@@ -71,10 +71,11 @@ static void run_row(Work *k, integer b) {
         integer bad = first_not_finite(X, k->size);
         if (bad >= 0) {
             r->failed[2 * b] = j + 1, r->failed[2 * b + 1] = bad < x ? bad : (bad - x) / (s ? s : 1);
-            break;
+            return;
         }
         if (r->state) memcpy(r->state + (b * T + j + 1) * x, X, sizeof(double) * (size_t)x);
     }
+    if (!*r->stop) read_end(k, b, X);
 }
 
 /* 1 without memory */

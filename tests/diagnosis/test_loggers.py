@@ -1,0 +1,84 @@
+"""Two loggers of one motion: the offset of the second one's clock, against an offset put in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.loggers import joined, with_clocks
+from modelling.common.errors import InputError
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
+from modelling.simulation.simulate import simulate
+
+NOISE = {"motor_speed": 0.02, "load_speed": 0.02}
+LATE = 0.4653  # s, no multiple of either sampling interval
+
+
+def drive():
+    return from_dict({
+        "inertias": {"motor": {"J": 0.1, "drag": {"value": 0.02, "tolerance": 0.5}}, "load": {"J": 1.0}},
+        "shafts": {
+            "link": {"between": ["motor", "load"], "stiffness": {"value": 200, "tolerance": 0.2}, "damping": 0.5}
+        },
+        "inputs": {"torque": {"on": "motor"}},
+        "sensors": {name: {"measures": "speed", "of": name[:-6], "uncertainty": u} for name, u in NOISE.items()},
+    })  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def loggers():
+    """The truth is 10 % stiffer than the model says; the second logger samples at another rate."""
+    rng = np.random.default_rng(3)
+    truth = drive().with_values({"shafts.link.stiffness": 220.0})
+    time = np.arange(3000) * 2e-3
+    torque = 6 * np.sign(np.sin(2 * np.pi * 0.7 * time)) + 3 * np.sin(2 * np.pi * (1 + 0.8 * time) * time)
+    fine = simulate(truth, time, {"torque": torque})
+    other = np.arange(1800) * 3e-3 + 0.2
+    speed = np.interp(other, time, fine["load_speed"]) + NOISE["load_speed"] * rng.standard_normal(len(other))
+    first = fine["motor_speed"] + NOISE["motor_speed"] * rng.standard_normal(len(time))
+    return [
+        Recording(time, {"torque": torque, "motor_speed": first}, source="a.csv"),
+        Recording(other + LATE, {"load_speed": speed}, source="b.csv"),
+    ]
+
+
+def test_offset_is_found_before_anything_is_fitted(loggers):
+    whole = joined(drive(), loggers)
+    assert whole.clock_groups == (("load_speed",),)
+    assert (whole.time[0], whole.time[-1]) == pytest.approx((0.2, 5.597), abs=0.02)
+    (note,) = whole.notes
+    late = float(note.split("clock is ")[1].split(" s")[0])
+    assert late == pytest.approx(LATE, abs=0.01)
+
+
+def test_what_the_correlation_leaves_is_fitted_and_no_cause(loggers):
+    whole = joined(drive(), loggers)
+    early = replace(whole, channels=whole.channels | {"load_speed": np.roll(whole["load_speed"], 4)}).cut(0.3, 5.5)
+    found = diagnose(drive(), [early])
+    assert (found.verdict, found.causes) == ("adequate", [])
+    (name,) = set(found.parameters) - set(drive().uncertain)
+    (at_first,) = diagnose_offset(whole)
+    assert found.parameters[name].value - at_first == pytest.approx(4 * 2e-3, abs=5e-4)
+    assert found.parameters["shafts.link.stiffness"].value == pytest.approx(220.0, rel=0.01)
+    assert found.extended.effects == ()
+
+
+def diagnose_offset(whole):
+    """What is left of the offset, from the note: the true one less that taken out."""
+    yield LATE - float(whole.notes[0].split("clock is ")[1].split(" s")[0])
+
+
+def test_the_clock_of_each_logger_is_uncertain_once(loggers):
+    whole = joined(drive(), loggers)
+    (effect,) = with_clocks(drive(), [whole, whole]).effects
+    assert effect.at == "sensors.load_speed"
+    assert with_clocks(drive(), [loggers[0]]).effects == ()
+
+
+def test_loggers_that_cannot_be_joined_are_named(loggers):
+    with pytest.raises(InputError, match="no logger recorded all inputs"):
+        joined(drive(), loggers[1:])
+    with pytest.raises(InputError, match=r"a\.csv: has no sensor that the other logger lacks"):
+        joined(drive(), [loggers[0], loggers[0]])
