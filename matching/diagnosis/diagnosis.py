@@ -32,6 +32,7 @@ from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.state import SearchState
+from matching.diagnosis.verdict.discrepancy import discrepancy_curves
 from matching.diagnosis.verdict.errors import errors_by_sensor, pooled_errors, remaining_errors, residual_once
 from matching.diagnosis.verdict.named_causes import (
     JudgedCause,
@@ -92,13 +93,13 @@ def diagnose(
     ]
     models = [ModelResiduals(judge.segments(one.fit), r) for one, r in zip((base, final), residuals, strict=True)]
     unseen = holdout_data(train.noise, models[0], models[1])
-    explained = verdict == "explained"
+    explained, rest = verdict == "explained", remaining_errors(final)
     return Diagnosis(
         verdict, named_causes(system, final, values, judged, explained),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
         errors_by_sensor(system, base, final, before, after), pooled_errors(whole, before, after),
-        fidelity(system, unseen), refitted_candidates(judged), identified.fitted, remaining_errors(final),
-        recording_to_tell_rivals(final, judged, explained), notes,
+        fidelity(system, unseen), refitted_candidates(judged), identified.fitted, rest,
+        discrepancy_curves(final) if rest else [], recording_to_tell_rivals(final, judged, explained), notes,
         extended_system(stated, final.causes, final.fit.values), _plot_data(state, final, unseen),
     )  # fmt: skip
 

@@ -44,6 +44,8 @@ class Screening:
     fit : Fit
     residual : ndarray (r,)
         In times the noise, without what base parameters and start states can take.
+    basis : ndarray (r, v)
+        Orthonormal, of what base parameters and start states change.
     motion : FittedMotion
         Of the fit, with the deviations of the measurement.
     balance : TorqueBalance
@@ -59,7 +61,7 @@ class Screening:
         self.draws: NoiseDraws | None = None
         self.mask = np.concatenate([segment.measured for segment in fit.problem.data.segments])
         columns = fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
-        self._basis = qr(columns, mode="economic", check_finite=False)[0]
+        self.basis = qr(columns, mode="economic", check_finite=False)[0]
         self.residual = self.free(fit.residual)
         motion = simulated_motion(fit)
         self.response = TorqueResponse(fit, motion.segments)
@@ -70,7 +72,7 @@ class Screening:
 
     def free(self, signal: np.ndarray) -> np.ndarray:
         """A signal (r,) or (r, c) without what base parameters and start states can take of it."""
-        return signal - self._basis @ (self._basis.T @ signal)
+        return signal - self.basis @ (self.basis.T @ signal)
 
     def signature(self, addition: dict[str, np.ndarray | float]) -> np.ndarray:
         """What an addition of a guess changes in the readings, in times the noise, (r,)."""
@@ -187,7 +189,7 @@ class Screening:
             return out
         every = np.concatenate([signatures[i] for i in finite])
         lengths = np.linalg.norm(every, axis=1)
-        every -= (every @ self._basis) @ self._basis.T
+        every -= (every @ self.basis) @ self.basis.T
         ends = np.cumsum([len(signatures[i]) for i in finite])[:-1]
         spans, counts = [], []
         for i, rows, length in zip(finite, np.split(every, ends), np.split(lengths, ends), strict=True):

@@ -11,6 +11,7 @@ import numpy as np
 from matching.diagnosis.data.holdout_fidelity import HoldoutFidelity
 from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import FittedMotion
 from modelling.effects.place import place_in_file, place_in_words
@@ -240,6 +241,8 @@ class Diagnosis(Displayed):
     fitted_candidates : list of FittedCandidate
         What was added to the base model by itself, best first.
     rest : list of RemainingError
+    discrepancy : list of DiscrepancyCurve
+        Smooth torques that would take most of the rest, where that is more than noise.
     next_recording : str or None
     notes : list of str
     extended : System
@@ -256,6 +259,7 @@ class Diagnosis(Displayed):
     candidates: list[Candidate]
     fitted_candidates: list[FittedCandidate]
     rest: list[RemainingError]
+    discrepancy: list[DiscrepancyCurve]
     next_recording: str | None
     notes: list[str]
     extended: System = field(repr=False)
@@ -270,7 +274,8 @@ class Diagnosis(Displayed):
             "candidates": self._candidates_to_dict(), "next_recording": self.next_recording,
             "extended_model": "extended.toml",
             "parameters": {name: _estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
-            "rest": [one.to_dict() for one in self.rest], "notes": self.notes,
+            "rest": [one.to_dict() for one in self.rest],
+            "discrepancy": [one.to_dict() for one in self.discrepancy], "notes": self.notes,
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.environment import embedded, environment
 from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.figures import CAPTIONS
-from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place
+from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place, shape
 
 MEANING = {
     "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
@@ -53,6 +53,7 @@ def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images
         "gain": result["gain"],
         "fidelity": _fidelity(result["fidelity"]) if result["fidelity"] else None,
         "rest": result["rest"],
+        "shapes": [shape(curve) for curve in result.get("discrepancy", [])],
         "rivals": _rivals(result["candidates"]),
         "quantities": [
             {"name": name, "value": measured(estimate), "note": estimate.get("note", "")}

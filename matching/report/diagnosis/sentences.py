@@ -141,6 +141,7 @@ def summary(result: Mapping[str, Any]) -> str:
             f"  remaining error of {row['sensor']}: largest from {row['from']:g} to {row['to']:g} s, "
             f"{number(row['worst_ratio'], 3)} times the noise"
         )
+    lines += [f"  {shape(curve)}" for curve in result.get("discrepancy", [])[:1]]
     at_bound = [name for name, own in result["parameters"].items() if "at the bound" in own.get("note", "")]
     if at_bound:
         lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
@@ -148,6 +149,15 @@ def summary(result: Mapping[str, Any]) -> str:
     if unidentified:
         lines.append(f"  not identifiable from these data: {', '.join(unidentified)}")
     return "\n".join([*lines, *(f"  note: {note}" for note in result["notes"])])
+
+
+def shape(curve: Mapping[str, Any]) -> str:
+    """What no cause explains, as a torque over one variable."""
+    text = f"what remains has a shape: a torque over the {curve['over']} of {curve['at']} would take "
+    text += f"{percent(curve['share'])} of it"
+    if curve["repeats"] is not None:
+        text += f"; the curves of both halves of the data correlate by {number(curve['repeats'], 2)}"
+    return text
 
 
 def _evidence(cause: Mapping[str, Any]) -> list[str]:
