@@ -5,6 +5,7 @@ again, it goes on where it was stopped. From Python on any executor: ``tests.cam
 """
 
 import argparse
+import json
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -26,14 +27,23 @@ def main() -> None:
     scale_out(parser)
     parser.set_defaults(workers=2)
     parser.add_argument("--out", type=Path, default=Path("out/campaign"))
+    parser.add_argument(
+        "--hard", action="store_true", help="the second campaign: model error, wrong noise, three effects"
+    )
     parser.add_argument("--make", action="store_true", help="only make the recordings")
     given = parser.parse_args()
-    campaign = Campaign(given.cases, given.seed, given.seconds)
+    campaign = Campaign(given.cases, given.seed, given.seconds, given.hard)
     try:
         rows = diagnosed(campaign, given)
     except InputError as fault:
         parser.exit(2, f"{fault}\n")
-    if not given.make:
+    if given.hard and not given.make:
+        from tests.campaign.hard import hard_summary
+
+        text = json.dumps(hard_summary(rows), indent=1)
+        (given.out / "hard.json").write_text(text)
+        print(text)
+    elif not given.make:
         from tests.campaign.score import report
 
         told = ["git", "describe", "--always", "--dirty"]

@@ -8,6 +8,11 @@ from typing import Any
 import numpy as np
 
 
+def where(cause: dict[str, Any]) -> str:
+    """The place of a named cause; of a shared one as the truth plant writes it."""
+    return cause["at"] if isinstance(cause["at"], str) else "+".join(cause["at"])
+
+
 def right(row: dict[str, Any]) -> bool:
     """Whether the first cause is the hidden one, or one that the recording cannot tell from it."""
     causes, answer = row["found"]["causes"], row["answer"]
@@ -20,7 +25,7 @@ def matches(cause: dict[str, Any], answer: dict[str, Any]) -> bool:
     """Whether a named cause is a hidden one or equivalent to it."""
     good = {(answer["kind"], answer["at"])} | {(one["kind"], one["at"]) for one in answer.get("equivalent_causes", [])}
     good |= {(answer["kind"], at) for at in answer.get("equivalent", [])}
-    return (cause["kind"], cause["at"]) in good
+    return (cause["kind"], where(cause)) in good
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -75,7 +80,7 @@ def confidences(rows: list[dict[str, Any]]) -> list[tuple[float, bool]]:
             {(one["kind"], one["at"]) for one in row["answer"]["causes"]} if not row["answer"]["outside"] else set()
         )
         for cause in row["found"]["causes"]:
-            good = (cause["kind"], cause["at"]) in hidden
+            good = (cause["kind"], where(cause)) in hidden
             if row["order"]["category"] == "single":
                 good |= matches(cause, row["answer"])
             out.append((cause["confidence"], good))
@@ -92,7 +97,7 @@ def deviations(rows: list[dict[str, Any]], causes: bool) -> list[float]:
     for row in rows:
         if causes:
             first = row["found"]["causes"][0] if row["found"]["causes"] else None
-            if first and (first["kind"], first["at"]) == (row["answer"]["kind"], row["answer"]["at"]):
+            if first and (first["kind"], where(first)) == (row["answer"]["kind"], row["answer"]["at"]):
                 truths = row["answer"]["parameters"]
                 pairs = [(own, truths.get(key)) for key, own in first["parameters"].items() if key != "phase"]
             else:
@@ -129,7 +134,7 @@ def confusion(rows: list[dict[str, Any]]) -> tuple[list[str], list[str], np.ndar
         if causes and row["found"]["verdict"] == "unexplained" and row["order"]["category"] == "outside":
             named = "unexplained"
         if named == "lag":
-            named = ("input" if causes[0]["at"].startswith("inputs") else "sensor") + "_lag"
+            named = ("input" if where(causes[0]).startswith("inputs") else "sensor") + "_lag"
         if row["order"]["category"] == "single" and causes and named == hidden and not right(row):
             named = "right kind, wrong place"
         cells[hidden, named] = cells.get((hidden, named), 0) + 1

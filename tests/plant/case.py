@@ -19,6 +19,7 @@ from plant.systems import Drive
 from plant.writing import model_text, recording_text
 
 SIZES = {"plain": 30.0, "subtle": 3.0}
+BACKGROUND_WORTH = 3.0  # times the noise
 
 
 @dataclass
@@ -58,13 +59,17 @@ def make_case(
     moving: bool = False,
     missing: int = 0,
     rivals: bool = False,
+    background: Sequence[str] = (),
+    stated_noise: float = 1.0,
 ) -> Case:
     """Make a case with kinds (or (kind, place) pairs) hidden in it; a kind without place gets one by seed.
 
     `size` is plain (30), subtle (3) or a number: what each effect is worth in times the noise in the worst sensor.
     `missing` leaves so many sensors out of the recording, though they stand in the model file. With `rivals` every
     cause of the answer tells which others the recording cannot part from it (`equivalent` places of the same kind,
-    `equivalent_causes` of all kinds).
+    `equivalent_causes` of all kinds). Kinds of the `background` are in the recording too, each worth
+    `BACKGROUND_WORTH` times the noise, and not in the answer: a model error that nobody asks for. The model file states
+    `stated_noise` times the noise.
     Raises ValueError for an unknown name, OutOfReach when no place can carry an effect of that size.
     """
     wanted = [effects] if isinstance(effects, str) else list(effects)
@@ -77,15 +82,21 @@ def make_case(
         if kind not in KINDS:
             raise ValueError(f"unknown kind {kind!r}")
         hidden.append(first_that_fits(scene, kind, place, target, rng, hidden))
+    behind: list[Hidden] = []
+    for kind in background:
+        behind.append(first_that_fits(scene, kind, "", BACKGROUND_WORTH, rng, [*hidden, *behind]))
     watched = {name for e in hidden if e.at.startswith("sensors.") for name in e.members}
     spare = [name for name in scene.drive.sensors if name not in watched]
     left_out = [str(name) for name in rng.permutation(spare)[:missing]]
     told = {"system": system, "size": size, "noise": noise, "seed": seed, "closed_loop": closed_loop}
     answer = _answer(scene, hidden, left_out, rivals) | told | {"moving": moving, "missing": left_out}
-    return Case(*_texts(scene, hidden, left_out, rng), answer)
+    answer |= {"background": [(one.kind, one.at) for one in behind], "stated_noise": stated_noise}
+    return Case(*_texts(scene, [*hidden, *behind], left_out, rng, stated_noise), answer)
 
 
-def _texts(scene: Scene, hidden: list[Hidden], left_out: list[str], rng: np.random.Generator) -> tuple[str, str, str]:
+def _texts(
+    scene: Scene, hidden: list[Hidden], left_out: list[str], rng: np.random.Generator, stated_noise: float
+) -> tuple[str, str, str]:
     known = {e.at for e in hidden if e.kind == "wrong_parameter"}
     written = scene.written | {name: scene.drive.values[name] for name in known}
     recordings = []
@@ -94,7 +105,8 @@ def _texts(scene: Scene, hidden: list[Hidden], left_out: list[str], rng: np.rand
         noisy = add_noise(take.readings, scene.noise, hidden, rng)
         kept = {name: value for name, value in noisy.items() if name not in left_out}
         recordings.append(recording_text(scene.drive, take, kept))
-    return model_text(scene.drive, written, scene.noise, known), recordings[0], recordings[1]
+    stated = {name: stated_noise * value for name, value in scene.noise.items()}
+    return model_text(scene.drive, written, stated, known), recordings[0], recordings[1]
 
 
 def _spoken(drive: Drive, effect: Hidden, angle: np.ndarray) -> dict[str, Any]:

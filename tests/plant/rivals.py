@@ -30,6 +30,10 @@ def candidates(drive: Drive, effect: Hidden) -> list[Hidden]:
     group = next((g for g in ALIKE if effect.kind in g), (effect.kind,))
     elsewhere = [at for at in places(drive, effect.kind) if at != effect.at]
     same = [Hidden(effect.kind, at) for at in elsewhere if at not in drive.tolerance]  # an uncertain value is fitted
+    if effect.kind == "input_offset":
+        same.append(Hidden("constant_torque", f"inertias.{drive.inputs[effect.name]}"))
+    if effect.kind == "constant_torque":
+        same += [Hidden("input_offset", f"inputs.{name}") for name, on in drive.inputs.items() if on == effect.name]
     return same + [Hidden(kind, effect.at) for kind in group if kind != effect.kind]
 
 
