@@ -10,6 +10,7 @@ import numpy as np
 from matching.diagnosis.candidates.backlash_one_flank import bounded_below
 from matching.diagnosis.candidates.extend import extended_system
 from matching.diagnosis.candidates.motion import simulated_motion
+from matching.diagnosis.candidates.short_windows import window_uncertainties
 from matching.diagnosis.data.holdout_fidelity import fidelity
 from matching.diagnosis.data.holdout_residuals import HoldoutData, ModelResiduals, holdout_data
 from matching.diagnosis.data.holdout_split import split_holdout
@@ -18,6 +19,7 @@ from matching.diagnosis.data.segments import FitData
 from matching.diagnosis.fitting.batch_simulation import compile_models
 from matching.diagnosis.fitting.fit import solve
 from matching.diagnosis.fitting.holdout import (
+    RESTART_SECONDS,
     Holdout,
     OtherRecordings,
     RestOfRecordings,
@@ -25,7 +27,7 @@ from matching.diagnosis.fitting.holdout import (
     rms_by_sensor,
 )
 from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.uncertainty import discretisation_shift, estimates
+from matching.diagnosis.fitting.uncertainty import at_least, discretisation_shift, estimates
 from matching.diagnosis.identify_causes import best_without, identify_causes
 from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
@@ -82,10 +84,14 @@ def diagnose(
     fits = equivalent_fits(state.best.fit, state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
+    judge, restarted = _predictable(final, judge)
+    notes += restarted
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict = _verdict(final, after)
     values = widened(estimates(final.fit, discretisation_shift(final.fit)), fits)
+    if _rattles(final):
+        values = at_least(values, window_uncertainties(final.fit))
     values = bounded_below(values, final.fit, final.causes)
     judged = [
         JudgedCause(cause, own, best_without(state, index))
@@ -116,6 +122,24 @@ def _data(
     other, remarks = prepare_data(system, [holdout])
     notes += [f"hold-out: {note}" for note in (*holdout.notes, *remarks)]
     return whole, whole, OtherRecordings(FitData(other.segments, whole.noise)), notes
+
+
+def _rattles(hypothesis: Hypothesis) -> bool:
+    return any(effect.law.abrupt for effect in hypothesis.fit.problem.system.effects)
+
+
+def _predictable(final: Hypothesis, judge: Holdout) -> tuple[Holdout, list[str]]:
+    """Held-out data as far as a model predicts them, and notes.
+
+    Where a shaft rattles and the free continuation of the fit loses the way: windows with start states of their own.
+    """
+    if not (isinstance(judge, RestOfRecordings) and at_noise(final) and _rattles(final)):
+        return judge, []
+    errors = rms_by_sensor(holdout_residuals(judge.simulate(final.fit)))
+    if np.nanmax(errors, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO:
+        return judge, []
+    note = f"held-out data are simulated in windows of {RESTART_SECONDS:g} s: rattling forgets where it began"
+    return judge.restarted(), [note]
 
 
 def _verdict(final: Hypothesis, after_holdout: np.ndarray) -> str:

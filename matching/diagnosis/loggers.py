@@ -29,6 +29,7 @@ SEVERAL_LOGGERS = "+"  # between the files of one motion
 LARGEST_SHARE = 0.25  # of the shorter recording: the largest offset that is looked for
 FEWEST_SAMPLES = 128  # that both loggers recorded
 LEFT_STEPS = 10.0  # sampling steps that the correlation may be wrong by: the model it is with is not fitted yet
+LEFT_SECONDS = 0.03  # the same in s: a phase of 0.1 rad at 0.5 Hz
 STEPS_PER_RADIAN = 3.0  # of the fastest mode
 
 
@@ -73,7 +74,7 @@ def with_clocks(system: System, recordings: Sequence[Recording]) -> System:
     """A system whose further loggers are late by what joining may have left, to be fitted too."""
     steps = [float(np.median(np.diff(one.time))) for one in recordings]
     groups = dict.fromkeys(group for one in recordings for group in one.clock_groups)
-    largest = LEFT_STEPS * max(steps)
+    largest = max(LEFT_STEPS * max(steps), LEFT_SECONDS)
     return system.with_effects(*(clock_error([f"sensors.{name}" for name in group], largest) for group in groups))
 
 
@@ -89,13 +90,22 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
         raise InputError(part.source, "does not overlap with the other logger", "give recordings of the same motion")
     kept = leading.time[inside]
     channels = {name: values[inside] for name, values in leading.channels.items()}
-    channels |= {name: np.interp(kept, time, part.channels[name]) for name in names}
+    channels |= {name: _at(kept, time, part.channels[name]) for name in names}
     note = f"{part.source}: its clock is {offset:.4g} s late, found from {', '.join(names)}; taken out"
     return replace(
         leading, time=kept, channels=channels, notes=(*leading.notes, *part.notes, note),
         source=f"{leading.source}+{part.source}", units={**leading.units, **part.units},
         clock_groups=(*leading.clock_groups, tuple(names)),
     )  # fmt: skip
+
+
+def _at(kept: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A signal (t,) over its own time at the times kept (k,), linear between samples; NaN where there are more of these
+    than samples: no noise counts twice."""
+    nearest = np.unique(np.clip(np.searchsorted((kept[1:] + kept[:-1]) / 2, time), 0, len(kept) - 1))
+    out = np.full(len(kept), np.nan)
+    out[nearest] = np.interp(kept[nearest], time, values)
+    return out
 
 
 def clock_offset(system: System, leading: Recording, part: Recording, names: Sequence[str]) -> float:

@@ -1,14 +1,19 @@
 """The screening's linear algebra against simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from matching.diagnosis.candidates.balance import torque_balance
 from matching.diagnosis.candidates.noise_threshold import NoiseDraws, best_of
 from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.candidates.torque_response import without_effects
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from matching.diagnosis.fitting.fit import solve
 from matching.diagnosis.fitting.problem import base_problem
+from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
@@ -165,3 +170,19 @@ def test_orders_that_the_noise_chose_count_as_chosen(drive) -> None:
         expected += list(np.max(own.draws.decreases, axis=0))
     assert np.mean(found) < np.mean(expected) + 2 * np.std(expected) / np.sqrt(len(found))
     assert np.mean(found) > 0.5 * np.mean(expected)
+
+
+def test_whole_number_ratios_are_counted_and_not_doubted(drive):
+    law = EFFECTS["wrong_parameter"]
+    assert "shafts.link.ratio" in law.places(drive)
+    assert "shafts.link.ratio" not in law.candidate_places(drive)
+    measured = drive.with_values({"shafts.link.ratio": 2.03})
+    assert law.candidate_places(measured) == law.places(measured)
+
+
+def test_readings_that_tell_no_motion_are_refused_in_one_line(drive):
+    fit = solve(*base_problem(drive, made(drive)))
+    absurd = replace(fit.problem, data=replace(fit.problem.data, noise=np.array([1e-150, 1e150, 1e150])))
+    values = {name: quantity.value for name, quantity in drive.parameters.items()}
+    with pytest.raises(InputError, match="made: no motion of the model's inertias follows from its readings"):
+        torque_balance(replace(fit, problem=absurd), without_effects(drive), values, 5.0)

@@ -5,7 +5,14 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 from scipy.signal import lfilter
 
-from matching.diagnosis.fitting.uncertainty import covariance, discretisation_shift, estimates, inflation
+from matching.diagnosis.fitting.uncertainty import (
+    Estimate,
+    at_least,
+    covariance,
+    discretisation_shift,
+    estimates,
+    inflation,
+)
 
 J = np.random.default_rng(1).standard_normal((200, 2)) * [30.0, 0.2]
 
@@ -106,3 +113,18 @@ def test_the_worst_sensor_counts() -> None:
     white = np.random.default_rng(3).standard_normal((20_000, 2)) * [1.0, 2.0]
     problem = KnownProblem({"a": FREE}, lambda v: white.ravel(), sensors=2)
     assert inflation(fit_at(problem, np.array([1.0]), np.ones((white.size, 1)))) == pytest.approx(4, rel=0.05)
+
+
+def test_what_no_reading_depends_on_is_unknown_not_certain() -> None:
+    problem = KnownProblem({"a": FREE, "b": FREE}, lambda v: -J[:, 1] * (v[1] - 5))
+    found = estimates(fit_at(problem, np.array([2.0, 5.0]), np.column_stack([np.zeros(len(J)), -J[:, 1]])))
+    assert found["a"].standard_uncertainty == np.inf
+    assert found["a"].note == "unknown: no reading depends on it"
+    assert found["b"].note == ""
+
+
+def test_estimates_are_no_more_certain_than_windows_have_them() -> None:
+    found = {"a": Estimate(1.0, 1e-8), "b": Estimate(2.0, 0.5), "c": Estimate(3.0, 0.1)}
+    widened = at_least(found, {"a": 1e-5, "b": 0.1})
+    assert [own.standard_uncertainty for own in widened.values()] == [1e-5, 0.5, 0.1]
+    assert [own.value for own in widened.values()] == [1.0, 2.0, 3.0]

@@ -118,8 +118,9 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
     angles = np.hstack([np.eye(n), np.zeros((n, x + torques - n))])
     H = np.vstack([np.hstack([linear.C, linear.D]), angles])
     try:
-        smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
-    except np.linalg.LinAlgError:
+        with np.errstate(over="ignore", invalid="ignore"):  # of absurd data, which are refused
+            smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
+    except (np.linalg.LinAlgError, ValueError):
         raise InputError(
             data.segments[0].name or "recording",
             "no motion of the model's inertias follows from its readings",

@@ -15,9 +15,11 @@ from matching.diagnosis.candidates.carry_over import start_states
 from matching.diagnosis.candidates.cause import ExtendedModel
 from matching.diagnosis.candidates.refit import SEARCH, extended_problem
 from matching.diagnosis.data.segments import Segment
+from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.problem import FitProblem
 from matching.diagnosis.fitting.start_states import flank_shifts
+from matching.diagnosis.fitting.uncertainty import covariance, inflation
 
 SHORTEST_WINDOW = 0.5  # s
 MOST_WINDOWS = 24
@@ -77,6 +79,20 @@ def fit_longer_windows(fit: Fit) -> Fit:
         if longer.cost > LOST_RATIO * fit.cost:
             return fit
         fit = longer
+
+
+def window_uncertainties(fit: Fit) -> dict[str, float]:
+    """Standard uncertainties of a fit's parameters as short windows along its own motion determine them.
+
+    Where torques jump, a long simulation magnifies the smallest change of a parameter until readings have nothing in
+    common with before: its Jacobian at one point takes that for knowledge. Over a short window it is none.
+    """
+    windows = _cut(fit, np.concatenate(fit.problem.states(fit.v)))
+    residual = windows.problem.residuals(windows.v[None])[0]
+    derivatives = jacobian(windows.problem, windows.v, residual)
+    own = replace(windows, residual=residual, jacobian=derivatives, cost=chi_square(residual))
+    sigma = np.sqrt(np.diag(covariance(own, inflation(own))))
+    return dict(zip(fit.problem.free, (float(s) for s in sigma), strict=False))
 
 
 def _pairs(fit: Fit) -> tuple[list[Segment], list[np.ndarray]]:

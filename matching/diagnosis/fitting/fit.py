@@ -126,6 +126,7 @@ class _Descent:
         if not np.isfinite(self.cost):
             raise FloatingPointError("the simulation diverges at the start of the fit")
         self.radius = np.inf
+        self._kinked = any(effect.law.abrupt for effect in problem.system.effects)
         self._finer_steps: np.ndarray | None = None  # (v,) of the differences, once wider ones failed
         self._use(jacobian(problem, self.v, self.residual) if known_jacobian is None else known_jacobian)
         self.fresh = known_jacobian is None
@@ -173,7 +174,7 @@ class _Descent:
         renew = moved and gain < RENEW_GAIN if self.fresh else not KEEP_GAIN[0] < gain < KEEP_GAIN[1]
         if renew:
             self._use(jacobian(problem, self.v, self.residual, largest_central=self._finer_steps))
-        elif self.fresh and not moved:
+        elif self.fresh and not moved and self._kinked:
             self._refine_differences()
         self.fresh = renew or (self.fresh and not moved)
         return True

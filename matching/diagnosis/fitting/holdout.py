@@ -17,6 +17,7 @@ from matching.diagnosis.fitting.start_states import first_state, flank_shifts
 from modelling.model.system import System
 
 START_ITERATIONS = 30  # of the fit of start states
+RESTART_SECONDS = 1.0  # of a window of rattling that is simulated from its own start
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,19 @@ class RestOfRecordings:
         run = HoldoutRun(problem, v, problem.residuals(v[None])[0], counts, continued=True)
         rest = tuple(s for s, count in zip(self.whole.segments, self.counts, strict=True) if not count)
         return [run, *(simulate_other(fit, replace(self.whole, segments=rest)) if rest else [])]
+
+    def restarted(self) -> OtherRecordings:
+        """The rest in windows of ``RESTART_SECONDS``, each with a start state of its own.
+
+        A shaft that rattles forgets where it began: no model continues it freely over many seconds.
+        """
+        windows = []
+        for rest in held_out_segments(self.whole, self.counts):
+            if len(rest.time) > 1:
+                count = max(round(float(np.ptp(rest.time)) / RESTART_SECONDS), 1)
+                edges = np.linspace(0, len(rest.time), count + 1).astype(int)
+                windows += [rest.part(int(a), int(b)) for a, b in pairwise(edges)]
+        return OtherRecordings(replace(self.whole, segments=tuple(windows)))
 
     def segments(self, fit: Fit) -> list[Segment]:
         """The segments to which the residuals of :meth:`simulate` belong, in their order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +70,14 @@ def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
             notes.append("unknown: no reading depends on it")
         out[name] = Estimate(float(fit.v[i]), uncertainty, "; ".join(notes))
     return out
+
+
+def at_least(estimates: Mapping[str, Estimate], uncertainties: Mapping[str, float]) -> dict[str, Estimate]:
+    """Estimates no more certain than others have them."""
+    return {
+        name: replace(own, standard_uncertainty=max(own.standard_uncertainty, uncertainties.get(name, 0.0)))
+        for name, own in estimates.items()
+    }
 
 
 def covariance(fit: Fit, factor: float = 1.0) -> np.ndarray:

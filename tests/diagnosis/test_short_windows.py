@@ -1,0 +1,84 @@
+"""Fits over windows: joined two by two up to whole segments, and what they say of a parameter's uncertainty."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.candidates.short_windows import _pairs, window_uncertainties
+from matching.diagnosis.data.holdout_split import split_holdout
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting.fit import Fit, solve
+from matching.diagnosis.fitting.holdout import RestOfRecordings, holdout_residuals, rms_by_sensor, simulate_other
+from matching.diagnosis.fitting.problem import base_problem
+from matching.diagnosis.fitting.uncertainty import estimates
+from modelling.model.files import from_dict
+
+TIME = np.arange(400) * 5e-3
+OFFSET = {"value": 0, "lower": -1, "upper": 1}  # N·m
+
+
+def window(first, last, name="a"):
+    samples = slice(first, last)
+    return Segment(TIME[samples], TIME[samples, None], 2 * TIME[samples, None], name)
+
+
+def test_windows_that_share_a_sample_become_one_and_others_do_not():
+    """Three windows of one recording, then two of another after a gap: the odd one stays as it is."""
+    windows = [window(0, 101), window(100, 201), window(200, 301), window(0, 51, "b"), window(50, 91, "b")]
+    starts = [np.array([float(i)]) for i in range(5)]
+    fit = SimpleNamespace(problem=SimpleNamespace(data=SimpleNamespace(segments=windows)), starts=starts)
+    segments, kept = _pairs(fit)
+    assert [(len(s.time), s.name) for s in segments] == [(201, "a"), (101, "a"), (91, "b")]
+    assert [int(start[0]) for start in kept] == [0, 2, 3]
+    for segment in segments:
+        np.testing.assert_allclose(np.diff(segment.time), 5e-3)
+        np.testing.assert_array_equal(segment.readings, 2 * segment.inputs)
+
+
+def rotor(offset=0.0):
+    """A rotor with drag under a sine, its torque constant offset hidden from the model."""
+    system = from_dict({
+        "inertias": {"rotor": {"J": 0.5, "drag": {"value": 0.4, "tolerance": 0.5}}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.01}},
+        "effects": [{"kind": "constant_torque", "at": "inertias.rotor", "torque": OFFSET}],
+    })  # fmt: skip
+    w = 2 * np.pi
+    speed = 1 + np.sin(w * TIME)
+    torque = 0.5 * w * np.cos(w * TIME) + 0.4 * speed + offset
+    readings = speed + 0.01 * np.random.default_rng(5).standard_normal(len(TIME))
+    return system, FitData((Segment(TIME, torque[:, None], readings[:, None], "made"),), np.array([0.01]))
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    return solve(*base_problem(*rotor(0.3)))
+
+
+def test_windows_know_a_smooth_parameter_about_as_well_as_the_whole(fit):
+    whole, windows = estimates(fit), window_uncertainties(fit)
+    assert set(windows) == set(whole)
+    for name, own in whole.items():
+        assert 0.9 * own.standard_uncertainty < windows[name] < 20 * own.standard_uncertainty
+
+
+def test_an_unseen_recording_gets_its_own_zero(fit):
+    """The offset of the fitted recording is 0.3 N·m, that of the unseen one -0.2; drag and inertia hold for both."""
+    name = "inertias.rotor.constant_torque.torque"
+    assert fit.values[name] == pytest.approx(0.3, abs=0.01)
+    _, other = rotor(-0.2)
+    runs = simulate_other(fit, other)
+    assert rms_by_sensor(holdout_residuals(runs)) == pytest.approx(1.0, abs=0.1)
+    assert dict(zip(runs[0].problem.free, runs[0].v, strict=False))[name] == pytest.approx(-0.2, abs=0.01)
+
+
+def test_held_out_rest_begins_again_every_second(fit):
+    data = fit.problem.data
+    _, counts = split_holdout(data)
+    again = RestOfRecordings(data, counts).restarted()
+    assert [len(segment.time) for segment in again.data.segments] == [120]
+    longer = replace(data.segments[0], time=4 * data.segments[0].time)  # the last 30 % of 8 s
+    again = RestOfRecordings(replace(data, segments=(longer,)), counts).restarted()
+    assert [len(segment.time) for segment in again.data.segments] == [60, 60]
