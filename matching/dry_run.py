@@ -82,12 +82,12 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
 
 
 def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[str, str]:
-    from modelling.measurement.read import read_recording
+    from matching.diagnosis.loggers import read_loggers
 
     paths = [*named.get("recordings", ()), *(named[key] for key in ("recording", "holdout") if named.get(key))]
     found = {}
     for path in paths:
-        recording = read_recording(path, system, channels)
+        recording = read_loggers(path, system, channels)
         inputs, sensors = [part.name for part in system.inputs], recording.sensors(system)
         notes = "".join(f"; note: {note}" for note in recording.notes)
         found[path] = (

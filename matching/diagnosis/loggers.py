@@ -117,6 +117,11 @@ def clock_offset(system: System, leading: Recording, part: Recording, names: Seq
         With all inputs.
     names : sequence of str
         Sensors of ``part``.
+
+    Raises
+    ------
+    InputError
+        If the model does not simulate the inputs.
     """
     simulated = _simulated(system, leading)
     step = float(np.median(np.diff(leading.time)))

@@ -17,6 +17,7 @@ class AngleZero(Kind):
 
     kind = "angle_zero"
     words = "reads {zero} where the angle is zero"
+    in_recording = "a constant difference between two angles, another one in every recording; nothing is wrong."
     tables = ("sensors",)
     parameters = {"zero": Parameter("rad")}
 

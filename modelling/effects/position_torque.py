@@ -26,6 +26,7 @@ class PositionTorque(Kind):
 
     kind = "position_torque"
     words = "bears a resisting torque of {amplitude} that repeats over {period} of its angle"
+    in_recording = "the residual over the angle repeats whenever the axis passes the same place, either way."
     tables = ("inertias",)
     parameters = {
         "period": Parameter("rad", lower=1e-9),
