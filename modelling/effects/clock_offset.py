@@ -25,8 +25,6 @@ class ClockOffset(Kind):
     kind = "clock_offset"
     words = "is recorded with a clock that is {offset} late"
     in_recording = "all channels of one logger come by the same time too late or too early beside the others."
-        "All channels of one logger come by the same time too late, or too early, beside those of the others."
-    )
     tables = ("inputs", "sensors")
     parameters = {"offset": Parameter("s")}
     shareable = True

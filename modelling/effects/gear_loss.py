@@ -24,8 +24,6 @@ class GearLoss(Kind):
     kind = "gear_loss"
     words = "passes on torque with an efficiency of {efficiency}"
     in_recording = "torque is missing in proportion to the torque passed on: a step at zero speed that grows with load."
-        "Torque is missing in proportion to the torque passed on; a step at zero speed that grows with the load."
-    )
     tables = ("shafts",)
     parameters = {
         "efficiency": Parameter("1", lower=1e-3, upper=1.0),

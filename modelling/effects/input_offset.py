@@ -19,8 +19,6 @@ class InputOffset(Kind):
     kind = "input_offset"
     words = "acts with {offset} more than recorded"
     in_recording = "the motion drifts to one side though the recorded torque has none, as under a constant torque."
-        "The motion drifts to one side though the recorded torque has none; the same as a constant torque there."
-    )
     tables = ("inputs",)
     zero_of_recording = True
     parameters = {"offset": Parameter("N*m")}
