@@ -53,7 +53,7 @@ def bed_system(case: Case) -> System:
         Effect(Lag.kind, torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
     ]
     for dynamometer in loop.dynamometers:
-        gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
+        gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", dynamometer.torque_gain)
         effects.append(Effect(InputGain.kind, f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
     return _with_ranges(case.rig, of_rig).with_effects(*effects)
 

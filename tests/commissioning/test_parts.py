@@ -64,6 +64,9 @@ def test_a_bed_without_emulation_has_ranges_where_the_box_has_widths(case):
     delay = system.parameters["inputs.dyno.dead_time.delay"]
     assert delay.value == pytest.approx(0.0023 - 0.0005)  # the loop's dead time counts half a sample of hold
     assert delay.upper - delay.value == pytest.approx(2 * 0.0005)
+    calibrated = tuple(replace(own, torque_gain=0.97) for own in case.loop.dynamometers)
+    again = bed_system(replace(case, loop=replace(case.loop, dynamometers=calibrated)))
+    assert again.parameters["inputs.dyno.input_gain.factor"].value == 0.97
 
 
 def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):

@@ -20,7 +20,7 @@ typedef struct {
     Modes modes;
     double y[LARGEST], command[INPUTS], sent[KEPT][INPUTS], begins[KEPT][INPUTS];
     double filtered[SENSORS], before[SENSORS], history[SEEN][SENSORS], reading[SENSORS];
-    double start_speed;
+    double start_speed, moment;
     int64_t sample, steps;
     uint64_t random;
 } Bed;
@@ -36,14 +36,27 @@ static double even(Bed *b) { /* splitmix64 */
 
 static double normal(Bed *b) { return sqrt(-2 * log(even(b))) * cos(6.283185307179586 * even(b)); }
 
+/* what a staircase of commands gives at a moment, and since when */
+static double stair(const Bed *b, int j, double moment, double *since) {
+    for (int64_t n = b->sample; n >= 0 && n > b->sample - KEPT; n--)
+        if (b->begins[n % KEPT][j] <= moment) {
+            *since = b->begins[n % KEPT][j];
+            return b->sent[n % KEPT][j];
+        }
+    *since = -INFINITY;
+    return 0;
+}
+
+/* mean over an inner step: a command that arrives within it acts from then on */
 static double arrived(const Plant *p, int j, double t) {
     const Bed *b = running;
-    double value = 0;
-    for (int64_t n = b->sample; n >= 0 && n > b->sample - KEPT; n--)
-        if (b->begins[n % KEPT][j] <= t + 1e-12) {
-            value = p->factor[j] * b->sent[n % KEPT][j];
-            break;
-        }
+    double h = DT / SUBSTEPS, since, before, value = stair(b, j, b->moment + h - 1e-12, &since);
+    (void)t;
+    if (since > b->moment) {
+        double share = (b->moment + h - since) / h;
+        value = share * value + (1 - share) * stair(b, j, b->moment, &before);
+    }
+    value *= p->factor[j];
     return value > p->limit[j] ? p->limit[j] : value < -p->limit[j] ? -p->limit[j] : value;
 }
 
@@ -86,6 +99,7 @@ static void begin(Bed *b) {
     for (int n = 0; n < KEPT; n++)
         for (int j = 0; j < p->u; j++) b->begins[n][j] = INFINITY;
     b->sample = 0;
+    b->moment = -DT;
     b->steps = 0;
     b->random = SEED;
     running = b;
@@ -105,6 +119,7 @@ static int sample(Bed *b) {
         b->begins[b->sample % KEPT][j] = t + late;
     }
     for (int l = 0; l < SUBSTEPS; l++) {
+        b->moment = t + l * h;
         advance(p, t + l * h, b->y, &b->modes, 0, h);
         observe(b, t + (l + 1) * h);
     }
