@@ -28,6 +28,7 @@ from matching.frequency.verification.verify import verify
 
 AS_GOOD = 0.02  # relative, in the response error and in the modulus margin
 HALVINGS = 3  # of the way to a bound, in looking for the end of what is as good: to an eighth of it
+TRADE_POINTS = 5  # between the bounds, beside those where the end of what is as good was looked for
 ADAPTERS = "rig."  # the names they begin with
 
 
@@ -92,6 +93,8 @@ def _trade(
         return kept and tried[value] <= (1 + AS_GOOD) * error
 
     ends = [float(unscaled(part, move)) for part in as_good_between(as_good, scaled(ordered, move))]
+    for part in np.linspace(0, 1, TRADE_POINTS):
+        as_good(part)
     tried[ordered] = error
     return AdapterTrade(
         move.name, move.unit, move.start, ordered, (ends[0], ends[1]), error_planned, error,

@@ -1,14 +1,19 @@
-"""Figure of the tuned quantities between their bounds, and of the weight on a change of each."""
+"""Figures of the tuned quantities: between their bounds with the weight on a change, and what adapters to order."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from matching.frequency.search.result import MatchResult, ParameterResult
-from matching.report.common.style import LIMIT, MATCHED, figure, styled
-from matching.report.common.wording import number, unit
+from matching.frequency.search.result import AdapterTrade, MatchResult, ParameterResult
+from matching.report.common.style import BAND, LIMIT, MATCHED, RIG, figure, styled
+from matching.report.common.wording import component, number, unit
+
+COLUMNS, PANEL_HEIGHT = 3, 2.9  # inches
+LOGARITHMIC_FROM = 8.0  # largest over smallest value tried
 
 
 def quantity_figure(result: MatchResult) -> Figure:
@@ -75,3 +80,31 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
 def _label(row: ParameterResult) -> str:
     moved = number(row.tuned) if row.frozen or row.start == row.tuned else f"{number(row.start)} → {number(row.tuned)}"
     return f"{row.name}\n{moved} {unit(row.unit)}"
+
+
+def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
+    """A panel a quantity: error at the values tried, value planned and ordered, the range within 2 % shaded."""
+    rows = -(-len(trades) // COLUMNS)
+    with styled():
+        fig = figure(12.4, 0.7 + PANEL_HEIGHT * rows)
+        panels = fig.subplots(rows, min(COLUMNS, len(trades)), squeeze=False).ravel()
+        for axes in panels[len(trades) :]:
+            axes.set_visible(False)
+        for axes, trade in zip(panels, trades):
+            values, errors = np.array(trade.curve).T
+            axes.axvspan(*trade.acceptable, color=BAND, label="as good within 2 %")
+            axes.plot(values, errors, "o-", color=MATCHED, markersize=3.5, label="response error, the rest as tuned")
+            axes.axvline(trade.planned, color=RIG, linestyle="--", label="as planned")
+            axes.plot(trade.ordered, trade.error_as_ordered, "D", color=MATCHED, markersize=8, label="ordered")
+            if trade.error_as_planned is not None:
+                axes.axhline(
+                    trade.error_as_planned, color=LIMIT, linestyle=":", label="all adapters as planned, tuned for it"
+                )
+            if values.min() > 0 and values.max() > LOGARITHMIC_FROM * values.min():
+                axes.set_xscale("log")
+            axes.set_xlabel(f"{component(trade.name)} [{unit(trade.unit)}]")
+            axes.set_title(f"ordered {number(trade.ordered)}, planned {number(trade.planned)}", fontsize=9)
+        panels[0].set_ylabel("Response error, unmeasured torques")
+        handles, labels = panels[0].get_legend_handles_labels()
+        fig.legend(handles, labels, loc="outside upper center", ncols=5)
+    return fig

@@ -1,0 +1,45 @@
+"""What to order, drawn: the values tried, what is planned and ordered, and what is as good."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.frequency.search.result import AdapterTrade
+from matching.report.match.figures import CAPTIONS, figures
+from matching.report.match.page import page
+from matching.report.match.quantity_figure import trade_figure
+
+CURVE = ((1e5, 0.5), (4e5, 0.2), (6e5, 0.19), (1e6, 0.3))
+FLANGE = AdapterTrade("rig.shafts.flange.stiffness", "N*m/rad", 4e5, 6e5, (5e5, 7e5), 0.2, 0.19, CURVE)
+DAMPING = replace(FLANGE, name="rig.shafts.flange.damping", unit="N*m*s/rad", error_as_planned=None)
+
+OTHERS = (
+    "overview", "match_modes_figure", "response_figure", "signals", "margin_figure", "case_figure", "quantity_figure",
+    "wrong_values",
+)  # fmt: skip
+
+
+def test_every_quantity_has_its_curve_range_and_values():
+    drawn = trade_figure([FLANGE, DAMPING, FLANGE, DAMPING])
+    panels = [axes for axes in drawn.axes if axes.get_visible()]
+    assert len(panels) == 4
+    lines = {line.get_label(): line for line in panels[0].get_lines()}
+    np.testing.assert_array_equal(lines["response error, the rest as tuned"].get_xydata(), CURVE)
+    np.testing.assert_array_equal(lines["ordered"].get_xydata(), [[6e5, 0.19]])
+    assert list(lines["as planned"].get_xdata()) == [4e5, 4e5]
+    assert list(lines["all adapters as planned, tuned for it"].get_ydata()) == [0.2, 0.2]
+    (shade,) = panels[0].patches
+    assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((5e5, 7e5))
+    assert panels[0].get_xscale() == "log"
+    assert panels[0].get_xlabel() == "flange, stiffness [N·m/rad]"
+    assert "all adapters as planned, tuned for it" not in [line.get_label() for line in panels[1].get_lines()]
+
+
+def test_the_report_has_it_where_there_is_something_to_order(hand_made, monkeypatch):
+    for name in OTHERS:  # seconds to draw, and not asked for here
+        monkeypatch.setattr(f"matching.report.match.figures.{name}", lambda *_: None)
+    assert "trade" not in figures(hand_made)
+    ordered = replace(hand_made, adapters=(FLANGE,))
+    assert figures(ordered)["trade"].axes
+    assert CAPTIONS["trade"] in page(ordered, {"trade": b"<svg/>"})
