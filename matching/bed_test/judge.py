@@ -55,7 +55,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     places = [(h, *_place(recorded, source, sensor)) for h, source, sensor in pairs]
     again = _predicted_again(recordings, bed, places, grid)
     units = {part.name: part.unit for part in case.rig.sensors}
-    functions, curves, kinds = [], [], []
+    functions = []
     for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
         values, variances = measured.values[:, y, u], measured.variances[:, y, u]
         known = bool(bed.measured[h]) or (isinstance(bed, ObservedBed) and source in bed.controller.known)
@@ -64,30 +64,37 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
             again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
         )
         figures = replace(figures, resolution=abs(repeated.square - repeated.predicted))
-        functions.append(figures)
-        kinds.append("measured" if known else "unmeasured")
-        curves.append(
-            FunctionCurves(
-                source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h],
-                answers.matched[:, h],
-            )
+        curves = FunctionCurves(
+            source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h],
+            answers.matched[:, h],
         )  # fmt: skip
+        functions.append(_Function("measured" if known else "unmeasured", figures, curves))
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
     errors = [
-        _judged(kind, [one for one, own in zip(functions, kinds, strict=True) if own == kind], allowed[kind])
-        for kind in dict.fromkeys(kinds)
+        _judged(kind, [function.figures for function in functions if function.kind == kind], allowed[kind])
+        for kind in dict.fromkeys(function.kind for function in functions)
     ]
-    each = [
-        _judged(f"{source} → {sensor}", [one], allowed[kind])
-        for (_, source, sensor), one, kind in zip(pairs, functions, kinds, strict=True)
-    ]
+    each = [_judged(function.name, [function.figures], allowed[function.kind]) for function in functions]
     seen = _modes(case, recordings, bed, places)
     fidelity = tuple(recorded_fidelity(case, recorded, one) for one in recorded.recordings)
     states = [*(one.status for one in errors), *(one.status for one in seen)]
     return BedVerification(
-        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity, tuple(curves),
-        recorded.notes,
+        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity,
+        tuple(function.curves for function in functions), recorded.notes,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A compared function: whether its torque is measured or unmeasured, its figures, and its curves for drawing."""
+
+    kind: str
+    figures: _Figures
+    curves: FunctionCurves
+
+    @property
+    def name(self) -> str:
+        return f"{self.curves.input} → {self.curves.sensor}"
 
 
 def _compared_bed(case: Case) -> ComparedBed:
