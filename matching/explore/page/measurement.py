@@ -21,9 +21,9 @@ from matching.report.diagnosis.sentences import summary
 from modelling.common.errors import InputError
 from modelling.common.escape import file_name, html
 from modelling.common.output import write_all
-from modelling.measurement.readers import READERS, read_table
+from modelling.measurement.readers import read_table
 
-LARGEST_UPLOAD = "2GB"
+LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
 NOT_RECORDED = "not recorded"
 
 
@@ -35,9 +35,8 @@ class MeasurementTab:
         self.file: Measurement | None = None
         self.role = pn.widgets.Select(name="Model", options=list(workspace.models), width=200)
         self.drop = pn.widgets.FileDropper(
-            name="Drop a recording here", accepted_filetypes=list(READERS), max_file_size=LARGEST_UPLOAD, height=90,
-            sizing_mode=WIDE,
-        )  # fmt: skip
+            name="Drop a recording here", max_file_size=LARGEST_UPLOAD, height=130, sizing_mode=WIDE
+        )
         self.path = pn.widgets.TextInput(name="or its path on this machine", sizing_mode=WIDE)
         self.message = Message()
         self.channels = pn.Column(sizing_mode=WIDE)
