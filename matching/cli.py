@@ -3,7 +3,9 @@
 
 import argparse
 import os
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
@@ -21,6 +23,7 @@ from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
 
 ANSWERED, FAULT, BAD_INPUT = 0, 1, 2
+NARROWEST_TERMINAL = 40  # columns
 
 # Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
 WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
@@ -128,7 +131,19 @@ def _run(words: Sequence[str]) -> None:
     with _reserved(arguments):
         text = _answer(command, arguments)
     if text:
-        print(text.rstrip("\n"), flush=True)
+        print(_fitted(text.rstrip("\n")), flush=True)
+
+
+def _fitted(text: str, width: int | None = None) -> str:
+    """Lines no longer than the terminal is wide, where one reads them; what goes on is set in."""
+    if width is None:
+        if not sys.stdout.isatty():
+            return text
+        width = max(shutil.get_terminal_size().columns, NARROWEST_TERMINAL)
+    return "\n".join(
+        line if len(line) <= width else textwrap.fill(line, width, subsequent_indent="    ", break_long_words=False)
+        for line in text.split("\n")
+    )
 
 
 def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:

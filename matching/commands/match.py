@@ -28,6 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
+    from pathlib import Path
+
     from matching.arguments import cores, steps
     from matching.frequency.case.case_file import case_files
     from matching.frequency.case.load import load_case
@@ -51,11 +53,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, moving_figures(found), curve_data(found))}
     files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
     files |= case_files(found.tuned)
-    return write_results(arguments.out, "result.json", result, files)
+    written = write_results(arguments.out, "result.json", result, files)
+    return written | {"report": str(Path(arguments.out) / "report.html")}
 
 
 def summary(result: dict[str, Any]) -> str:
-    """The result in at most twenty lines."""
+    """The result in at most twenty lines; the last says where the report is."""
     from matching.report.match.text import summary as words
 
-    return words(result)
+    return f"{words(result)}\nreport: {result['report']}"

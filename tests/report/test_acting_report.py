@@ -8,10 +8,12 @@ import re
 import numpy as np
 import pytest
 
+from matching.cli import _fitted
 from matching.report.common.provenance import provenance
 from matching.report.curves import moving_figures as moving
 from matching.report.curves.curve_data import curve_data
 from matching.report.match.page import page
+from matching.report.match.text import content, summary
 
 LARGEST_PAGE = 5_000_000  # bytes, as asked
 
@@ -70,3 +72,20 @@ def test_without_bokeh_the_pictures_remain(hand_made, monkeypatch):
     assert 'class="moving"' not in text
     assert 'class="printed"' not in text
     assert 'id="made"' not in text
+
+
+def test_the_terminal_names_every_quantity_that_moved_and_wraps_at_its_width(hand_made):
+    result = content(hand_made)
+    named = summary(result)
+    moved = [row["name"] for row in result["parameters"] if row["tuned"] != row["start"]]
+    many = [
+        dict(result["parameters"][0], name=f"loop.quantity_{n}", frozen=False, start=1.0, tuned=2.0) for n in range(30)
+    ]
+    crowded = summary(result | {"parameters": many})
+    assert moved
+    assert all(name in named for name in moved)
+    assert all(row["name"] in crowded for row in many)
+    assert len(crowded.splitlines()) <= 19
+    wrapped = _fitted(crowded, 60)
+    assert max(map(len, wrapped.splitlines())) <= 60
+    assert wrapped.split() == crowded.split()

@@ -44,8 +44,11 @@ def test_the_case_that_new_writes_is_matched_with_report_figures_and_files_to_re
     capsys.readouterr()
     out = tmp_path / "out"
     assert main(["match", str(tmp_path / "mine" / "case.toml"), "--starts", "1", "--out", str(out)]) == 0
-    assert len(capsys.readouterr().out.splitlines()) <= 20
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 20
+    assert lines[-1] == f"report: {out / 'report.html'}"
     result = json.loads((out / "result.json").read_text())
+    assert result["made_by"]["case"] == str(tmp_path / "mine" / "case.toml")
     assert result["status"] == "matched"
     assert result["stable"]
     target = result["targets"][0]

@@ -12,7 +12,7 @@ from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
 from modelling.bed.structures import STRUCTURES
 
-MOST_LINES, MOST_TARGETS, MOST_NEEDS, MOST_NAMES = 20, 4, 4, 3  # of the summary for a terminal
+MOST_LINES, MOST_TARGETS, MOST_NEEDS, MOST_NAMES = 19, 4, 4, 3  # of the summary for a terminal
 
 
 def content(result: MatchResult) -> dict[str, Any]:
@@ -41,7 +41,7 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result for a terminal, at most twenty lines: the answer, what limits it, targets and errors, what moved."""
+    """The result for a terminal, at most nineteen lines: the answer, what limits it, targets and errors, what moved."""
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     head += [f"also: {limit}" for limit in result["limits"][1:3]]
     body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
@@ -50,10 +50,10 @@ def summary(result: Mapping[str, Any]) -> str:
     tail = _not_moved(result["parameters"])
     moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]
     moved.sort(key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
-    room = max(0, MOST_LINES - len(head) - len(body) - len(tail))
+    room = max(1, MOST_LINES - len(head) - len(body) - len(tail))
     of_checks = result.get("verification", {}).get("notes", [])
     notes = [f"note: {note}" for note in result.get("notes", []) if note not in of_checks]  # where there is room
-    return "\n".join([*head, *body, *(_moved(row) for row in moved[:room]), *tail, *notes][:MOST_LINES])
+    return "\n".join([*head, *body, *_all_moved(moved, room), *tail, *notes][:MOST_LINES])
 
 
 def _band(error: Mapping[str, Any]) -> str:
@@ -148,6 +148,14 @@ def _target(target: Mapping[str, Any]) -> str:
         f"rig {hertz(target['rig'])}, matched {hertz(target['matched'])}, "
         f"from simulation {hertz(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
     )
+
+
+def _all_moved(rows: list[Mapping[str, Any]], room: int) -> list[str]:
+    """A line for each quantity that moved; those for which there is no room in one line."""
+    if len(rows) <= room:
+        return [_moved(row) for row in rows]
+    rest = [f"{row['name']} {number(row['tuned'])} {unit(row['unit'])}".rstrip() for row in rows[room - 1 :]]
+    return [*(_moved(row) for row in rows[: room - 1]), f"also moved: {', '.join(rest)}"]
 
 
 def _moved(row: Mapping[str, Any]) -> str:
