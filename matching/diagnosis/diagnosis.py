@@ -22,6 +22,7 @@ from matching.diagnosis.fitting.holdout import (
     RESTART_SECONDS,
     Holdout,
     OtherRecordings,
+    RestartedRest,
     RestOfRecordings,
     holdout_residuals,
     rms_by_sensor,
@@ -139,7 +140,7 @@ def _predictable(final: Hypothesis, judge: Holdout) -> tuple[Holdout, list[str]]
     if np.nanmax(errors, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO:
         return judge, []
     note = f"held-out data are simulated in windows of {RESTART_SECONDS:g} s: rattling forgets where it began"
-    return judge.restarted(), [note]
+    return RestartedRest(judge.whole, judge.counts), [note]
 
 
 def _verdict(final: Hypothesis, after_holdout: np.ndarray) -> str:

@@ -10,7 +10,7 @@ from matching.diagnosis.candidates.short_windows import _pairs, window_uncertain
 from matching.diagnosis.data.holdout_split import split_holdout
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import Fit, solve
-from matching.diagnosis.fitting.holdout import RestOfRecordings, holdout_residuals, rms_by_sensor, simulate_other
+from matching.diagnosis.fitting.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import estimates
 from modelling.model.files import from_dict
@@ -77,8 +77,11 @@ def test_an_unseen_recording_gets_its_own_zero(fit):
 def test_held_out_rest_begins_again_every_second(fit):
     data = fit.problem.data
     _, counts = split_holdout(data)
-    again = RestOfRecordings(data, counts).restarted()
-    assert [len(segment.time) for segment in again.data.segments] == [120]
+    again = RestartedRest(data, counts)
+    assert [len(segment.time) for segment in again.segments(fit)] == [120]
     longer = replace(data.segments[0], time=4 * data.segments[0].time)  # the last 30 % of 8 s
-    again = RestOfRecordings(replace(data, segments=(longer,)), counts).restarted()
-    assert [len(segment.time) for segment in again.data.segments] == [60, 60]
+    again = RestartedRest(replace(data, segments=(longer,)), counts)
+    assert [len(segment.time) for segment in again.segments(fit)] == [60, 60]
+    residuals = holdout_residuals(RestartedRest(data, [280]).simulate(fit))
+    assert sum(len(part) for part in residuals) == 120
+    assert rms_by_sensor(residuals) == pytest.approx(1.0, abs=0.2)

@@ -19,7 +19,7 @@ from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.problem import FitProblem
 from matching.diagnosis.fitting.start_states import flank_shifts
-from matching.diagnosis.fitting.uncertainty import covariance, inflation
+from matching.diagnosis.fitting.uncertainty import covariance, discretisation_shift, inflation
 
 SHORTEST_WINDOW = 0.5  # s
 MOST_WINDOWS = 24
@@ -91,7 +91,7 @@ def window_uncertainties(fit: Fit) -> dict[str, float]:
     residual = windows.problem.residuals(windows.v[None])[0]
     derivatives = jacobian(windows.problem, windows.v, residual)
     own = replace(windows, residual=residual, jacobian=derivatives, cost=chi_square(residual))
-    sigma = np.sqrt(np.diag(covariance(own, inflation(own))))
+    sigma = np.hypot(np.sqrt(np.diag(covariance(own, inflation(own)))), discretisation_shift(own))
     return dict(zip(fit.problem.free, (float(s) for s in sigma), strict=False))
 
 

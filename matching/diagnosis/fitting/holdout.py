@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -115,19 +116,6 @@ class RestOfRecordings:
         rest = tuple(s for s, count in zip(self.whole.segments, self.counts, strict=True) if not count)
         return [run, *(simulate_other(fit, replace(self.whole, segments=rest)) if rest else [])]
 
-    def restarted(self) -> OtherRecordings:
-        """The rest in windows of ``RESTART_SECONDS``, each with a start state of its own.
-
-        A shaft that rattles forgets where it began: no model continues it freely over many seconds.
-        """
-        windows = []
-        for rest in held_out_segments(self.whole, self.counts):
-            if len(rest.time) > 1:
-                count = max(round(float(np.ptp(rest.time)) / RESTART_SECONDS), 1)
-                edges = np.linspace(0, len(rest.time), count + 1).astype(int)
-                windows += [rest.part(int(a), int(b)) for a, b in pairwise(edges)]
-        return OtherRecordings(replace(self.whole, segments=tuple(windows)))
-
     def segments(self, fit: Fit) -> list[Segment]:
         """The segments to which the residuals of :meth:`simulate` belong, in their order."""
         rests = held_out_segments(self.whole, self.counts)
@@ -153,6 +141,40 @@ class RestOfRecordings:
 
 
 @dataclass(frozen=True)
+class RestartedRest(RestOfRecordings):
+    """The same in windows of ``RESTART_SECONDS``, each with a start state fitted to it.
+
+    A shaft that rattles forgets where it began: no model continues it freely over many seconds. The fits begin where
+    the free continuation is.
+    """
+
+    def simulate(self, fit: Fit) -> list[HoldoutRun]:
+        """Simulate the windows with a fit."""
+        data = replace(self.whole, segments=tuple(window for window, _, _ in self._restarts()))
+        if not self._has_segments(fit):
+            return simulate_other(fit, data)
+        (run, *_) = super().simulate(fit)
+        fitted = [i for i, count in enumerate(self.counts) if count]
+        states = dict(zip(fitted, run.problem.states(run.v), strict=True))
+        starts = [states[i][first] if i in states else None for _, i, first in self._restarts()]
+        return simulate_other(fit, data, starts)
+
+    def segments(self, fit: Fit) -> list[Segment]:
+        """The windows."""
+        return [window for window, _, _ in self._restarts()]
+
+    def _restarts(self) -> list[tuple[Segment, int, int]]:
+        """Windows with the segment they are of and its sample that is their first."""
+        out = []
+        for i, (segment, count) in enumerate(zip(self.whole.segments, self.counts, strict=True)):
+            if len(segment.time) - count > 1:
+                seconds = float(segment.time[-1] - segment.time[count])
+                edges = np.linspace(count, len(segment.time), max(round(seconds / RESTART_SECONDS), 1) + 1).astype(int)
+                out += [(segment.part(int(a), int(b)), i, int(a)) for a, b in pairwise(edges)]
+        return out
+
+
+@dataclass(frozen=True)
 class OtherRecordings:
     """Recordings that are not fitted at all; only their start states are."""
 
@@ -172,14 +194,26 @@ def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
     return [part for run in runs for part in run.parts(run.errors)]
 
 
-def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
-    """Other data: parameters as fitted, only the start states are fitted to them, and the zeros of the recording."""
+def simulate_other(fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] | None = None) -> list[HoldoutRun]:
+    """Other data: parameters as fitted, only the start states are fitted to them, and the zeros of the recording.
+
+    Parameters
+    ----------
+    begin : sequence of ndarray (x,), optional
+        States from which the fits of the start states begin; those that the first readings show where there is none.
+    """
     problem = _without_memory(fit.problem)
     known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
     system = problem.system.with_values(known)
     zeros = {name: problem.bounds[name] for name in zeros_of_recording(system) if name in problem.bounds}
     fixed = FitProblem(system, data, zeros, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
-    starts = [first_state(system, fixed.model, segment) for segment in data.segments]
+    known_starts = begin or [None] * len(data.segments)
+    starts = [
+        first_state(system, fixed.model, segment) if start is None else start
+        for segment, start in zip(data.segments, known_starts, strict=True)
+    ]
+    held = None if begin is None else starts  # angles that no sensor reads stay where the states have them
+    fixed = replace(fixed, held_states=held)
     fits = [
         solve(fixed, fixed.pack(known, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
         for shift in flank_shifts(system, fixed.model)
@@ -187,7 +221,7 @@ def simulate_other(fit: Fit, data: FitData) -> list[HoldoutRun]:
     best = np.argmin([[np.sum(part**2) for part in fit.by_sensor()] for fit in fits], axis=0)
     residual = np.concatenate([fits[k].by_sensor()[i].ravel() for i, k in enumerate(best)])
     starts = [fits[k].starts[i] for i, k in enumerate(best)]
-    same = replace(problem, data=data, held_states=None)
+    same = replace(problem, data=data, held_states=held)
     none_used = (0,) * len(data.segments)
     values = fit.values | fits[int(np.argmin([one.cost for one in fits]))].values
     return [HoldoutRun(same, same.pack(values, starts), residual, none_used, False)]
