@@ -4,10 +4,12 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
 
+import rigmatch as rm
 from matching.cli import build_parser
 
 ROOT = Path(__file__).parents[2]
@@ -57,3 +59,13 @@ def shell_lines(text: str) -> list[str]:
     blocks = re.findall(r"^ *```([a-z{}]*)[^\n]*\n(.*?)^ *```$", text, flags=re.S | re.M)
     shell = "".join(block for language, block in blocks if language in ("", "bash", "console"))
     return [line.strip() for line in shell.replace("\\\n", " ").splitlines()]
+
+
+def test_the_budget_of_the_how_to_is_one(tmp_path):
+    """The file that the page shows is read and evaluated: 1500 N·m, u = √((0.5/√3)² + (0.25/√3·10)²) to first order."""
+    page = (ROOT / "docs" / "howto" / "budget.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^ *```toml\n(.*?)^ *```", page, flags=re.S | re.M)
+    (tmp_path / "budget.toml").write_text(textwrap.dedent(block), encoding="utf-8")
+    result = rm.uncertainty(tmp_path / "budget.toml", draws=1000).measurands[0].propagation
+    assert result.value == pytest.approx(1500)
+    assert result.first_order == pytest.approx(((0.5**2 + 2.5**2) / 3) ** 0.5)
