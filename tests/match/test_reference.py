@@ -98,6 +98,15 @@ def test_adapters_with_what_they_gain_and_how_exactly_they_have_to_be_met(refere
         assert own.to_dict()["acceptable"] == [low, high]
 
 
+def test_what_the_weight_on_changes_costs_is_stated(reference):
+    for row in reference.parameters:
+        by_logarithm = row.upper / row.lower > 4 if row.lower > 0 else False
+        place = np.log if by_logarithm else float
+        change = (place(row.tuned) - place(row.start)) / (place(row.upper) - place(row.lower))
+        assert row.to_dict()["change_cost"] == pytest.approx(2e-3 * row.weight * change**2, rel=1e-9, abs=1e-15)
+    assert sum(row.change_cost for row in reference.parameters) > 0
+
+
 def test_poles_and_margin_by_other_means(reference):
     case = reference.tuned
     own = independent.poles(case)

@@ -10,6 +10,8 @@ from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
+from matching.frequency.programme.build import CHANGE_WEIGHT
+from matching.frequency.programme.scaling import scaled
 from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
@@ -130,7 +132,8 @@ def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], li
 
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
-    tuned = solution.values.get(move.name, move.start)
+    tuned, weight = solution.values.get(move.name, move.start), change_weight(part)
+    cost = CHANGE_WEIGHT * weight * (scaled(tuned, move) - scaled(move.start, move)) ** 2
     return ParameterResult(
-        move.name, move.start, tuned, move.unit, move.lower, move.upper, change_weight(part), part, not free
+        move.name, move.start, tuned, move.unit, move.lower, move.upper, weight, part, not free, change_cost=cost
     )

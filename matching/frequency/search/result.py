@@ -63,6 +63,7 @@ class ParameterResult:
     share: float
     frozen: bool
     logarithmic: bool = False
+    change_cost: float = 0.0
 
     @property
     def at_bound(self) -> bool:
@@ -73,7 +74,19 @@ class ParameterResult:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("name", "start", "tuned", "unit", "lower", "upper", "weight", "share", "frozen", "at_bound")
+        keys = (
+            "name",
+            "start",
+            "tuned",
+            "unit",
+            "lower",
+            "upper",
+            "weight",
+            "share",
+            "frozen",
+            "at_bound",
+            "change_cost",
+        )
         return {key: getattr(self, key) for key in keys}
 
 
