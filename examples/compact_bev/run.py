@@ -26,7 +26,7 @@ def main(workers: int = 1) -> MatchResult:
     print(
         f"{result.status}: rig {shuffle.rig:.2f} Hz, vehicle {shuffle.vehicle:.3f} Hz, matched {shuffle.matched:.3f} Hz"
     )
-    print(f"simulation shows {shuffle.seen:.3f} Hz, damping ratio {shuffle.seen_damping:.3f}")
+    print(f"simulation shows {shuffle.identified:.3f} Hz, damping ratio {shuffle.identified_damping:.3f}")
     print(f"response error {error.before:.2f} before, {error.after:.4f} after, {error.unmeasured:.2f} unmeasured")
     print(f"modulus margin {checks.modulus_margin:.3f}")
     for sentence in result.limits:
@@ -34,7 +34,7 @@ def main(workers: int = 1) -> MatchResult:
     assert result.status == "matched"
     assert abs(shuffle.vehicle - 8.846) < 0.002
     assert abs(shuffle.matched / shuffle.vehicle - 1) < 0.01
-    assert abs(shuffle.seen / shuffle.vehicle - 1) < 0.02
+    assert abs(shuffle.identified / shuffle.vehicle - 1) < 0.02
     assert checks.stable
     assert checks.modulus_margin >= 0.5
     assert error.after < 0.01 < 0.1 < error.unmeasured < 0.25
