@@ -9,9 +9,9 @@ from dataclasses import replace
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.responses import ComparedBed
 from matching.frequency.programme.build import CHANGE_WEIGHT
 from matching.frequency.programme.scaling import scaled
+from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
