@@ -45,8 +45,11 @@ def _responses(result: MatchResult) -> list[Any]:
         modulus = _figure(title, *labels, x_axis_type="log", y_axis_type="log", **shared)
         phase = _figure("", "Frequency in Hz", "Phase in °", x_axis_type="log", x_range=modulus.x_range)
         for who, values in curves_of(result, index).items():
-            _line(modulus, frequencies, np.abs(values), who, "Hz")
-            _line(phase, frequencies, np.degrees(np.angle(values)), who, "Hz")
+            line = _line(modulus, frequencies, np.abs(values), who, "Hz")
+            below = _line(phase, frequencies, np.degrees(np.angle(values)), who, "Hz")
+            line.js_link("visible", below, "visible")
+        _place_legend(modulus)
+        phase.legend.visible = False
         figures += [modulus, phase]
     return figures
 
@@ -58,6 +61,7 @@ def _manoeuvre(result: MatchResult) -> list[Any]:
         fig = _figure(signal.title, "Time in s", signal.label, **shared)
         for who, values in signal.curves.items():
             _line(fig, signal.time, values, who, "s")
+        _place_legend(fig)
         figures.append(fig)
     return figures
 
@@ -74,7 +78,7 @@ def _figure(title: str, x: str, y: str, **options: Any) -> Any:
     return fig
 
 
-def _line(fig: Any, x: np.ndarray, y: np.ndarray, who: str, unit: str) -> None:
+def _line(fig: Any, x: np.ndarray, y: np.ndarray, who: str, unit: str) -> Any:
     from bokeh.models import HoverTool
 
     style = LINES[who]
@@ -82,6 +86,13 @@ def _line(fig: Any, x: np.ndarray, y: np.ndarray, who: str, unit: str) -> None:
         x.astype(np.float32), y.astype(np.float32), color=style["color"], line_width=style["linewidth"],
         alpha=style.get("alpha", 1.0), line_dash=DASHES[who], legend_label=style["label"],
     )  # fmt: skip
-    fig.legend.click_policy = "hide"
     tips = [("", style["label"]), ("x", f"@x{{0.0000}} {unit}"), ("y", "@y{0.00000}")]
     fig.add_tools(HoverTool(renderers=[line], tooltips=tips, mode="vline", visible=who == "matched"))
+    return line
+
+
+def _place_legend(fig: Any) -> None:
+    """Below the figure, where it hides no curve on a narrow screen; a click hides or shows a curve."""
+    legend = fig.legend[0]
+    legend.update(click_policy="hide", ncols=2, label_text_font_size="12px", border_line_color=None, margin=2)
+    fig.add_layout(legend, "below")
