@@ -17,31 +17,21 @@ PAGES = sorted((ROOT / "docs").rglob("*.md"))
 GENERATED = ROOT / "docs" / "reference"
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The site, built once."""
-    place = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", place / "trees"]
-    done = subprocess.run([*command, ROOT / "docs", place / "html"], capture_output=True, text=True, cwd=ROOT)
+def test_the_site_builds_without_a_warning_and_loads_nothing_from_elsewhere(tmp_path):
+    """One test, so that one process builds it: pages of reference are written into the folder docs/reference."""
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", tmp_path / "trees"]
+    done = subprocess.run([*command, ROOT / "docs", tmp_path / "html"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
-    return place / "html"
-
-
-def test_nothing_is_loaded_from_elsewhere(site):
-    """No script, style, font or picture has an address on the internet; links that a reader may follow do."""
-    pages = sorted(site.rglob("*.html"))
+    pages = sorted((tmp_path / "html").rglob("*.html"))
     assert len(pages) > 20
-    for page in pages:
+    for page in pages:  # no script, style, font or picture of theirs has an address on the internet; links may
         text = page.read_text(encoding="utf-8")
         loaded = re.findall(r"<(?:script|img|link|iframe|source)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]*)", text)
         assert loaded == [], page.name
-    for style in site.rglob("*.css"):
+    for style in (tmp_path / "html").rglob("*.css"):
         text = style.read_text(encoding="utf-8")
         assert not re.search(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", text), style.name
-
-
-def test_equations_are_equations(site):
-    assert (site / "equations.html").read_text(encoding="utf-8").count("<math") > 20
+    assert (tmp_path / "html" / "equations.html").read_text(encoding="utf-8").count("<math") > 20
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if GENERATED not in p.parents], ids=lambda page: page.name)
