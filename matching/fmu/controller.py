@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import Parts, parts_of
-from modelling.bed.residual_vehicle import cut
 from modelling.controller.exported import ExportedController
-from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback, law_of_observer
+from modelling.controller.law import ControlLaw
 from modelling.controller.settings import NO_LIMIT, Settings
 from modelling.controller.speed_hold import hold_gains
 from modelling.linear.state_space import StateSpace
@@ -26,7 +26,7 @@ def exported_controller(case: Case) -> ExportedController:
         If a model cannot be made linear, a design has no solution or no speed hold is stable.
     """
     parts = parts_of(case)
-    law = _law(parts)
+    law = control_law(parts)
     dynamometers = case.loop.dynamometers
     torques = tuple(law.sensors.index(dynamometer.torque_sensor) for dynamometer in dynamometers)
     speeds = tuple(law.sensors.index(dynamometer.speed_sensor) for dynamometer in dynamometers)
@@ -39,24 +39,6 @@ def exported_controller(case: Case) -> ExportedController:
         torques,
         speeds,
     )
-
-
-def _law(parts: Parts) -> ControlLaw:
-    case, loop = parts.case, parts.case.loop
-    reference = cut(case.vehicle, case.rig)
-    k = len(loop.dynamometers)
-    sensors = (
-        *(dynamometer.torque_sensor for dynamometer in loop.dynamometers),
-        *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
-    )
-    signs = np.concatenate([parts.toward, np.ones(k)])
-    observer = loop.structure.observer(case.rig, reference, loop)
-    if observer is not None:
-        return law_of_observer(observer)
-    feed_forward = loop.structure.feed_forward(case.rig, reference, loop)
-    if feed_forward is not None:
-        return law_of_feed_forward(feed_forward, parts.sampled_controller, signs, sensors)
-    return law_of_feedback(parts.sampled_controller, signs, sensors, parts.simulated, loop["sample_time"])
 
 
 def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settings:

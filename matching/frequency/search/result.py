@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.in_time.table import TruthInTime, truth_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
 from matching.frequency.verification.fidelity import MatchFidelity, match_fidelity
@@ -217,6 +218,11 @@ class MatchResult(Displayed):
         traces = self.verification.traces
         return None if traces is None else match_fidelity(parts_of(self.tuned), traces)
 
+    @cached_property
+    def in_time(self) -> TruthInTime:
+        """The tuned controller in time, on beds that are not the model, against the nonlinear vehicle."""
+        return truth_of(self.tuned)
+
     def to_dict(self) -> dict[str, Any]:
         """The content of ``result.json``."""
         checks = self.verification
@@ -239,6 +245,7 @@ class MatchResult(Displayed):
             "operating_point": speeds_of(self.tuned.rig),
             "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
+            "in_time": self.in_time.to_dict(),
             "verification": checks.to_dict(),
             "adapters": [adapter.to_dict() for adapter in self.adapters],
             "objective": self.objective,

@@ -58,6 +58,22 @@ def signals(result: MatchResult) -> list[Signal]:
     return drawn
 
 
+def in_time_signals(result: MatchResult) -> list[Signal]:
+    """The compared sensors of the worst bed with everything wrong, beside its vehicle."""
+    traces = result.in_time.traces
+    if traces is None:
+        return []
+    by_name = {sensor.name: sensor for sensor in result.case.vehicle.sensors}
+    drawn = []
+    for name in result.in_time.sensors:
+        sensor = by_name[name]
+        curves = {"vehicle": traces.vehicle[name], "matched": traces.measured[name]}
+        curves["unmeasured"] = traces.unmeasured[name]
+        label = f"{sensor.measures.capitalize()} in {unit(sensor.unit)}"
+        drawn.append(Signal(name.replace("_", " ").capitalize(), label, traces.time, curves))
+    return drawn
+
+
 def wrong_values(result: MatchResult) -> list[Wrong]:
     """The effect of single wrong values."""
     return [

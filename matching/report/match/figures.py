@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matching.frequency.search.result import MatchResult
 from matching.report.drawing.figures import case_figure
 from matching.report.drawing.layout import MOST_INERTIAS
-from matching.report.match.checks import signals, wrong_values
+from matching.report.match.checks import in_time_signals, signals, wrong_values
 from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure
 from matching.report.match.overview_figure import overview_figure
@@ -24,6 +24,8 @@ CAPTIONS = {
     "responses": "Frequency responses. The line of the matched rig should run inside the broad line of the vehicle; "
     "the grey band is the matched band. Dotted: the matched rig when the controller does not measure the torque.",
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
+    "in_time": "A bed with everything wrong at once, the worst of those drawn, beside the nonlinear vehicle with the "
+    "same specimen. Dotted: the controller does not measure the torque.",
     "margin": "Distance of the feedback loop from instability, with the exact dead time.",
     "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest as tuned, "
@@ -47,6 +49,8 @@ def figures(result: MatchResult) -> dict[str, Figure]:
     }
     if shown := signals(result):
         made["manoeuvre"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
+    if shown := in_time_signals(result):
+        made["in_time"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
     made["margin"] = margin_figure(result.tuned, modes)
     if max(len(system.inertias) for system in (result.case.vehicle, result.case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = case_figure(result.tuned)

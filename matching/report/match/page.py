@@ -12,6 +12,7 @@ from matching.report.common.mathml import LEGEND, equations
 from matching.report.common.provenance import Provenance
 from matching.report.common.style import RIG, VEHICLE
 from matching.report.common.wording import amount, change, component, number, sentence
+from matching.report.in_time.in_words import in_time_table
 from matching.report.match.checks import checks, needs, wrong_values
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
@@ -87,6 +88,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "band": f"{number(error.band[0])}–{number(error.band[1])} Hz",
         "measured_note": _measured_note(result),
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
+        "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
         "explanations": [*_explanations(result), DEAD_TIME],
         "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in _adapters(result)],
         "trades": {trade.name: trade for trade in result.adapters},

@@ -8,6 +8,7 @@ from typing import Any
 
 from matching.frequency.search.result import MatchResult
 from matching.report.common.wording import change, component, hertz, number, percent, practical, sentence, spaced, unit
+from matching.report.in_time.in_words import in_time_lines
 from matching.report.match.checks import needs
 from matching.report.match.fidelity_rows import fidelity_line
 from modelling.bed.structures import STRUCTURES
@@ -45,7 +46,7 @@ def summary(result: Mapping[str, Any]) -> str:
     head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
     head += [f"also: {limit}" for limit in result["limits"][1:3]]
     body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
-    body += [_errors(result), *_fidelity(result), _loop(result), *_beds(result)]
+    body += [_errors(result), *_fidelity(result), _loop(result), *_beds(result), *in_time_lines(result)]
     body += [operating_point(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
     tail = _not_moved(result["parameters"])
     moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]

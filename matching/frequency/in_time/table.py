@@ -1,0 +1,159 @@
+"""How far imperfect beds are from the nonlinear vehicle over the manoeuvre, and what they do with an open lash."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from matching.frequency.case.case import Case
+from matching.frequency.in_time.closed_loop import BedMotion, BedRun, bed_motions, vehicle_motions
+from matching.frequency.in_time.imperfection import EVERYTHING, Imperfection, imperfections
+from matching.frequency.in_time.open_lash import OpenLash, lash_runs, open_lash
+from modelling.controller.law import ControlLaw
+
+WATCHED_S = 3.0  # of the manoeuvre at most, from its beginning
+SMALLEST_RANGE = 1e-300  # of a signal that the manoeuvre leaves at rest
+
+
+@dataclass(frozen=True)
+class TimeErrors:
+    """Errors of one bed: root mean square over the range of the vehicle's signal; None where the bed is not stable.
+
+    ``measured`` and ``unmeasured`` by sensor: the controller is told of the rig's torques, or not.
+    """
+
+    words: str
+    measured: Mapping[str, float] | None
+    unmeasured: Mapping[str, float] | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return dict(vars(self))
+
+    def largest(self) -> float:
+        """Over sensors and both kinds of torques; infinite where a bed is not stable."""
+        both = (self.measured, self.unmeasured)
+        return max(np.inf if errors is None else max(errors.values()) for errors in both)
+
+
+@dataclass(frozen=True)
+class BedTraces:
+    """One bed for a figure: what is wrong, time (t,), by sensor (t,) vehicle and bed, torques measured and not."""
+
+    words: str
+    time: np.ndarray
+    vehicle: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+    unmeasured: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class TruthInTime:
+    """The tuned controller on beds that are not the model.
+
+    Attributes
+    ----------
+    sensors : tuple of str
+        Of the compared functions.
+    rows : tuple of TimeErrors
+        For what is wrong; of the drawn beds with everything wrong the worst.
+    lash : OpenLash or None
+        None where no input but the dynamometers' could open one.
+    seconds : float
+        Of the manoeuvre.
+    not_simulated : str
+        Why there is nothing; empty otherwise.
+    traces : BedTraces or None
+        Of the worst bed with everything wrong; None where it is not stable.
+    """
+
+    sensors: tuple[str, ...] = ()
+    rows: tuple[TimeErrors, ...] = ()
+    lash: OpenLash | None = None
+    seconds: float = 0.0
+    not_simulated: str = ""
+    traces: BedTraces | None = field(repr=False, default=None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "seconds": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
+            "open_lash": None if self.lash is None else self.lash.to_dict(), "not_simulated": self.not_simulated,
+        }  # fmt: skip
+
+
+def truth_in_time(case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], seed: int = 0) -> TruthInTime:
+    """BedRun the law on imperfect beds over the manoeuvre.
+
+    Parameters
+    ----------
+    torques : mapping of str to ndarray (t,)
+        The manoeuvre by input, one value a sample.
+    seed : int
+        Of the drawn beds and the noise.
+
+    Raises
+    ------
+    InputError, SimulationError
+        If an imperfect vehicle has no operating point or cannot be simulated.
+    """
+    count = min(len(next(iter(torques.values()))), round(WATCHED_S / law.sample_time) + 1)
+    torques = {name: own[:count] for name, own in torques.items()}
+    sensors = tuple(dict.fromkeys(pair.sensor for pair in case.compared))
+    cuts = cut_torque_sensors(case)
+    alone = vehicle_motions(case, [BedRun(Imperfection(""), torques)], cuts)[0]
+    rows = imperfections(case, float(np.abs(alone).max(initial=0.0)), seed)
+    known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
+    lashed = lash_runs(case, torques, known, seed)
+    runs = [BedRun(row, torques, told) for row in rows for told in (known, ())]
+    read = (*sensors, *(name for name in cuts if name not in sensors))
+    of_vehicles, of_beds = _simulated(case, law, [*runs, *lashed], read, seed)
+    found = [
+        TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
+        for i, row in enumerate(rows)
+    ]
+    every = [i for i, row in enumerate(rows) if row.words == EVERYTHING]
+    worst = max(every, key=lambda i: found[i].largest())
+    time = np.arange(count) * law.sample_time
+    drawn = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
+    traces = None
+    if len(drawn) == 3:
+        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, own.T, strict=True)) for own in drawn))
+    kept = [found[i] for i in range(len(rows)) if i not in every or i == worst]
+    at, first = [read.index(name) for name in cuts], len(runs)
+    lash = open_lash(lashed, of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
+    return TruthInTime(sensors, tuple(kept), lash, float(time[-1 - lead]), "", traces)
+
+
+def cut_torque_sensors(case: Case) -> list[str]:
+    """Sensors that rig and vehicle have of the torques at the cuts."""
+    cuts, on_rig = {interface.shaft for interface in case.residual_vehicle.interfaces}, {
+        part.name for part in case.rig.sensors if part.measures == "torque"
+    }  # fmt: skip
+    return [part.name for part in case.vehicle.sensors if part.of in cuts and part.name in on_rig]
+
+
+def _simulated(
+    case: Case, law: ControlLaw, runs: Sequence[BedRun], sensors: Sequence[str], seed: int
+) -> tuple[list[np.ndarray], list[BedMotion | None]]:
+    """Vehicle and bed of every run; those without and those with lash side by side."""
+    vehicles: dict[int, np.ndarray] = {}
+    beds: dict[int, BedMotion | None] = {}
+    for lash in (False, True):
+        places = [i for i, run in enumerate(runs) if (run.imperfection.gap > 0) == lash]
+        chosen = [runs[i] for i in places]
+        told = [i for i in places if i % 2 == 0 or runs[i].imperfection is not runs[i - 1].imperfection]
+        vehicles |= dict(zip(told, vehicle_motions(case, [runs[i] for i in told], sensors), strict=True))
+        beds |= dict(zip(places, bed_motions(case, law, chosen, sensors, seed), strict=True))
+    return [vehicles.get(i, np.zeros((0, len(sensors)))) for i in range(len(runs))], [beds[i] for i in range(len(runs))]
+
+
+def _errors(bed: BedMotion | None, vehicle: np.ndarray, sensors: tuple[str, ...], lead: int) -> dict[str, float] | None:
+    if bed is None:
+        return None
+    off, wanted = (bed.readings - vehicle)[lead:, : len(sensors)], vehicle[lead:, : len(sensors)]
+    share = np.sqrt(np.mean(off**2, axis=0)) / np.maximum(np.ptp(wanted, axis=0), SMALLEST_RANGE)
+    return dict(zip(sensors, share.tolist(), strict=True))
