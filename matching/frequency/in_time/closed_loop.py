@@ -127,9 +127,9 @@ def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
 
 
 def _told(case: Case, run: BedRun) -> dict[str, np.ndarray]:
-    """Torques as the controller is told them."""
+    """Torques as the controller is told them; those that it is not told are 0 for it."""
     on_rig = {part.name for part in case.rig.inputs}
-    return {name: own for name, own in run.torques.items() if name not in on_rig or name in run.known}
+    return {name: own * (name not in on_rig or name in run.known) for name, own in run.torques.items()}
 
 
 def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> PoorSensors:

@@ -152,8 +152,8 @@ class _RepeatedCall:
         self._parameters = np.asfortranarray(parameters.T)
         self._buffer, self._run = function.buffer()
         for i, array in enumerate((self._x, self._acting, self._parameters)):
-            self._buffer.set_arg(i, memoryview(array.T))
-        self._buffer.set_res(0, memoryview(self._found.T))
+            self._buffer.set_arg(i, memoryview(array.T))  # type: ignore[call-arg, arg-type]
+        self._buffer.set_res(0, memoryview(self._found.T))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, x: np.ndarray, acting: np.ndarray) -> np.ndarray:
         """The function at matrices as CasADi has them: one column a bed, or a bed and fine step."""

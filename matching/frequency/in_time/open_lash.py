@@ -16,7 +16,8 @@ LASHES_RAD = (np.radians(0.5), np.radians(5.0))  # of a drive's whole lash, from
 DRAWN = 4
 PULSE_S = (0.2, 0.3)  # torque that closes the lash, and leaves it open
 JUDGED_S = 0.5  # at the end
-CYCLING = 0.02  # of the vehicle's range, by which the bed's torque swings more than the vehicle's
+EXCESS = 0.02  # of the vehicle's range, by which the bed's torque swings more than the vehicle's
+DECAYING = 0.95  # swing over that of the half second before: below it the bed comes to rest as well
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,10 @@ class OpenLash:
         return dict(vars(self))
 
 
-def lash_runs(case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int) -> list[BedRun]:
-    """A pulse at the first input of the rig that is no dynamometer's, on drawn beds with drawn lashes."""
-    return drawn_lashes(case, torques, known, DRAWN, seed)
-
-
-def drawn_lashes(
-    case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], count: int, seed: int
-) -> list[BedRun]:  # fmt: skip
-    """The same for any number of lashes."""
+def lash_runs(
+    case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, count: int = DRAWN
+) -> list[BedRun]:
+    """A pulse at the input of the rig that the manoeuvre drives hardest, on ``count`` drawn beds with drawn lashes."""
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     inputs = [part.name for part in case.rig.inputs if part.name not in driven]
     inputs.sort(key=lambda name: -np.abs(torques.get(name, np.zeros(1))).max())
@@ -70,15 +66,24 @@ def drawn_lashes(
 
 
 def open_lash(
-    runs: Sequence[BedRun], vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
-) -> OpenLash:  # fmt: skip
-    """Judge vehicles (t, y) and beds of runs by the readings ``at`` torques of the cuts."""
-    last = slice(-round(JUDGED_S / step), None)
-    swings = []
+    vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
+) -> OpenLash:
+    """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts."""
+    count = round(JUDGED_S / step)
+    before, last = slice(-2 * count, -count), slice(-count, None)
+    swings, cycling = [], 0
     for vehicle, bed in zip(vehicles, beds, strict=True):
-        of_vehicle = float(np.std(vehicle[last][:, at], axis=0).max())
-        of_bed = np.inf if bed is None else float(np.std(bed.readings[last][:, at], axis=0).max())
-        swings.append((of_bed, of_vehicle, CYCLING * float(np.ptp(vehicle[:, at], axis=0).max())))
-    worst = max(swings, key=lambda row: row[0] - row[1])
-    cycling = sum(bed > vehicle + more for bed, vehicle, more in swings)
-    return OpenLash(len(runs), cycling, worst[0], worst[1])
+        of_vehicle, of_bed = _swing(vehicle[last][:, at]), np.inf
+        if bed is not None:
+            of_bed = _swing(bed.readings[last][:, at])
+            decaying = of_bed < DECAYING * _swing(bed.readings[before][:, at])
+            least = of_vehicle + EXCESS * float(np.ptp(vehicle[:, at], axis=0).max())
+        cycling += bed is None or (of_bed > least and not decaying)
+        swings.append((of_bed, of_vehicle))
+    worst = max(swings, key=lambda pair: pair[0] - pair[1])
+    return OpenLash(len(beds), cycling, *worst)
+
+
+def _swing(torques: np.ndarray) -> float:
+    """Largest standard deviation of torques (t, k)."""
+    return float(np.std(torques, axis=0).max())

@@ -14,8 +14,9 @@ OFFSET_IN_UNCERTAINTIES = 2.0  # of a torque sensor, one way or the other
 class PoorSensors:
     """Sensors of the beds that have poor ones; y sensors, b beds.
 
-    Torques get noise and an offset. Speeds are differences of counts: the angle is known to a count at every sample, and
-    noise of the sensor's uncertainty is added. That a mean over a sample is half a sample late belongs to the dead time.
+    Torques get noise and an offset. Speeds are differences of counts: the angle is known to a count at every sample,
+    and noise of the sensor's uncertainty is added. A mean over a sample is half a sample late: that belongs to the
+    dead time.
 
     Parameters
     ----------

@@ -12,7 +12,12 @@ from matching.frequency.case.case import Case
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, bed_motions, vehicle_motions
 from matching.frequency.in_time.imperfection import EVERYTHING, Imperfection, imperfections
 from matching.frequency.in_time.open_lash import OpenLash, lash_runs, open_lash
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.verification.reading import manoeuvre_torques
+from modelling.common.errors import InputError
 from modelling.controller.law import ControlLaw
+from modelling.simulation.result import SimulationError
 
 WATCHED_S = 3.0  # of the manoeuvre at most, from its beginning
 SMALLEST_RANGE = 1e-300  # of a signal that the manoeuvre leaves at rest
@@ -85,13 +90,29 @@ class TruthInTime:
         }  # fmt: skip
 
 
-def truth_in_time(case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], seed: int = 0) -> TruthInTime:
-    """BedRun the law on imperfect beds over the manoeuvre.
+def truth_of(case: Case, seed: int = 0) -> TruthInTime:
+    """The table of a tuned case over its manoeuvre; where it cannot be simulated the result says why."""
+    if case.loop.torqueless:
+        return TruthInTime(not_simulated="the dynamometers give no torque")
+    try:
+        parts = parts_of(case)
+        torques, lead = manoeuvre_torques(parts)
+        return truth_in_time(case, control_law(parts), torques, lead, seed)
+    except (InputError, SimulationError) as fault:
+        return TruthInTime(not_simulated=str(fault))
+
+
+def truth_in_time(
+    case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], lead: int = 0, seed: int = 0
+) -> TruthInTime:
+    """Run a law on imperfect beds over a manoeuvre.
 
     Parameters
     ----------
     torques : mapping of str to ndarray (t,)
         The manoeuvre by input, one value a sample.
+    lead : int
+        Samples at the beginning that only lead in and do not count.
     seed : int
         Of the drawn beds and the noise.
 
@@ -100,7 +121,7 @@ def truth_in_time(case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray]
     InputError, SimulationError
         If an imperfect vehicle has no operating point or cannot be simulated.
     """
-    count = min(len(next(iter(torques.values()))), round(WATCHED_S / law.sample_time) + 1)
+    count = min(len(next(iter(torques.values()))), lead + round(WATCHED_S / law.sample_time) + 1)
     torques = {name: own[:count] for name, own in torques.items()}
     sensors = tuple(dict.fromkeys(pair.sensor for pair in case.compared))
     cuts = cut_torque_sensors(case)
@@ -117,22 +138,21 @@ def truth_in_time(case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray]
     ]
     every = [i for i, row in enumerate(rows) if row.words == EVERYTHING]
     worst = max(every, key=lambda i: found[i].largest())
-    time = np.arange(count) * law.sample_time
-    drawn = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
+    time = (np.arange(count) - lead) * law.sample_time
+    signals = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
     traces = None
-    if len(drawn) == 3:
-        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, own.T, strict=True)) for own in drawn))
+    if len(signals) == 3:
+        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, own.T, strict=True)) for own in signals))
     kept = [found[i] for i in range(len(rows)) if i not in every or i == worst]
     at, first = [read.index(name) for name in cuts], len(runs)
-    lash = open_lash(lashed, of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
-    return TruthInTime(sensors, tuple(kept), lash, float(time[-1 - lead]), "", traces)
+    lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
+    return TruthInTime(sensors, tuple(kept), lash, float(time[-1]), "", traces)
 
 
 def cut_torque_sensors(case: Case) -> list[str]:
     """Sensors that rig and vehicle have of the torques at the cuts."""
-    cuts, on_rig = {interface.shaft for interface in case.residual_vehicle.interfaces}, {
-        part.name for part in case.rig.sensors if part.measures == "torque"
-    }  # fmt: skip
+    cuts = {interface.shaft for interface in case.residual_vehicle.interfaces}
+    on_rig = {part.name for part in case.rig.sensors if part.measures == "torque"}
     return [part.name for part in case.vehicle.sensors if part.of in cuts and part.name in on_rig]
 
 
@@ -145,10 +165,11 @@ def _simulated(
     for lash in (False, True):
         places = [i for i, run in enumerate(runs) if (run.imperfection.gap > 0) == lash]
         chosen = [runs[i] for i in places]
-        told = [i for i in places if i % 2 == 0 or runs[i].imperfection is not runs[i - 1].imperfection]
-        vehicles |= dict(zip(told, vehicle_motions(case, [runs[i] for i in told], sensors), strict=True))
+        distinct = {id(run.imperfection): run for run in chosen}
+        motions = dict(zip(distinct, vehicle_motions(case, [*distinct.values()], sensors), strict=True))
+        vehicles |= {i: motions[id(runs[i].imperfection)] for i in places}
         beds |= dict(zip(places, bed_motions(case, law, chosen, sensors, seed), strict=True))
-    return [vehicles.get(i, np.zeros((0, len(sensors)))) for i in range(len(runs))], [beds[i] for i in range(len(runs))]
+    return [vehicles[i] for i in range(len(runs))], [beds[i] for i in range(len(runs))]
 
 
 def _errors(bed: BedMotion | None, vehicle: np.ndarray, sensors: tuple[str, ...], lead: int) -> dict[str, float] | None:

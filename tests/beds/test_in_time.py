@@ -1,0 +1,162 @@
+"""The controller in time on beds that are not the model, against the truth plant, which shares no code with it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from beds.plant_loop import bed_run, plant_model, vehicle_run
+from plant.marks import needs_compiler
+
+from matching.frequency.case.load import load_case
+from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
+from matching.frequency.in_time.imperfection import Imperfection, imperfections
+from matching.frequency.in_time.open_lash import lash_runs, open_lash
+from matching.frequency.in_time.sensing import ANGLE_OF_A_COUNT, PoorSensors
+from matching.frequency.in_time.table import truth_in_time, truth_of
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
+from modelling.model.components import Sensor
+
+SENSORS = ("motor_speed", "side_torque")
+WRONG = {
+    "values": Imperfection("", {
+        "rig.shafts.side.stiffness": 3800.0, "rig.inertias.motor.J": 0.52, "loop.dead_time": 0.00277,
+        "dynamometers.dyno.torque_gain": 1.03,
+    }, demand_factor=1.05, demand_late=5e-3),
+    "lash": Imperfection("", gap=0.02),
+    "friction": Imperfection("", friction=3.0),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def law(small_case):
+    return control_law(parts_of(small_case))
+
+
+def pulse(case, count=800):
+    time = np.arange(count) * case.loop["sample_time"]
+    return {"motor_torque": np.interp(time, [0.05, 0.1, 0.4, 0.45], [0.0, 60.0, 60.0, -20.0])}
+
+
+def on_plant(case, law, run):
+    """The same run on the truth plant: vehicle and bed, (t, y)."""
+    wrong, torques = run.imperfection, acting(case, run)
+    both = {"gap": wrong.gap, "lashed": ("side",), "friction": wrong.friction, "rubbing": ("motor",)}
+    shared = {name: value for name, value in wrong.of_rig().items() if name in case.vehicle.parameters}
+    vehicle = vehicle_run(plant_model(case.vehicle, shared, **both), torques, law.sample_time, SENSORS)
+    told = {name: own for name, own in run.torques.items() if name in run.known}
+    bed = bed_run(
+        plant_model(case.rig, wrong.of_rig(), **both), law, case.loop, torques, told, SENSORS,
+        dead_time=wrong.values.get("loop.dead_time", case.loop["dead_time"]),
+        gains=np.array([wrong.values.get("dynamometers.dyno.torque_gain", 1.0)]),
+    )  # fmt: skip
+    return vehicle, bed
+
+
+@needs_compiler
+@pytest.mark.parametrize("wrong", list(WRONG))
+def test_vehicle_and_bed_move_as_on_the_truth_plant(small_case, law, wrong):
+    run = BedRun(WRONG[wrong], pulse(small_case), ("motor_torque",) if wrong == "values" else ())
+    vehicle = vehicle_motions(small_case, [run], SENSORS)[0]
+    bed = bed_motions(small_case, law, [run], SENSORS)[0].readings
+    wanted_vehicle, wanted_bed = on_plant(small_case, law, run)
+    span = np.ptp(wanted_vehicle, axis=0)
+    assert np.abs(vehicle - wanted_vehicle).max(axis=0) == pytest.approx(0, abs=4e-3 * span.max())
+    for found, wanted in ((vehicle, wanted_vehicle), (bed, wanted_bed)):
+        assert (np.sqrt(np.mean((found - wanted) ** 2, axis=0)) < 2e-3 * span).all()
+
+
+@pytest.fixture(scope="module")
+def table(small_case, law):
+    return truth_in_time(small_case, law, pulse(small_case, 600))
+
+
+def test_the_table_has_every_row(table):
+    assert [row.words for row in table.rows][:2] == ["nothing", "shafts at the cut 5 % softer"]
+    assert table.rows[-1].words == "everything at once, bed drawn"
+    assert table.rows[0].measured["side_torque"] < 0.005  # the sampled controller on its own model
+    assert table.rows[0].largest() < table.rows[-1].largest() < 0.3
+    assert set(table.traces.vehicle) == set(SENSORS)
+
+
+def test_a_bed_that_runs_away_is_not_stable_and_one_at_its_torque_limit_is_far_off(small_case, law):
+    runs, wrong = [BedRun(Imperfection(""), pulse(small_case, 600))], replace(law, K=-law.K)
+    free = replace(small_case, limits={"modulus_margin": 0.5})
+    assert bed_motions(free, wrong, runs, SENSORS) == [None]
+    limited, vehicle = bed_motions(small_case, wrong, runs, SENSORS)[0], vehicle_motions(small_case, runs, SENSORS)[0]
+    assert np.abs(limited.commands).max() == 1500
+    assert np.abs(limited.readings - vehicle).max() > np.ptp(vehicle)
+
+
+def test_one_that_runs_away_leaves_those_beside_it_as_they_are(small_case, law):
+    torques = pulse(small_case, 600)
+    late = Imperfection("", {"loop.dead_time": 0.05})
+    small_case = replace(small_case, limits={"modulus_margin": 0.5})
+    alone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques)], SENSORS)[0]
+    beside, gone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques), BedRun(late, torques)], SENSORS)
+    assert gone is None
+    assert beside.readings == pytest.approx(alone.readings, abs=1e-9)
+
+
+def test_what_is_wrong_of_a_demand_reaches_the_rig_and_not_what_the_controller_is_told(small_case):
+    run = BedRun(Imperfection("", demand_factor=1.05, demand_late=5e-3), pulse(small_case), ())
+    late, demanded = acting(small_case, run)["motor_torque"], run.torques["motor_torque"]
+    assert late[5:] == pytest.approx(1.05 * demanded[:-5])
+
+
+def test_imperfections_draw_from_the_box_of_the_case(small_case):
+    *alone, last = imperfections(small_case, 100.0, 0)
+    names = {quantity.name for quantity in small_case.uncertainty.uncertain}
+    assert set(last.values) == names
+    assert last.gap
+    assert last.friction == 2.0
+    assert last.poor_sensors
+    assert [len(row.values) for row in alone[:3]] == [0, 1, 1]
+
+
+def test_an_encoder_counts_and_loses_nothing():
+    """A steady speed: each reading within a count a sample, the mean exact; a torque gets offset and gain."""
+    sensors = [Sensor("n", "speed", "rotor", 1e-9), Sensor("M", "torque", "flange", 1e-9)]
+    poor = PoorSensors(sensors, np.array([True, False]), np.array([[1.0, 1.0], [1.01, 1.0]]), 1e-3, 0)
+    speed, torque = 12.34, 50.0
+    read = np.array([poor.read(np.array([[speed, speed], [torque, torque]])) for _ in range(4001)])[1:]
+    assert np.abs(read[:, 0, 0] - speed).max() == pytest.approx(ANGLE_OF_A_COUNT / 1e-3, rel=0.1)
+    assert np.ptp(read[:, 0, 0]) > 0.5
+    assert read[:, 0, 0].mean() == pytest.approx(speed, abs=ANGLE_OF_A_COUNT / 4 + 1e-6)
+    assert read[:, 1, 0] == pytest.approx(1.01 * torque, abs=1e-7)
+    assert (read[:, 0, 1] == speed).all()
+    assert (read[:, 1, 1] == torque).all()
+
+
+def test_a_limit_cycle_is_told_from_a_motion_that_dies_out():
+    time = np.arange(3000) * 1e-3
+    swinging, decaying = 100 * np.sin(50 * time)[:, None], (100 * np.exp(-time) * np.sin(50 * time))[:, None]
+    vehicle = decaying * np.exp(-time)[:, None]
+    motions = [BedMotion(own, own) for own in (swinging, decaying)] + [None]
+    found = open_lash([vehicle] * 3, motions, [0], 1e-3)
+    assert (found.drawn, found.cycling) == (3, 2)
+    assert open_lash([vehicle], motions[:1], [0], 1e-3).largest_swing == pytest.approx(100 / np.sqrt(2), rel=0.02)
+
+
+def test_no_limit_cycle_with_an_open_lash(small_case, law):
+    runs = lash_runs(small_case, pulse(small_case, 3000), ("motor_torque",), 3, count=2)
+    vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, law, runs, SENSORS)
+    assert open_lash(vehicles, beds, [1], law.sample_time).cycling == 0
+
+
+def test_a_bed_that_cannot_be_simulated_says_why(small_case):
+    loop = replace(small_case.loop, values={**small_case.loop.values, "command_weight": -1.0})
+    assert truth_of(replace(small_case, loop=loop)).not_simulated
+
+
+@pytest.mark.long
+@needs_compiler
+def test_no_limit_cycle_of_the_reference_with_twenty_lashes():
+    case = load_case(Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml")
+    law, names = control_law(parts_of(case)), ("side_left_torque", "side_right_torque")
+    time = np.arange(8000) * 1e-3
+    runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, count=20)
+    found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)
+    assert (found.drawn, found.cycling) == (20, 0)
+    assert found.largest_swing < found.vehicle_swing + 2.0  # N·m
