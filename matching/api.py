@@ -292,8 +292,9 @@ def simulate(
 
 
 def match(
-    case: Case | File, seed: int = 0, starts: int = 14, workers: int = 1, progress: Callable[[str], None] | None = None
-) -> MatchResult:
+    case: Case | File, seed: int = 0, starts: int = 14, workers: int = 1,
+    progress: Callable[[str], None] | None = None, *, beds: int | None = None,
+) -> MatchResult:  # fmt: skip
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
     Parameters
@@ -328,7 +329,7 @@ def match(
     """
     from matching.frequency.search.match import match as run
 
-    return run(_case(case), seed, starts, progress, workers)
+    return run(_case(case), seed, starts, progress, workers, beds=beds)
 
 
 # more than six parameters: the options of the command

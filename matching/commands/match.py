@@ -10,6 +10,7 @@ cannot be met the status is "limited" and the limits name the reasons."""
 EXAMPLES = (
     "rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig",
     "rigmatch match case.toml --seed 3 --starts 20 --workers 4 --out out/match",
+    "rigmatch match examples/road_to_rig/observer.toml --beds 2000 --out out/observer",
 )
 
 
@@ -24,6 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--starts", metavar="N", type=count(1), help="largest number of starting points (default: 14)")
     parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
+    parser.add_argument(
+        "--beds",
+        metavar="N",
+        type=count(1),
+        help="fresh beds drawn from [uncertainty] that judge the result (default: 200)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -46,7 +53,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     case = load_case(arguments.case)
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with steps("match") as tell:
-        found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), **effort)
+        found = match(
+            case, arguments.seed, progress=tell, workers=arguments.workers or cores(), beds=arguments.beds, **effort
+        )
     made = provenance(found.case, arguments.seed)
     result = content(found) | {"made_by": made.to_dict()}
     drawn = {name: image(figure) for name, figure in figures(found).items()}

@@ -1,12 +1,26 @@
 """Drawn beds by two assemblies that share nothing: state spaces in the search, dynamic stiffness in the check."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from matching.frequency.beds.closed_loop import action, bed_set, closed_matrices, damping, errors
+from matching.frequency.beds.figures import loop_figures, planned
+from matching.frequency.beds.requirements import requirements
+from matching.frequency.case.uncertainty import Box, Uncertain
 from matching.frequency.independent.beds_check import Judge, check_beds
+from matching.frequency.independent.loop_check import check_loop
+from matching.frequency.independent.worst_bed import worst_bed
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.poles import sampled_poles
+from matching.frequency.response.response_error import error_figures
 from modelling.bed.observer_design import design
 from modelling.bed.observer_model import observer_model
+from modelling.bed.residual_vehicle import cut
+from modelling.bed.structures import STRUCTURES
+from modelling.controller.law import law_of_observer
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +31,7 @@ def controller(small_case):
 @pytest.mark.parametrize("seed", range(4))
 def test_both_see_the_same_bed(small_case, controller, seed):
     values = small_case.uncertainty.at(small_case.uncertainty.draw(1, seed)[0] * (1 + 2 * (seed == 3)))
-    judge = Judge(small_case, controller)
+    judge = Judge(small_case, law_of_observer(controller))
     beds = bed_set(small_case, [values], judge.frequencies)
     acting = action(controller, judge.frequencies)
     size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
@@ -30,15 +44,74 @@ def test_both_see_the_same_bed(small_case, controller, seed):
 
 
 def test_a_bed_whose_dynamometer_pushes_the_wrong_way_is_found_unstable(small_case, controller):
-    judge = Judge(small_case, controller)
+    judge = Judge(small_case, law_of_observer(controller))
     assert judge.verdict({}).stable
     assert not judge.verdict({"dynamometers.dyno.torque_gain": -1.0}).stable
 
 
 def test_every_drawn_bed_counts(small_case, controller):
-    found = check_beds(small_case, controller, 1e-4, 12, 5)
+    found = check_beds(small_case, law_of_observer(controller), 1e-4, 12, 5)
     assert (found.drawn, found.stable, found.damped) == (12, 12, 12)
     assert found.holds
-    strict = check_beds(small_case, controller, found.smallest_damping_ratio * 1.0001, 12, 5)
+    strict = check_beds(small_case, law_of_observer(controller), found.smallest_damping_ratio * 1.0001, 12, 5)
     assert (strict.damped, strict.holds) == (11, False)
     assert found.to_dict()["unmeasured_95"] == pytest.approx(np.quantile(found.unmeasured, 0.95))
+
+
+class Plane:
+    """A judge whose damping falls evenly: its least value stands in a corner that can be told beforehand."""
+
+    def __init__(self, slopes):
+        self.slopes = slopes
+
+    def damping(self, values):
+        return 0.1 - sum(slope * values[name] for name, slope in self.slopes.items())
+
+
+def test_the_worst_bed_of_a_plane_is_its_corner():
+    slopes = {"a": 0.02, "b": -0.05, "c": 0.001}
+    box = Box(tuple(Uncertain(name, 2.0, 1.0) for name in slopes))
+    found = worst_bed(Plane(slopes), box, box.draw(3, 0))
+    assert found.values == pytest.approx({"a": 3.0, "b": 1.0, "c": 3.0})
+    assert found.damping_ratio == pytest.approx(0.1 - 0.06 + 0.05 - 0.003)
+    assert found.named == ("b", "a", "c")
+    assert worst_bed(Plane({}), Box(), np.zeros((3, 0))) is None
+
+
+def test_the_worst_bed_is_worse_than_those_drawn_and_is_what_it_says(small_case, controller):
+    law = law_of_observer(controller)
+    found = check_beds(small_case, law, 1e-4, 6, 5)
+    assert found.worst.damping_ratio < found.smallest_damping_ratio
+    assert Judge(small_case, law).verdict(found.worst.values).damping_ratio == pytest.approx(found.worst.damping_ratio)
+    box = {one.name: one for one in small_case.uncertainty.uncertain}
+    for name, value in found.worst.values.items():
+        assert abs(value - box[name].value) <= box[name].half_width * (1 + 1e-9)
+
+
+def test_margin_roll_off_and_noise_are_those_of_the_search(small_case, controller):
+    required = requirements(small_case)
+    noise = observer_model(small_case.rig, small_case.residual_vehicle, small_case.loop).readings.noise
+    wanted = loop_figures(planned(small_case, noise), controller, required)
+    found = check_loop(
+        small_case, law_of_observer(controller), noise, required.margin_from, required.rolled_off_from
+    )  # fmt: skip
+    assert vars(found) == pytest.approx(vars(wanted), rel=1e-6)
+
+
+@pytest.mark.parametrize("structure", ["pi", "model_based"])
+def test_feedback_laws_are_judged_as_they_run(small_case, structure):
+    """Least damping of the bed as planned, against the poles of the verification's own sampled loop."""
+    made = STRUCTURES[structure]
+    values = {**small_case.loop.values, **{name: own.start for name, own in made.quantities.items()}}
+    loop = replace(small_case.loop, structure=made, values=values, further_sensors=())
+    case = replace(small_case, loop=loop)
+    parts = parts_of(case)
+    z = sampled_poles(parts)
+    if structure == "model_based":
+        z = np.append(z, np.exp(made.feed_forward(case.rig, cut(case.vehicle, case.rig), loop).poles * 1e-3))
+    s = np.log(z[np.abs(z) > 1e-3].astype(complex)) / loop["sample_time"]
+    s = s[np.abs(s.imag) > 1]
+    found = Judge(case, control_law(parts)).verdict({})
+    assert found.damping_ratio == pytest.approx(np.min(-s.real / np.abs(s)), rel=1e-5)
+    assert found.stable == bool((np.abs(z) < 1).all())
+    assert found.measured == pytest.approx(error_figures(case).after, rel=0.02)

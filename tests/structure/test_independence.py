@@ -7,7 +7,8 @@ from structure.imports import ROOT
 ROOM = ROOT / "matching" / "frequency" / "independent"
 DATA = {  # classes that hold a model or a case; none of them computes a matrix
     ("matching.frequency.case.case", "Case"),
-    ("modelling.bed.sampled_controller", "SampledController"),  # what is judged; its matrices are taken as they are
+    ("matching.frequency.case.uncertainty", "Box"),
+    ("modelling.controller.law", "ControlLaw"),  # what is judged; its matrices are taken as they are
     ("modelling.model.components", "Effect"),
     ("modelling.model.components", "Shaft"),
     ("modelling.model.system", "System"),

@@ -12,7 +12,8 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
-from modelling.bed.sampled_controller import SampledController
+from matching.frequency.independent.worst_bed import WorstBed, worst_bed
+from modelling.controller.law import ControlLaw
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
@@ -41,6 +42,8 @@ class BedsCheck:
     smallest_damping_ratio, required_damping : float
     measured, unmeasured : tuple of float
         Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
+    worst : WorstBed or None
+        The least damped bed of the box that an ascent from the worst of the drawn ones finds.
     """
 
     drawn: int
@@ -50,6 +53,7 @@ class BedsCheck:
     required_damping: float
     measured: tuple[float, ...]
     unmeasured: tuple[float, ...]
+    worst: WorstBed | None = None
     not_covered: str = ""
 
     @property
@@ -64,7 +68,7 @@ class BedsCheck:
             "smallest_damping_ratio": self.smallest_damping_ratio, "required_damping_ratio": self.required_damping,
             "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
             "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
-            "not_covered": self.not_covered,
+            "worst": None if self.worst is None else self.worst.to_dict(), "not_covered": self.not_covered,
         }  # fmt: skip
 
 
@@ -74,7 +78,12 @@ def quantile(values: Sequence[float], share: float) -> float | None:
 
 
 class Judge:
-    """A controller on any bed of a case.
+    """A control law on any bed of a case.
+
+    Parameters
+    ----------
+    frequencies : ndarray (f,), optional
+        Hz; over the band unless given.
 
     Raises
     ------
@@ -82,11 +91,12 @@ class Judge:
         If rig or vehicle hold what this room does not know.
     """
 
-    def __init__(self, case: Case, controller: SampledController):
-        self.case, self.judged = case, controller
+    def __init__(self, case: Case, law: ControlLaw, frequencies: np.ndarray | None = None):
+        self.case, self.law = case, law
         self.rig, self.vehicle = Chain(case.rig), Chain(case.vehicle)
         low, high = np.log(case.band)
-        self.frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
+        over_band = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
+        self.frequencies = over_band if frequencies is None else frequencies
         self._of_readings, self._of_known = self._action()
         self._rig_inputs = {part.name for part in case.rig.inputs}
         self._sources = list(dict.fromkeys(pair.input for pair in case.compared))
@@ -98,47 +108,61 @@ class Judge:
         return [Chain(part).stiffness(np.zeros(1, complex))[0].real for part in self.case.residual_vehicle.parts]
 
     def _action(self) -> tuple[np.ndarray, np.ndarray]:
-        """Commands for readings (f, k, y) and known torques (f, k, w), from the equations as they run."""
-        own, x = self.judged, len(self.judged.A)
-        z = np.exp(2j * np.pi * self.frequencies * own.sample_time)
-        keep = np.eye(x) - own.L @ own.C
-        by_readings, by_known = own.L, np.zeros((x, len(own.known)))
-        # z·ξ = A·(keep·ξ + L·y) + B·u + W·w, u = −F·(keep·ξ + L·y) − G·w
-        loop = (own.A - own.B @ own.F) @ keep
-        inputs = np.hstack([(own.A - own.B @ own.F) @ by_readings, own.W - own.B @ own.G])
-        states = np.linalg.solve(z[:, None, None] * np.eye(x) - loop, np.broadcast_to(inputs, (len(z), *inputs.shape)))
-        commands = -own.F @ (keep @ states + np.hstack([by_readings, by_known]))
-        y = len(own.sensors)
-        return commands[:, :, :y], commands[:, :, y:] - own.G
+        """Commands for readings (f, k, y) and known torques (f, k, w), from the law as it runs."""
+        law, x, y = self.law, len(self.law.A), len(self.law.sensors)
+        z = np.exp(2j * np.pi * self.frequencies * law.sample_time)
+        keep, sending = np.eye(x) - law.L @ law.E, law.A + law.Bs @ law.K
+        inputs = np.hstack([sending @ law.L + law.By + law.Bs @ law.Dy, law.Bw + law.Bs @ law.Dw])
+        loop = z[:, None, None] * np.eye(x) - sending @ keep
+        states = np.linalg.solve(loop, np.broadcast_to(inputs, (len(z), *inputs.shape)))
+        commands = law.K @ keep @ states
+        commands[:, :, :y] += law.K @ law.L + law.Dy
+        commands[:, :, y:] += law.Dw
+        return commands[:, :, :y], commands[:, :, y:]
 
     def verdict(self, values: Mapping[str, float]) -> BedVerdict:
         """One bed, by its values."""
-        of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-        bed = DrawnBed(self.case, self.rig.with_values(of_rig), values)
-        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.judged)))
+        bed, of_rig = self._bed(values)
+        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.law)))
         shared = {name: value for name, value in of_rig.items() if name in self.case.vehicle.parameters}
         measured, unmeasured = self._errors(bed, self.vehicle.with_values(shared))
         return BedVerdict(stable, ratio, measured, unmeasured)
+
+    def damping(self, values: Mapping[str, float]) -> float:
+        """Least damping ratio of any mode of one bed; −1 where it grows without swinging."""
+        stable, ratio = self._poles(np.linalg.eigvals(self._bed(values)[0].closed(self.law)))
+        return ratio if stable or ratio < 0 else -1.0
+
+    def _bed(self, values: Mapping[str, float]) -> tuple[DrawnBed, dict[str, float]]:
+        of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
+        return DrawnBed(self.case, self.rig.with_values(of_rig), values), of_rig
 
     def _poles(self, z: np.ndarray) -> tuple[bool, float]:
         resting = np.abs(z - 1) < AT_REST
         stable = bool(np.all(np.abs(z[~resting]) < 1)) and int(resting.sum()) <= self._at_rest
         alive = z[~resting & (np.abs(z) > LOWEST_Z)]
-        s = np.log(alive.astype(complex)) / self.judged.sample_time
+        s = np.log(alive.astype(complex)) / self.law.sample_time
         s = s[np.abs(s.imag) > SLOWEST_SWING_RAD_S]
         return stable, float(np.min(-s.real / np.abs(s), initial=1.0))
+
+    def planned(self) -> tuple[np.ndarray, np.ndarray]:
+        """I + L at the commands (f, k, k) of the bed as planned, and the law's commands for readings (f, k, y)."""
+        return self._return_difference(self._bed({})[0]), self._of_readings
+
+    def _return_difference(self, bed: DrawnBed) -> np.ndarray:
+        A, B, C = bed.stepped
+        z = np.exp(2j * np.pi * self.frequencies * self.law.sample_time)
+        loop = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)))
+        return np.eye(B.shape[1]) - self._of_readings @ loop
 
     def _errors(self, bed: DrawnBed, vehicle: Chain) -> tuple[float, float]:
         """Response errors over the compared functions, rig torques known as the case says, and unknown."""
         s = 2j * np.pi * self.frequencies
-        A, B, C = bed.stepped
-        z = np.exp(s * self.judged.sample_time)
-        loop = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)))
-        k, on_rig = B.shape[1], [source for source in self._sources if source in self._rig_inputs]
+        k, on_rig = len(bed.gains), [source for source in self._sources if source in self._rig_inputs]
         moved = bed.moved(s, np.hstack([bed.drive, bed.rig.drive(on_rig)]))
         by_command, sensed = moved[:, :, :k] * bed.command_at(s)[:, None, :], bed.sensors(s) @ moved[:, :, k:]
         commanded = {told: self._commands(sensed, on_rig, told) for told in (True, False)}
-        commands = np.linalg.solve(np.eye(k) - self._of_readings @ loop, np.concatenate([*commanded.values()], axis=2))
+        commands = np.linalg.solve(self._return_difference(bed), np.concatenate([*commanded.values()], axis=2))
         i = len(self._sources)
         wanted = plain_responses(vehicle, s, self._sources, self._sensors)
         rows = np.stack([bed.rig.reading(sensor, s) for sensor in self._sensors], axis=1)
@@ -159,23 +183,23 @@ class Judge:
         for column, source in enumerate(self._sources):
             if source in on_rig:
                 made[:, :, column] += (self._of_readings @ sensed[:, :, [on_rig.index(source)]])[:, :, 0]
-            if source not in on_rig or (told and source in self.judged.known):
-                made[:, :, column] += self._of_known[:, :, self.judged.known.index(source)]
+            if source not in on_rig or (told and source in self.law.known):
+                made[:, :, column] += self._of_known[:, :, self.law.known.index(source)]
         return made
 
 
-def check_beds(
-    case: Case, controller: SampledController, required_damping: float, count: int, seed: int
-) -> BedsCheck:  # fmt: skip
-    """Draw fresh beds from the case's box and judge every one."""
+def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int, seed: int) -> BedsCheck:
+    """Draw fresh beds from the case's box and judge every one; then look for the worst of the box."""
     try:
-        judge = Judge(case, controller)
-        verdicts = [judge.verdict(case.uncertainty.at(position)) for position in case.uncertainty.draw(count, seed)]
+        judge, positions = Judge(case, law), case.uncertainty.draw(count, seed)
+        verdicts = [judge.verdict(case.uncertainty.at(position)) for position in positions]
+        worst = worst_bed(judge, case.uncertainty, positions[np.argsort([one.damping_ratio for one in verdicts])])
     except NotCovered as reason:
-        return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), str(reason))
+        return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, str(reason))
     stable = [verdict for verdict in verdicts if verdict.stable]
     return BedsCheck(
         count, len(stable), sum(verdict.damping_ratio >= required_damping for verdict in stable),
         min(verdict.damping_ratio for verdict in verdicts), required_damping,
         tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
+        worst,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
-from modelling.bed.sampled_controller import SampledController
+from modelling.controller.law import ControlLaw
 
 POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic stiffness at a further s
 
@@ -130,13 +130,28 @@ class DrawnBed:
         drive[-k:] = np.eye(k)
         return whole, drive, np.hstack([C, np.zeros((len(C), k * waiting))])
 
-    def closed(self, controller: SampledController) -> np.ndarray:
-        """State matrix (x + o, x + o) of bed and controller, one sample after the other as they run."""
+    def closed(self, law: ControlLaw) -> np.ndarray:
+        """State matrix of bed and law, one sample after the other as they run.
+
+        States of the law that neither readings nor commands reach are left out: no bed changes them.
+        """
         A, B, C = self.stepped
-        o, x = controller.observed, len(A)
+        reached = _reached(law.A, np.hstack([law.L, law.By, law.Bs]))
+        x, o = len(A), int(reached.sum())
         state = np.eye(x + o)
-        bed, predicted = state[:x], state[x:]
-        L, F = controller.L[:o], controller.F[:, :o]
-        corrected = predicted + L @ (C @ bed - controller.C[:, :o] @ predicted)
-        sent = -F @ corrected
-        return np.vstack([A @ bed + B @ sent, controller.A[:o, :o] @ corrected + controller.B[:o] @ sent])
+        bed, predicted, read = state[:x], state[x:], C @ state[:x]
+        corrected = predicted + law.L[reached] @ (read - law.E[:, reached] @ predicted)
+        sent = law.K[:, reached] @ corrected + law.Dy @ read
+        inside = law.A[np.ix_(reached, reached)]
+        return np.vstack([A @ bed + B @ sent, inside @ corrected + law.By[reached] @ read + law.Bs[reached] @ sent])
+
+
+def _reached(A: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Which states (x,) of x⁺ = A·x + inputs·u the inputs reach."""
+    reached = inputs.any(axis=1)
+    for _ in range(len(A)):
+        further = reached | (A[:, reached] != 0).any(axis=1)
+        if (further == reached).all():
+            break
+        reached = further
+    return reached

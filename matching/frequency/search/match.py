@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.loop.parts import parts_of
@@ -16,13 +17,14 @@ from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, standstill, unloaded_lashes
-from matching.frequency.search.observed import match_with_observer
+from matching.frequency.search.observed import match_with_observer, not_kept
 from matching.frequency.search.question import Progress, Question, SearchEffort, differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
 from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, TuningTask
+from matching.frequency.verification.drawn_beds import on_drawn_beds
 from modelling.modal.damped_modes import damped_modes
 
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
@@ -31,7 +33,7 @@ NOTHING_MOVED = "matched at the values the case began with: nothing had to move 
 
 def match(
     case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
-    near: Near | None = None,
+    near: Near | None = None, beds: int | None = None,
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
@@ -49,6 +51,9 @@ def match(
         Processes for the starts; the result does not depend on how many.
     near : Near, optional
         Solutions of like cases, to start from these alone.
+    beds : int, optional
+        Fresh beds drawn from the case's box that judge the result; 200 of an observer unless given, none of a feedback
+        law.
 
     Returns
     -------
@@ -69,16 +74,18 @@ def match(
     question = question_of(case)
     tell("vehicle, rig and manoeuvre")
     if case.loop.structure.is_observer:
-        return match_with_observer(question, seed, tell)
+        return match_with_observer(question, seed, tell, TuningEffort() if beds is None else TuningEffort(fresh=beds))
     found = solve_and_verify(question, SearchEffort(seed, starts, workers, tell, near))
     found, adapters = (found, ()) if near else settle_adapters(question, found)
     targets = target_results(question, found.checked)
     relaxed = Relaxations() if near else relaxations(question, found, targets)
     stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(case)]
     errors = errors_with_bounds(found.tuned, found.checked.errors)
+    robust = None if beds is None else on_drawn_beds(found.tuned, found.checked, beds, seed)
+    stands += [] if robust is None else not_kept(case, robust, errors)
     tell("bound and curves")
     result = _result(question, found, targets, stands, errors)
-    return replace(result, adapters=adapters, seconds=time.perf_counter() - begin)
+    return replace(result, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
 
 
 def _result(

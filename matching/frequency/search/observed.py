@@ -101,6 +101,10 @@ def not_kept(case: Case, robust: RobustVerification, error: ResponseError) -> li
             f"than {required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
             f"{beds.smallest_damping_ratio:.4f}"
         )
+    if beds.worst is not None and beds.worst.damping_ratio <= 0:
+        found.append(
+            f"the worst bed within [uncertainty] is not stable; it depends most on {', '.join(beds.worst.named)}"
+        )
     for what, value, allowed in (
         ("measured torques", error.after, case.tolerance),
         ("unmeasured torques", error.unmeasured, case.unmeasured_tolerance),

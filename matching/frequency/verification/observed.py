@@ -27,6 +27,7 @@ from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.bed.sampled_controller import SampledController
 from modelling.common.errors import InputError
+from modelling.controller.law import law_of_observer
 from modelling.linear.reference_motion import is_linear
 from modelling.model.mirror import mirror_image
 from modelling.model.system import System
@@ -82,7 +83,7 @@ def verify_observer(
     figures = loop_figures(planned(case, model.readings.noise), controller, required)
     poles = np.linalg.eigvals(closed_matrices(sampled_beds(case, [{}]), controller)[0])
     ahead = regulator(model)
-    fresh = check_beds(case, controller, required.damping_ratio, beds, seed + FRESH)
+    fresh = check_beds(case, law_of_observer(controller), required.damping_ratio, beds, seed + FRESH)
     checks = {
         "sampled loop": inside(poles, neutral),
         "twin": resting_and_right(ahead.poles, neutral)[1] == 0,

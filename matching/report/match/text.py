@@ -111,11 +111,16 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
     noise = max(result["command_noise"].values())
     return [
         f"{beds['stable']} of {beds['drawn']} beds drawn within [uncertainty] stable, least damping ratio "
-        f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}); their "
+        f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}"
+        f"{_worst(beds.get('worst'))}); their "
         f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}",
         f"margin counted from {number(margin['from'], 3)} Hz, |T| at most {number(margin['largest_rolled_off'], 3)} "
         f"from {number(margin['rolled_off_from'], 3)} Hz, sensor noise makes {number(noise, 3)} N·m rms of command",
     ]
+
+
+def _worst(worst: Mapping[str, Any] | None) -> str:
+    return "" if worst is None else f"; of the worst bed of the box {number(worst['damping_ratio'], 3)}"
 
 
 def _spread(beds: Mapping[str, Any], name: str) -> str:
