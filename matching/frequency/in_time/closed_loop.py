@@ -46,7 +46,7 @@ class BedMotion:
 
 
 def acting(case: Case, run: BedRun) -> dict[str, np.ndarray]:
-    """Torques that act, by input: those of the rig are not what was demanded."""
+    """Torques (t,) that act, N·m by input: those of the rig are not what was demanded."""
     on_rig, wrong = {part.name for part in case.rig.inputs}, run.imperfection
     time = np.arange(len(next(iter(run.torques.values())))) * case.loop["sample_time"]
     return {

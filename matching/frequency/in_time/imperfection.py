@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from matching.frequency.case.case import Case
+from modelling.effects import EFFECTS, Kind
 from modelling.model.components import Effect
 from modelling.model.mirror import mirror_image
 from modelling.model.quantity import Quantity
@@ -17,6 +18,15 @@ DEMAND_FACTOR, DEMAND_LATE_S = 1.05, 5e-3  # an inverter's or engine's torque ov
 LASH_RAD = 0.02  # of a drive's whole lash at the wheel, a degree
 FRICTION_SHARE = 0.02  # of the largest torque at a cut: seals and bearings of an axle
 DRAWN_BEDS = 4  # that have everything wrong at once
+
+
+def required_parameters(law: Kind) -> list[str]:
+    """Names of the parameters that an effect cannot do without."""
+    return [name for name, parameter in law.parameters.items() if not parameter.optional]
+
+
+LASH = next(law for law in EFFECTS.values() if law.free_play)
+FRICTION = next(law for law in EFFECTS.values() if law.sticks and len(required_parameters(law)) == 1)
 
 
 @dataclass(frozen=True)
@@ -113,11 +123,15 @@ def flawed(system: System, imperfection: Imperfection, case: Case) -> System:
     for interface in case.residual_vehicle.interfaces:
         place = f"shafts.{interface.shaft}"
         if imperfection.gap and place not in laden:
-            effects.append(Effect("backlash", place, (("gap", Quantity(imperfection.gap)),)))
+            effects.append(_effect(LASH, place, imperfection.gap))
         shaft = next(part for part in case.vehicle.shafts if part.name == interface.shaft)
         near = next(end for end in shaft.between if end != interface.vehicle_end)
         place = f"inertias.{near}"
         if place not in laden:  # of no torque too, so that beds with and without it have the same equations
             laden.add(place)
-            effects.append(Effect("coulomb_friction", place, (("torque", Quantity(imperfection.friction)),)))
+            effects.append(_effect(FRICTION, place, imperfection.friction))
     return system.with_values(values).with_effects(*effects)
+
+
+def _effect(law: Kind, place: str, size: float) -> Effect:
+    return Effect(law.kind, place, tuple((name, Quantity(size)) for name in required_parameters(law)))

@@ -45,7 +45,10 @@ class OpenLash:
 def lash_runs(
     case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, count: int = DRAWN
 ) -> list[BedRun]:
-    """A pulse at the input of the rig that the manoeuvre drives hardest, on ``count`` drawn beds with drawn lashes."""
+    """A pulse at the input of the rig that the manoeuvre drives hardest, on ``count`` drawn beds with drawn lashes.
+
+    ``torques`` are those of the manoeuvre, (t,) in N·m by input.
+    """
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     inputs = [part.name for part in case.rig.inputs if part.name not in driven]
     inputs.sort(key=lambda name: -np.abs(torques.get(name, np.zeros(1))).max())
@@ -68,7 +71,7 @@ def lash_runs(
 def open_lash(
     vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
 ) -> OpenLash:
-    """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts."""
+    """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts; ``step`` in s."""
     count = round(JUDGED_S / step)
     before, last = slice(-2 * count, -count), slice(-count, None)
     swings, cycling = [], 0

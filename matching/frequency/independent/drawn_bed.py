@@ -131,7 +131,7 @@ class DrawnBed:
         return whole, drive, np.hstack([C, np.zeros((len(C), k * waiting))])
 
     def closed(self, law: ControlLaw) -> np.ndarray:
-        """State matrix of bed and law, one sample after the other as they run.
+        """State matrix (x + c, x + c) of bed and law, one sample after the other as they run.
 
         States of the law that neither readings nor commands reach are left out: no bed changes them.
         """
