@@ -310,8 +310,8 @@ def match(
     progress : callable, optional
         Is called with a line of text at every step.
     beds : int, optional
-        Fresh beds, drawn from the case's ``[uncertainty]``, that judge the result; 200 with an observer unless given, none
-        with a feedback law.
+        Fresh beds, drawn from the case's ``[uncertainty]``, that judge the result; 200 with an observer unless given,
+        none with a feedback law.
 
     Returns
     -------

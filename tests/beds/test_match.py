@@ -10,6 +10,7 @@ from matching.frequency.beds.closed_loop import action, bed_set
 from matching.frequency.beds.closed_loop import responses as controlled
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.search.errors import estimator_bound
 from matching.frequency.search.observed import match_with_observer, not_kept
 from matching.frequency.search.question import question_of
 from matching.frequency.verification.observed import controller_of
@@ -40,6 +41,22 @@ def test_the_result_states_beds_margin_and_noise(result):
     assert stated["margin"]["from"] == pytest.approx(2 * result.targets[0].vehicle, rel=1e-3)
     assert stated["command_noise"]["dyno"] <= 0.02 * 1500
     assert "8 of 8 beds drawn" in summary(stated)
+
+
+def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case, result):
+    """Less noise, down to every torque as good as measured; the tuned observer does no better on its bed."""
+    bound, measured = result.response_error.unmeasured_bound, result.response_error.bound
+    sensors = tuple(replace(own, uncertainty=1e-6) for own in small_case.rig.sensors)
+    exact = estimator_bound(replace(small_case, rig=replace(small_case.rig, sensors=sensors)))
+    poor = estimator_bound(
+        replace(
+            small_case, rig=replace(small_case.rig, sensors=tuple(replace(own, uncertainty=5.0) for own in sensors))
+        )
+    )
+    assert exact <= bound < poor
+    assert exact == pytest.approx(measured, rel=0.5)
+    assert result.response_error.unmeasured > bound
+    assert content(result)["response_error"]["unmeasured_bound"] == bound
 
 
 def test_what_is_not_kept_is_named(result):

@@ -148,7 +148,7 @@ class DrawnBed:
 
 def _reached(A: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """Which states (x,) of x⁺ = A·x + inputs·u the inputs reach."""
-    reached = inputs.any(axis=1)
+    reached: np.ndarray = np.asarray(inputs.any(axis=1))
     for _ in range(len(A)):
         further = reached | (A[:, reached] != 0).any(axis=1)
         if (further == reached).all():

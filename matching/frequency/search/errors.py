@@ -7,12 +7,20 @@ import dataclasses
 import numpy as np
 
 from matching.frequency.case.case import Case
-from matching.frequency.response.response_error import ErrorFigures, error_figures
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.response.observed import ObservedBed
+from matching.frequency.response.response_error import ErrorFigures, error_figures, figures_of
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.result import Curves, ResponseError
+from modelling.bed.observer_design import FREE_COMMAND_WEIGHT, design
+from modelling.bed.observer_model import observer_model
+from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures.model_based import ModelBased
+from modelling.bed.structures.observer import Observer
+from modelling.common.errors import InputError
 
 CURVE_POINTS = 400
+WANDERED_S = 1.0  # over which an unmeasured torque wanders by as much as the manoeuvre changes it
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
 
 
@@ -26,6 +34,7 @@ def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
         unmeasured=figures.unmeasured,
         bound=lower_bound(tuned, 1),
         bound_unsampled=lower_bound(tuned, UNSAMPLED_REFINEMENT),
+        unmeasured_bound=estimator_bound(tuned),
         functions=figures.functions,
     )
 
@@ -44,6 +53,29 @@ def lower_bound(case: Case, refinement: int) -> float:
     values = {**start, **case.loop.values, "sample_time": case.loop["sample_time"] / refinement}
     finer = dataclasses.replace(case.loop, structure=structure, measured=on_rig, values=values)
     return error_figures(dataclasses.replace(case, loop=finer)).after
+
+
+def estimator_bound(case: Case) -> float | None:
+    """Response error to unmeasured torques of the optimal causal estimator, with the bed's sensors and their noise.
+
+    A Kalman filter for torques that wander as far in a second as the manoeuvre changes them, with the noise that the
+    sensors' uncertainties state, dynamometers that do exactly what they are told, and commands that cost nothing; no
+    bed but the one as planned counts. None where the design has no solution.
+    """
+    on_rig = {part.name for part in case.rig.inputs}
+    ranges = [np.ptp(own.torque(own.time())) for own in case.manoeuvre.values()]
+    driving = [np.ptp(own.torque(own.time())) for name, own in case.manoeuvre.items() if name in on_rig]
+    structure, size = Observer(), float(max(driving or ranges))
+    weights = {name: quantity.lower for name, quantity in structure.quantities.items()}
+    weights |= {name: 1.0 for name in weights if name.endswith(("sensor_noise", "speed_noise"))}
+    weights |= {"torque_drift": size / np.sqrt(WANDERED_S), "command_weight": FREE_COMMAND_WEIGHT}
+    loop = dataclasses.replace(case.loop, structure=structure, values={**case.loop.values, **weights})
+    ideal = dataclasses.replace(case, loop=loop)
+    try:
+        controller = design(observer_model(case.rig, cut(case.vehicle, case.rig), loop), weights)
+        return figures_of(ObservedBed(ideal, parts_of(ideal), controller)).unmeasured
+    except InputError:
+        return None
 
 
 def curves_of(bed: ComparedBed) -> Curves:

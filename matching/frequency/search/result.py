@@ -99,7 +99,9 @@ class ResponseError:
     ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to unmeasured
     torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time, ``bound_unsampled`` the
     same without sampling (:func:`matching.frequency.search.errors.lower_bound`): their difference is the cost of
-    sampling. ``functions`` holds the same for every compared function.
+    sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
+    (:func:`matching.frequency.search.errors.estimator_bound`). ``functions`` holds the errors of every compared
+    function.
     """
 
     band: tuple[float, float]
@@ -110,10 +112,11 @@ class ResponseError:
     bound: float
     bound_unsampled: float
     functions: tuple[FunctionError, ...] = ()
+    unmeasured_bound: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("before", "after", "after_like_before", "bound", "bound_unsampled")
+        keys = ("before", "after", "after_like_before", "bound", "bound_unsampled", "unmeasured_bound")
         return {
             "band": list(self.band),
             **{key: getattr(self, key) for key in keys},

@@ -65,6 +65,8 @@ def _errors(result: Mapping[str, Any]) -> str:
     error = result["response_error"]
     before = "" if error["before"] is None else f", rig without control {number(error['before'], 3)}"
     unmeasured = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
+    if error.get("unmeasured_bound") is not None:
+        unmeasured += f" ({number(error['unmeasured_bound'], 2)} with an ideal estimator on these sensors)"
     structure = STRUCTURES[result["structure"]]
     if not structure.has_feed_forward and not structure.is_observer:  # the same for all torques
         unmeasured = ""
