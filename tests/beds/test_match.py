@@ -46,11 +46,10 @@ def test_the_result_states_beds_margin_and_noise(result):
 def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case, result):
     """Less noise, down to every torque as good as measured; the tuned observer does no better on its bed."""
     bound, measured = result.response_error.unmeasured_bound, result.response_error.bound
-    sensors = tuple(replace(own, uncertainty=1e-6) for own in small_case.rig.sensors)
-    exact = estimator_bound(replace(small_case, rig=replace(small_case.rig, sensors=sensors)))
-    poor = estimator_bound(
-        replace(
-            small_case, rig=replace(small_case.rig, sensors=tuple(replace(own, uncertainty=5.0) for own in sensors))
+    exact, poor = (
+        estimator_bound(replace(small_case, rig=replace(small_case.rig, sensors=sensors)))
+        for sensors in (
+            tuple(replace(part, uncertainty=size) for part in small_case.rig.sensors) for size in (1e-6, 5.0)
         )
     )
     assert exact <= bound < poor

@@ -1,0 +1,71 @@
+"""The observer on the reference drive over dead times: `python -m tests.benchmarks.observer_table [ROW…] [--beds N]`.
+
+Rows are dead times in ms, with ``g`` where the gains of dynamometers and torque sensors are drawn as well and ``s``
+where the motor's speed is not measured: ``1 3 3g 3s 5 8 12``. Every row is a match, judged on fresh beds and by the
+worst bed of the box; printed as a table in Markdown. It takes about a minute of one core a row.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.case.load import load_case
+from matching.frequency.independent.beds_check import quantile
+from matching.frequency.search.observed import match_with_observer
+from matching.frequency.search.question import question_of
+
+CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
+ROWS = ["1", "3", "3g", "3s", "5", "8", "12"]
+GAINS = ("dynamometers.", "sensors.")
+HEAD = (
+    "| row | nominal: motor, road | beds, six functions: median, 95 % | stable / damped | worst of the box: damping "
+    "| margin | T rolled off | noise, N·m | ideal estimator | status | processor s |"
+)
+
+
+def case_of(row: str):
+    """The reference case of a row."""
+    case = load_case(CASE)
+    loop = case.loop.with_values({"dead_time": float(row.rstrip("gs")) / 1e3})
+    if row.endswith("s"):
+        loop = replace(loop, further_sensors=())
+    box = case.uncertainty if row.endswith("g") else case.uncertainty.without(*GAINS)
+    dead_time = next(one for one in box.uncertain if one.name == "loop.dead_time")
+    moved = replace(dead_time, value=loop["dead_time"])
+    box = replace(box, uncertain=tuple(moved if one is dead_time else one for one in box.uncertain))
+    return replace(case, loop=loop, uncertainty=box)
+
+
+def line(row: str, beds: int) -> str:
+    """One row of the table."""
+    begin = time.process_time()
+    found = match_with_observer(question_of(case_of(row)), 0, lambda _: None, TuningEffort(fresh=beds))
+    checked, loop, error = found.robust.beds, found.robust.loop, found.response_error
+    by_input = {
+        kind: (sum(f.unmeasured**2 for f in error.functions if f.input == kind) / 3) ** 0.5
+        for kind in ("motor_torque", "road_left")
+    }
+    return (
+        f"| {row} | {by_input['motor_torque']:.4f}, {by_input['road_left']:.4f} "
+        f"| {quantile(checked.unmeasured, 0.5):.3f}, {quantile(checked.unmeasured, 0.95):.3f} "
+        f"| {checked.stable} / {checked.damped} of {checked.drawn} | {checked.worst.damping_ratio:.4f} "
+        f"| {loop.modulus_margin:.2f} | {loop.largest_rolled_off:.2f} | {max(loop.command_noise):.1f} "
+        f"| {error.unmeasured_bound:.4f} | {found.status} | {time.process_time() - begin:.0f} |"
+    )
+
+
+def main() -> None:
+    """Print the table, row by row."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rows", nargs="*", default=ROWS)
+    parser.add_argument("--beds", type=int, default=2000)
+    arguments = parser.parse_args()
+    print(HEAD, "|" + "---|" * 11, sep="\n", flush=True)
+    for row in arguments.rows:
+        print(line(row, arguments.beds), flush=True)
+
+
+if __name__ == "__main__":
+    main()
