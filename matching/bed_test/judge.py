@@ -99,7 +99,7 @@ class _Function:
 
 def _compared_bed(case: Case) -> ComparedBed:
     """The prediction: an observer is a law of its own, from sample to sample."""
-    observer = case.loop.structure.observer(case.rig, cut(case.vehicle, case.rig), case.loop)
+    observer = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
     return ComparedBed(case) if observer is None else ObservedBed(case, parts_of(case), observer)
 
 

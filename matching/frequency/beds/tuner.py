@@ -269,7 +269,7 @@ class Tuner:
 
 def tuner(case: Case, drawn: int = 24, pool: int = 160) -> Tuner:
     """Prepare the search over beds from the case's box: spread evenly, the same whenever the case is matched."""
-    model = observer_model(case.rig, cut(case.vehicle, case.rig), case.loop)
+    model = observer_model(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
     values = [case.uncertainty.at(position) for position in case.uncertainty.spread(max(drawn, pool))]
     return Tuner(
         case, model, requirements(case), planned(case, model.readings.noise),

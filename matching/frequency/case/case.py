@@ -79,4 +79,10 @@ class Case:
     tolerance: float = 0.1  # largest response error to measured torques that is still called matched
     unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
     torque_curve: TorqueCurve | None = None
+    simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
+
+    @property
+    def emulated_vehicle(self) -> System:
+        """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
+        return self.vehicle if self.simple_vehicle is None else self.simple_vehicle

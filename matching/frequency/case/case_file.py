@@ -10,12 +10,15 @@ from matching.frequency.case.case import Case, Move
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.case.uncertainty import uncertainty_table
 from modelling.bed.manoeuvres import RecordedTorque
+from modelling.bed.simple_vehicle import own_part
 from modelling.model.files import dumps
 
 _HEAD = """\
 # Written by rigmatch. rig.toml and [loop] hold the tuned values; those of the residual vehicle stand as `start` below
 # [move], for the residual vehicle itself is always cut out of vehicle.toml. residual_vehicle*.toml show it as tuned.
 """
+
+OWN_RESIDUAL_VEHICLE = "own_residual_vehicle.toml"  # of the user, as fitted
 
 
 def case_files(case: Case) -> dict[str, str]:
@@ -24,6 +27,8 @@ def case_files(case: Case) -> dict[str, str]:
     for name, torque in case.manoeuvre.items():
         if isinstance(torque, RecordedTorque):
             files[_trace_file(name)] = torque.csv(name)
+    if case.simple_vehicle is not None:
+        files[OWN_RESIDUAL_VEHICLE] = dumps(own_part(case.simple_vehicle, case.residual_vehicle))
     parts = case.residual_vehicle.parts
     for number, part in enumerate(parts, 1):
         files["residual_vehicle.toml" if len(parts) == 1 else f"residual_vehicle_{number}.toml"] = dumps(part)
@@ -54,6 +59,8 @@ def case_text(case: Case) -> str:
     }
     if (point := case.vehicle.operating_point) is not None:
         data["operating_point"] = dict((*point.speeds, *point.torques))
+    if case.simple_vehicle is not None:
+        data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
     data["limits"] = dict(case.limits)
     if case.torque_curve is not None:
         curve = zip(case.torque_curve.speeds, case.torque_curve.torques, strict=True)

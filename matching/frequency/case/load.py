@@ -17,6 +17,7 @@ from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre, read_manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.bed.shared_delays import without_shared_delays
+from modelling.bed.simple_vehicle import with_residual_vehicle
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml, title
 from modelling.linear.reference_motion import torques_of
@@ -27,7 +28,7 @@ from modelling.units import to_si
 TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
 _TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
-    "operating_point", "uncertainty",
+    "operating_point", "uncertainty", "residual_vehicle",
 }  # fmt: skip
 
 
@@ -69,6 +70,9 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         residual = cut(vehicle, rig)
     except InputError as fault:
         raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
+    simple = _simple_vehicle(data, vehicle, residual, where)
+    if simple is not None:
+        residual = cut(simple, rig)
     loop = read_loop(data, rig, residual, where)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
     band = _band(data, where)
@@ -89,6 +93,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         _objective(data, where),
         read_uncertainty(data, rig, loop, where),
         torque_curve=curve,
+        simple_vehicle=simple,
         notes=notes,
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
@@ -100,6 +105,24 @@ def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
     if not named.exists():
         raise InputError(f"{path}: {key}", f"{named} does not exist", "name a model file, relative to the case")
     return load(named)
+
+
+def _simple_vehicle(
+    data: Mapping[str, Any], vehicle: System, residual: ResidualVehicle, where: str
+) -> System | None:  # fmt: skip
+    """The vehicle with the residual vehicle of the case's own, None without one."""
+    if "residual_vehicle" not in data:
+        return None
+    table = table_of(data, "residual_vehicle", where, {"model"})
+    if vehicle.operating_point is not None:
+        raise InputError(
+            f"{where}: residual_vehicle", "does not go with [operating_point] yet", "leave one of the two out"
+        )
+    path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
+    try:
+        return with_residual_vehicle(vehicle, residual, load(path))
+    except InputError as fault:
+        raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:

@@ -18,7 +18,7 @@ def control_law(parts: Parts) -> ControlLaw:
         If a model cannot be made linear or a design has no solution.
     """
     case, loop = parts.case, parts.case.loop
-    reference = cut(case.vehicle, case.rig)
+    reference = cut(case.emulated_vehicle, case.rig)
     k = len(loop.dynamometers)
     sensors = (*(own.torque_sensor for own in loop.dynamometers), *(own.speed_sensor for own in loop.dynamometers))
     signs = np.concatenate([parts.toward, np.ones(k)])

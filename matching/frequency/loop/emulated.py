@@ -36,7 +36,11 @@ def emulated(
         Whether it has its tuned values or those of the vehicle.
     """
     loop = parts.case.loop
-    bodies = parts.residual if tuned else tuple(body(part) for part in cut(parts.case.vehicle, parts.case.rig).parts)
+    bodies = (
+        parts.residual
+        if tuned
+        else tuple(body(part) for part in cut(parts.case.emulated_vehicle, parts.case.rig).parts)
+    )
     count = len(next(iter(traces.values())))
     time = np.arange(count) * loop["sample_time"]
     lag = ([1.0], [loop["torque_sensor_lag"], 1.0])

@@ -128,7 +128,7 @@ def feed_forward_of(case: Case) -> FeedForward | None:
     InputError
         If there is no stabilising solution.
     """
-    return case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
+    return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
 
 
 def _response(system: Body, frequencies: np.ndarray) -> np.ndarray:

@@ -72,7 +72,7 @@ def estimator_bound(case: Case) -> float | None:
     loop = dataclasses.replace(case.loop, structure=structure, values={**case.loop.values, **weights})
     ideal = dataclasses.replace(case, loop=loop)
     try:
-        controller = design(observer_model(case.rig, cut(case.vehicle, case.rig), loop), weights)
+        controller = design(observer_model(case.rig, cut(case.emulated_vehicle, case.rig), loop), weights)
         return figures_of(ObservedBed(ideal, parts_of(ideal), controller)).unmeasured
     except InputError:
         return None

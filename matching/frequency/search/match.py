@@ -13,6 +13,7 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.build import CHANGE_WEIGHT
 from matching.frequency.programme.scaling import scaled
 from matching.frequency.response.responses import ComparedBed
+from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
 from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
@@ -71,10 +72,12 @@ def match(
     begin = time.perf_counter()
     tell = progress or (lambda _: None)
     check_sliding(case)
+    case, simple = fitted_simple_vehicle(case)
     question = question_of(case)
     tell("vehicle, rig and manoeuvre")
     if case.loop.structure.is_observer:
-        return match_with_observer(question, seed, tell, TuningEffort() if beds is None else TuningEffort(fresh=beds))
+        effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
+        return _with_simple_vehicle(match_with_observer(question, seed, tell, effort), simple)
     found = solve_and_verify(question, SearchEffort(seed, starts, workers, tell, near))
     found, adapters = (found, ()) if near else settle_adapters(question, found)
     targets = target_results(question, found.checked)
@@ -85,7 +88,14 @@ def match(
     stands += [] if robust is None else not_kept(case, robust, errors)
     tell("bound and curves")
     result = _result(question, found, targets, stands, errors)
-    return replace(result, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
+    result = replace(result, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
+    return _with_simple_vehicle(result, simple)
+
+
+def _with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> MatchResult:
+    if simple is None:
+        return result
+    return replace(result, simple_vehicle=simple, notes=(simple.sentence(), *result.notes))
 
 
 def _result(

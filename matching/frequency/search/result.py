@@ -12,6 +12,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.in_time.table import TruthInTime, truth_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
+from matching.frequency.response.simple_vehicle import SimpleVehicle
 from matching.frequency.verification.fidelity import MatchFidelity, match_fidelity
 from matching.frequency.verification.observed import RobustVerification
 from modelling.common.display import Displayed
@@ -191,6 +192,8 @@ class MatchResult(Displayed):
         :class:`matching.frequency.solver.solve.Solution` has them.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
+    simple_vehicle : SimpleVehicle or None
+        How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
     robust : RobustVerification or None
         What drawn beds and the loop do under an observer; None for feedback laws.
     """
@@ -214,6 +217,7 @@ class MatchResult(Displayed):
     adapters: tuple[AdapterTrade, ...] = ()
     seconds: float = 0.0
     robust: RobustVerification | None = field(default=None, repr=False)
+    simple_vehicle: SimpleVehicle | None = None
 
     @cached_property
     def fidelity(self) -> MatchFidelity | None:
@@ -254,6 +258,7 @@ class MatchResult(Displayed):
             "objective": self.objective,
             "starts": list(self.starts),
             **_of_beds(self.robust),
+            **({} if self.simple_vehicle is None else {"residual_vehicle": self.simple_vehicle.to_dict()}),
         }
 
 

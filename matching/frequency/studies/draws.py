@@ -53,7 +53,7 @@ class Prepared(Loops):
         near = self._goals()
         self.targets, self.goals = list(near), list(near.values())
         loop = self.case.loop
-        reference = cut(self.case.vehicle, self.case.rig)
+        reference = cut(self.case.emulated_vehicle, self.case.rig)
         self.feed_forward = loop.structure.feed_forward(self.case.rig, reference, loop)
         self.vehicle = body(self.case.vehicle)
         self.nodes = nodes_of(ComparedBed(self.case, self.parts, self.feed_forward, self.vehicle))

@@ -76,7 +76,7 @@ def verify_observer(
     InputError
         If a model cannot be made linear or the design has no solution.
     """
-    parts, reference = parts_of(case, untuned=untuned), cut(case.vehicle, case.rig)
+    parts, reference = parts_of(case, untuned=untuned), cut(case.emulated_vehicle, case.rig)
     model = observer_model(case.rig, reference, case.loop)
     controller = controller_of(case)
     required, neutral = requirements(case), neutral_motions(parts)
@@ -114,7 +114,7 @@ def controller_of(case: Case) -> SampledController:
     InputError
         If the case has another structure or the design has no solution.
     """
-    made = case.loop.structure.observer(case.rig, cut(case.vehicle, case.rig), case.loop)
+    made = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
     if made is None:
         raise InputError(
             f"{case.path}: loop.structure", f"{case.loop.structure.name!r} is no observer", "take 'observer'"

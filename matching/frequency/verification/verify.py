@@ -165,7 +165,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         If a model cannot be made linear or the feed-forward has no solution.
     """
     parts = parts_of(case, untuned=untuned)
-    reference = cut(case.vehicle, case.rig)
+    reference = cut(case.emulated_vehicle, case.rig)
     feed_forward = case.loop.structure.feed_forward(case.rig, reference, case.loop)
     neutral = neutral_motions(parts)
     notes: list[str] = []

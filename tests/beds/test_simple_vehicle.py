@@ -1,0 +1,104 @@
+"""A residual vehicle of the user's own: put behind the cut, fitted to the vehicle, and what it lacks named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from beds.conftest import CASE, RIG, VEHICLE
+
+from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.case.case_file import case_files
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.response.simple_vehicle import fitted_simple_vehicle
+from matching.frequency.search.observed import match_with_observer
+from matching.frequency.search.question import question_of
+from modelling.common.errors import InputError
+
+RIGID_BODY = """
+[inertias.wheel]
+J = { value = 30, lower = 5, upper = 100 }
+drag = 0.5
+[inputs.road]
+on = "wheel"
+"""
+AS_THE_VEHICLE = """
+[inertias.wheel]
+J = { value = 0.6, lower = 0.1, upper = 10 }
+[inertias.body]
+J = { value = 70, lower = 10, upper = 100 }
+drag = 0.5
+[shafts.tyre]
+between = ["wheel", "body"]
+stiffness = { value = 5000, lower = 1000, upper = 20000 }
+damping = 30
+[inputs.road]
+on = "body"
+"""
+
+
+def written(folder, own):
+    texts = {"vehicle.toml": VEHICLE, "rig.toml": RIG, "own.toml": own}
+    texts["case.toml"] = CASE.replace("[loop]", '[residual_vehicle]\nmodel = "own.toml"\n[loop]')
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return load_case(folder / "case.toml")
+
+
+def test_the_vehicles_own_parts_are_found_again(tmp_path, small_case):
+    """A residual vehicle of the same build with wrong values: the fit ends at the vehicle."""
+    fitted, found = fitted_simple_vehicle(written(tmp_path, AS_THE_VEHICLE))
+    assert found.as_written > 0.3
+    assert found.fitted < 1e-4
+    assert found.left_out == ()
+    assert fitted.simple_vehicle.parameters["inertias.body.J"].value == pytest.approx(40, rel=1e-3)
+    assert fitted.simple_vehicle.parameters["shafts.tyre.stiffness"].value == pytest.approx(8000, rel=1e-3)
+    own, wanted = control_law(parts_of(fitted)), control_law(parts_of(small_case))
+    frequencies = np.exp(2j * np.pi * np.array([2.0, 5.0]) * 1e-3)
+    for z in frequencies:
+        answers = [law.K @ np.linalg.solve(z * np.eye(len(law.A)) - law.A, law.Bw) for law in (own, wanted)]
+        assert answers[0] == pytest.approx(answers[1], rel=1e-2)
+
+
+def test_a_rigid_body_comes_as_near_as_it_can_and_the_tyre_is_what_it_lacks(tmp_path):
+    case = written(tmp_path, RIGID_BODY)
+    fitted, found = fitted_simple_vehicle(case)
+    assert 0.01 < found.fitted < found.as_written
+    assert found.left_out[0][0] == "shafts.tyre"
+    assert found.left_out[0][1] == pytest.approx(found.fitted, rel=0.5)
+    start, end = found.values["inertias.wheel.J"]
+    assert start == 30
+    for factor in (0.99, 1.01):  # no other inertia comes nearer
+        other = fitted.simple_vehicle.with_values({"inertias.wheel.J": end * factor})
+        assert fitted_simple_vehicle(replace(case, simple_vehicle=_fixed(other)))[1].fitted > found.fitted
+    assert "shafts.tyre costs most" in found.sentence()
+    again = tmp_path / "again"
+    again.mkdir()
+    for name, text in case_files(fitted).items():
+        (again / name).write_text(text)
+    assert load_case(again / "case.toml").simple_vehicle.parameters["inertias.wheel.J"].value == pytest.approx(end)
+
+
+def _fixed(system):
+    """The system without ranges: nothing is left to fit."""
+    inertias = tuple(replace(part, J=replace(part.J, lower=None, upper=None)) for part in system.inertias)
+    return replace(system, inertias=inertias)
+
+
+def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
+    case, found = fitted_simple_vehicle(written(tmp_path, RIGID_BODY))
+    result = match_with_observer(question_of(case), 0, lambda _: None, TuningEffort(2, 1, 1, 2))
+    assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
+
+
+@pytest.mark.parametrize(
+    ("own", "said"),
+    [
+        (RIGID_BODY.replace("wheel", "lump"), "lack wheel"),
+        (RIGID_BODY + "[inertias.motor]\nJ = 1\n", "which the bed has"),
+    ],
+)
+def test_what_does_not_fit_the_cut_is_refused_in_one_line(tmp_path, own, said):
+    with pytest.raises(InputError, match=said):
+        written(tmp_path, own)
