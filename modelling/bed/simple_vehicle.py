@@ -25,7 +25,7 @@ def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, own: Syste
     ends, names = [interface.vehicle_end for interface in residual.interfaces], {part.name for part in own.inertias}
     if missing := [name for name in ends if name not in names]:
         raise InputError(
-            "inertias", f"lack {listed(missing)}", "the shafts of the cut end there, under the vehicle's name"
+            "inertias", f"lack {listed(missing)}", "the shafts of the cut end there, named as in the vehicle"
         )
     near = {part.name for part in vehicle.inertias} - beyond
     if twice := sorted(names & near):

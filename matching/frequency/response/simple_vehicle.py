@@ -16,6 +16,7 @@ from modelling.model.mirror import mirror_image
 from modelling.model.system import System
 
 POINTS = 120  # of the band, midpoints of equal parts of its logarithm
+SMALLEST, LARGEST = 1e-12, 1e12  # SI, of a quantity whose range is open on that side
 STEP = 1e-3  # of a logarithm, of finite differences: the response has to change by more than rounding
 
 
@@ -49,9 +50,7 @@ class SimpleVehicle:
         """What it says, for the notes of a result."""
         near = f"the residual vehicle of the case comes within a response error of {self.fitted:.3g} of the vehicle"
         if self.values:
-            near += (
-                f" ({self.as_written:.3g} as written; {len(self.values)} quantities fitted, a compensation and no car)"
-            )
+            near += f" ({self.as_written:.3g} as written; what was fitted is a compensation, not the car)"
         if not self.left_out:
             return near
         place, error = self.left_out[0]
@@ -81,9 +80,9 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
     start = np.log([ranged[name].value for name in names])
     as_written, fitted = error_of(simple, case, frequencies, wanted), simple
     if names:
-        bounds = np.log(
-            [[max(ranged[name].lower or 0.0, 1e-12) for name in names], [ranged[name].upper for name in names]]
-        )
+        lower = np.log([max(ranged[name].lower or 0.0, SMALLEST) for name in names])
+        upper = np.log([ranged[name].upper or LARGEST for name in names])
+        bounds = (lower, upper)
         fitted = at(least_squares(differences, np.clip(start, *bounds), bounds=bounds, diff_step=STEP).x)
     lacking = [
         (place, error_of(without_part(case.vehicle, place), case, frequencies, wanted))
