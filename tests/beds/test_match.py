@@ -44,16 +44,15 @@ def test_the_result_states_beds_margin_and_noise(result):
 
 
 def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case, result):
-    """Less noise, down to every torque as good as measured; the tuned observer does no better on its bed."""
-    bound, measured = result.response_error.unmeasured_bound, result.response_error.bound
+    """Less noise is better, more is worse; the observer, tuned for beds that differ, does no better on its own."""
+    bound = result.response_error.unmeasured_bound
     exact, poor = (
         estimator_bound(replace(small_case, rig=replace(small_case.rig, sensors=sensors)))
         for sensors in (
-            tuple(replace(part, uncertainty=size) for part in small_case.rig.sensors) for size in (1e-6, 5.0)
+            tuple(replace(part, uncertainty=size) for part in small_case.rig.sensors) for size in (0.02, 5.0)
         )
     )
-    assert exact <= bound < poor
-    assert exact == pytest.approx(measured, rel=0.5)
+    assert exact < bound < poor
     assert result.response_error.unmeasured > bound
     assert content(result)["response_error"]["unmeasured_bound"] == bound
 

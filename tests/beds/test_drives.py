@@ -1,0 +1,118 @@
+"""Drives as they stand on beds, under an observer: each ends matched and verified, or limited for a true reason.
+
+An engine's firing orders as a measured torque with a brake at the wheel; a launch from standstill through a lash that
+the drive's own torque closes; one dynamometer in the place of a whole axle with its differential.
+"""
+
+import numpy as np
+import pytest
+from beds.conftest import CASE, RIG, VEHICLE
+
+from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.case.load import load_case
+from matching.frequency.search.observed import match_with_observer
+from matching.frequency.search.question import question_of
+
+EFFORT = TuningEffort(drawn=2, rounds=1, steps=1, fresh=4)
+AXLE = """
+[inertias.motor]
+J = 0.5
+drag = 0.01
+[inertias.cage]
+J = 0.3
+[inertias.wheel_left]
+J = 0.6
+[inertias.wheel_right]
+J = 0.6
+[inertias.body_left]
+J = 20
+drag = 0.5
+[inertias.body_right]
+J = 20
+drag = 0.5
+[shafts.side]
+between = ["motor", "cage"]
+stiffness = 4000
+damping = 2
+[differentials.axle]
+cage = "cage"
+left = "wheel_left"
+right = "wheel_right"
+[shafts.tyre_left]
+between = ["wheel_left", "body_left"]
+stiffness = 5000
+damping = 20
+[shafts.tyre_right]
+between = ["wheel_right", "body_right"]
+stiffness = 5000
+damping = 20
+[inputs.motor_torque]
+on = "motor"
+[inputs.road]
+on = "body_left"
+[sensors.motor_speed]
+measures = "speed"
+of = "motor"
+[sensors.side_torque]
+measures = "torque"
+of = "side"
+"""
+
+
+def load(folder, vehicle=VEHICLE, rig=RIG, case=CASE):
+    for name, text in (("vehicle.toml", vehicle), ("rig.toml", rig), ("case.toml", case)):
+        (folder / name).write_text(text)
+    return load_case(folder / "case.toml")
+
+
+def matched(case):
+    return match_with_observer(question_of(case), 0, lambda _: None, EFFORT)
+
+
+def reasons_are_true(result):
+    """Status and limits agree with the figures that they speak of."""
+    beds, error = result.robust.beds, result.response_error
+    holds = [
+        all(target.met for target in result.targets), beds.stable == beds.damped == beds.drawn,
+        beds.worst.damping_ratio > 0, error.after <= result.case.tolerance,
+        error.unmeasured <= result.case.unmeasured_tolerance, result.verification.modulus_margin >= 0.5,
+        result.robust.loop.largest_rolled_off <= 0.5, max(result.robust.loop.command_noise) <= 30,
+    ]  # fmt: skip
+    return result.verification.stable and (result.status == "matched") == (all(holds) and not result.limits)
+
+
+def test_firing_orders_and_a_brake(tmp_path):
+    """A four-cylinder engine's second and fourth order at 900 1/min, 30 and 60 Hz; a brake acts behind the cut."""
+    time = np.arange(0, 2, 1e-3)
+    torque = 40 * (1 - np.exp(-time / 0.2)) * (1 + np.sin(2 * np.pi * 30 * time) + 0.4 * np.sin(2 * np.pi * 60 * time))
+    rows = "\n".join(f"{t:.3f},{own:.4f}" for t, own in zip(time, torque, strict=True))
+    (tmp_path / "orders.csv").write_text(f"time [s],motor_torque [N*m]\n{rows}\n")
+    brake = '[manoeuvre.brake]\nkind = "kick"\namplitude = -60\nduration = 2\n'
+    case = CASE.replace('kind = "tip_in"\namplitude = 50\nduration = 2\n', f'file = "orders.csv"\n{brake}')
+    case = case.replace(
+        '    { input = "road"', '    { input = "brake", sensor = "side_torque" },\n    { input = "road"'
+    )
+    result = matched(load(tmp_path, VEHICLE + '[inputs.brake]\non = "wheel"\n', case=case))
+    assert reasons_are_true(result), result.limits
+    assert result.status == "matched", result.limits
+    table = result.in_time
+    assert table.rows[0].measured["side_torque"] < 0.01  # both orders, of which one lies above the band
+    assert table.rows[-1].largest() < 0.2
+
+
+def test_launch_from_standstill_through_a_lash(tmp_path):
+    lash = '[[effects]]\nkind = "backlash"\nat = "shafts.side"\ngap = 0.03\n'
+    case = CASE.replace('kind = "tip_in"\namplitude = 50', 'kind = "drive_away"\namplitude = 50\ncreep = 8')
+    result = matched(load(tmp_path, VEHICLE + lash, RIG + lash, case))
+    assert reasons_are_true(result), result.limits
+    assert result.status == "limited"  # at standstill nothing loads the lash, so the linear models do not hold there
+    assert any("lash of shafts.side is open at standstill" in words for words in result.limits)
+    assert result.in_time.rows[0].measured["side_torque"] < 0.03  # in time the bed follows the vehicle through it
+
+
+def test_one_dynamometer_for_a_whole_axle(tmp_path):
+    result = matched(load(tmp_path, AXLE))
+    assert reasons_are_true(result), result.limits
+    assert result.status == "matched", result.limits
+    assert result.targets[0].seen == pytest.approx(result.targets[0].vehicle, rel=0.02)
+    assert result.in_time.rows[0].largest() < 0.01
