@@ -13,6 +13,7 @@ from matching.frequency.case.load import load_case
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
 
+pytestmark = pytest.mark.long
 EFFORT = TuningEffort(drawn=2, rounds=1, steps=1, fresh=4)
 AXLE = """
 [inertias.motor]
@@ -107,11 +108,11 @@ def test_launch_from_standstill_through_a_lash(tmp_path):
     assert reasons_are_true(result), result.limits
     assert result.status == "limited"  # at standstill nothing loads the lash, so the linear models do not hold there
     assert any("lash of shafts.side is open at standstill" in words for words in result.limits)
-    assert result.in_time.rows[0].measured["side_torque"] < 0.03  # in time the bed follows the vehicle through it
+    assert result.in_time.rows[0].measured["side_torque"] < 0.05  # in time the bed follows the vehicle through it
 
 
 def test_one_dynamometer_for_a_whole_axle(tmp_path):
-    result = matched(load(tmp_path, AXLE))
+    result = matched(load(tmp_path, AXLE, case=CASE.replace("mode = 2", "mode = 3")))  # two motions are rigid
     assert reasons_are_true(result), result.limits
     assert result.status == "matched", result.limits
     assert result.targets[0].seen == pytest.approx(result.targets[0].vehicle, rel=0.02)
