@@ -42,6 +42,7 @@ CASE = {
     "move": "what may be tuned: `\"NAME\" = { lower, upper }`",
     "operating_point": "the steady motion that the manoeuvre begins from; standstill unless stated",
     "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
+    "residual_vehicle": "`model`: a model file of a residual vehicle of one's own, simpler than the vehicle",
 }  # fmt: skip
 LIMITS = {
     "modulus_margin": "least distance of the open loop from −1; 0.5 unless stated",

@@ -6,7 +6,7 @@ the drive's own torque closes; one dynamometer in the place of a whole axle with
 
 import numpy as np
 import pytest
-from beds.conftest import CASE, RIG, VEHICLE
+from small_bed import CASE, RIG, VEHICLE
 
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.case.load import load_case

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from beds.conftest import CASE, RIG, VEHICLE
+from small_bed import CASE, RIG, VEHICLE
 
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.case.case_file import case_files
