@@ -115,5 +115,5 @@ def test_one_dynamometer_for_a_whole_axle(tmp_path):
     result = matched(load(tmp_path, AXLE, case=CASE.replace("mode = 2", "mode = 3")))  # two motions are rigid
     assert reasons_are_true(result), result.limits
     assert result.status == "matched", result.limits
-    assert result.targets[0].seen == pytest.approx(result.targets[0].vehicle, rel=0.02)
+    assert result.targets[0].identified == pytest.approx(result.targets[0].vehicle, rel=0.02)
     assert result.in_time.rows[0].largest() < 0.01

@@ -31,7 +31,8 @@ class SimpleVehicle:
     values : dict of str to (float, float)
         What was fitted: as written and as fitted, SI.
     left_out : tuple of (str, float)
-        Parts of the vehicle that it lacks, and the error that the vehicle has without that part alone, largest first.
+        Parts of the vehicle that it lacks, and how near it would come to a vehicle without that part: what costs most
+        first.
     """
 
     as_written: float
@@ -54,7 +55,8 @@ class SimpleVehicle:
         if not self.left_out:
             return near
         place, error = self.left_out[0]
-        return f"{near}; of what it leaves out {place.removeprefix('effects.')} costs most, {error:.3g} alone"
+        part = place.removeprefix("effects.")
+        return f"{near}; of what it leaves out {part} costs most: a vehicle without it would be met within {error:.3g}"
 
 
 def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
@@ -65,9 +67,33 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
     low, high = np.log(case.band)
     frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
     wanted = responses(case.vehicle, case, frequencies)
+    fitted, names = _fitted(simple, case, frequencies, wanted)
+    lacking = []
+    for place in parts_left_out(simple, cut(case.vehicle, case.rig)):
+        other = responses(without_part(case.vehicle, place), case, frequencies)
+        nearest, _ = _fitted(fitted, case, frequencies, other)
+        lacking.append((place, error_of(nearest, case, frequencies, other)))
+    found = SimpleVehicle(
+        error_of(simple, case, frequencies, wanted),
+        error_of(fitted, case, frequencies, wanted),
+        {name: (simple.parameters[name].value, fitted.parameters[name].value) for name in names},
+        tuple(sorted(lacking, key=lambda row: row[1])),
+    )
+    return replace(case, simple_vehicle=fitted, residual_vehicle=cut(fitted, case.rig)), found
+
+
+def _fitted(
+    simple: System, case: Case, frequencies: np.ndarray, wanted: np.ndarray
+) -> tuple[System, list[str]]:  # fmt: skip
+    """The vehicle with its ranges beyond the cut fitted to responses (f, h), and their names; mirror images alike."""
     beyond = {name for system in cut(simple, case.rig).parts for name in system.parameters}
     ranged = {name: own for name, own in simple.uncertain.items() if name in beyond and own.value > 0}
-    names = [name for name in ranged if mirror_image(name, simple) not in list(ranged)[: list(ranged).index(name)]]
+    order = list(ranged)
+    names = [name for i, name in enumerate(order) if mirror_image(name, simple) not in order[:i]]
+    if not names:
+        return simple, names
+    lower = np.log([max(ranged[name].lower or 0.0, SMALLEST) for name in names])
+    upper = np.log([ranged[name].upper or LARGEST for name in names])
 
     def at(logarithms: np.ndarray) -> System:
         values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
@@ -77,24 +103,8 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
         ratio = np.log(responses(at(logarithms), case, frequencies) / wanted).ravel()
         return np.concatenate([ratio.real, ratio.imag])
 
-    start = np.log([ranged[name].value for name in names])
-    as_written, fitted = error_of(simple, case, frequencies, wanted), simple
-    if names:
-        lower = np.log([max(ranged[name].lower or 0.0, SMALLEST) for name in names])
-        upper = np.log([ranged[name].upper or LARGEST for name in names])
-        bounds = (lower, upper)
-        fitted = at(least_squares(differences, np.clip(start, *bounds), bounds=bounds, diff_step=STEP).x)
-    lacking = [
-        (place, error_of(without_part(case.vehicle, place), case, frequencies, wanted))
-        for place in parts_left_out(simple, cut(case.vehicle, case.rig))
-    ]
-    found = SimpleVehicle(
-        as_written,
-        error_of(fitted, case, frequencies, wanted),
-        {name: (ranged[name].value, fitted.parameters[name].value) for name in names},
-        tuple(sorted(lacking, key=lambda row: -row[1])),
-    )
-    return replace(case, simple_vehicle=fitted, residual_vehicle=cut(fitted, case.rig)), found
+    start = np.clip(np.log([ranged[name].value for name in names]), lower, upper)
+    return at(least_squares(differences, start, bounds=(lower, upper), diff_step=STEP).x), names
 
 
 def responses(system: System, case: Case, frequencies: np.ndarray) -> np.ndarray:

@@ -20,7 +20,6 @@ from modelling.bed.structures.observer import Observer
 from modelling.common.errors import InputError
 
 CURVE_POINTS = 400
-WANDERED_S = 1.0  # over which an unmeasured torque wanders by as much as the manoeuvre changes it
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
 
 
@@ -58,9 +57,9 @@ def lower_bound(case: Case, refinement: int) -> float:
 def estimator_bound(case: Case) -> float | None:
     """Response error to unmeasured torques of the optimal causal estimator, with the bed's sensors and their noise.
 
-    A Kalman filter for torques that wander as far in a second as the manoeuvre changes them, with the noise that the
-    sensors' uncertainties state, dynamometers that do exactly what they are told, and commands that cost nothing; no
-    bed but the one as planned counts. None where the design has no solution.
+    A Kalman filter for torques that may change by as much as the manoeuvre does within half a period of the band's
+    upper edge, with the noise that the sensors' uncertainties state, dynamometers that do exactly what they are told,
+    and commands that cost nothing; no bed but the one as planned counts. None where the design has no solution.
     """
     on_rig = {part.name for part in case.rig.inputs}
     ranges = [np.ptp(own.torque(own.time())) for own in case.manoeuvre.values()]
@@ -68,7 +67,7 @@ def estimator_bound(case: Case) -> float | None:
     structure, size = Observer(), float(max(driving or ranges))
     weights = {name: quantity.lower for name, quantity in structure.quantities.items()}
     weights |= {name: 1.0 for name in weights if name.endswith(("sensor_noise", "speed_noise"))}
-    weights |= {"torque_drift": size / np.sqrt(WANDERED_S), "command_weight": FREE_COMMAND_WEIGHT}
+    weights |= {"torque_drift": size * np.sqrt(2 * case.band[1]), "command_weight": FREE_COMMAND_WEIGHT}
     loop = dataclasses.replace(case.loop, structure=structure, values={**case.loop.values, **weights})
     ideal = dataclasses.replace(case, loop=loop)
     try:
