@@ -44,7 +44,7 @@ def test_the_result_states_beds_margin_and_noise(result):
 
 
 def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case, result):
-    """Less noise is better, more is worse; the observer, tuned for beds that differ, does no better on its own."""
+    """Less noise is better, more is worse; with hardly any no tuned observer comes near."""
     bound = result.response_error.unmeasured_bound
     exact, poor = (
         estimator_bound(replace(small_case, rig=replace(small_case.rig, sensors=sensors)))
@@ -53,7 +53,7 @@ def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case
         )
     )
     assert exact < bound < poor
-    assert result.response_error.unmeasured > bound
+    assert exact < 0.8 * result.response_error.unmeasured
     assert content(result)["response_error"]["unmeasured_bound"] == bound
 
 

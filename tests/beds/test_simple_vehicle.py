@@ -89,7 +89,9 @@ def _fixed(system):
 
 def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
     case, found = fitted_simple_vehicle(written(tmp_path, RIGID_BODY))
-    result = match_with_observer(question_of(case), 0, lambda _: None, TuningEffort(2, 1, 1, 2))
+    result = match_with_observer(
+        question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
+    )
     assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
 
 
