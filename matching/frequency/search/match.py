@@ -34,7 +34,7 @@ NOTHING_MOVED = "matched at the values the case began with: nothing had to move 
 
 def match(
     case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
-    near: Near | None = None, beds: int | None = None,
+    near: Near | None = None, beds: int | None = None,  # what the options of the command say, and the map's start
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
