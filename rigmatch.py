@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __all__ = [
-    "diagnose", "excite", "export", "fidelity", "load", "load_case", "map", "match", "modes", "read_recording",
-    "response", "show", "simulate", "tolerance", "uncertainty", "verify",
+    "commission", "diagnose", "excite", "export", "fidelity", "load", "load_case", "map", "match", "modes",
+    "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from matching.api import (
+        commission,
         diagnose,
         excite,
         export,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from matching.bed_test.result import BedVerification
+    from matching.commissioning.circle import CommissionOrder
     from matching.diagnosis.verdict.result import Diagnosis
     from matching.excitation.plan import ExcitationOrder
     from matching.excitation.result import ExcitationPlan
@@ -509,6 +510,45 @@ def excite(case: Case | File, order: ExcitationOrder | None = None) -> Excitatio
     from matching.fmu.export_source import tuned_case
 
     return plan_excitation(tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case, order)
+
+
+def commission(
+    case: File, bed: File, out: File, order: CommissionOrder | None = None, *, tell: Callable[[str], None] | None = None
+) -> dict[str, Any]:
+    """Go the whole way onto the bed: match, run, verify; excite, record, diagnose, match again.
+
+    Parameters
+    ----------
+    case : path
+        A case file, or the directory of a match.
+    bed : path
+        The FMU of a bed, or a folder that recordings are put into.
+    out : path
+        A folder a step is written there; called again, it goes on where it stopped.
+    order : CommissionOrder, optional
+        Rounds, excitation, seed, processes.
+    tell : callable, optional
+        Is given the name of each step.
+
+    Returns
+    -------
+    dict
+        As ``commission.json`` holds it.
+
+    Raises
+    ------
+    InputError
+        One line that names what of case, bed or recording is not as it has to be.
+
+    Examples
+    --------
+    >>> result = rm.commission("case.toml", "bed.fmu", "out/commission")  # doctest: +SKIP
+    >>> result["status"]  # doctest: +SKIP
+    """
+    from matching.commissioning.circle import Circle, CommissionOrder
+
+    circle = Circle(Path(out), Path(bed), order or CommissionOrder(), tell or (lambda _: None))
+    return circle.run(Path(case))
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
