@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 
@@ -44,15 +45,18 @@ class ClockOffset(Kind):
         places = members(at)
         if len(places) < 2:
             return
-        for size in FIRST_OFFSETS:
-            for offset in (size, -size):
-                addition = {}
-                for place in places:
-                    table, name = place.split(".")
-                    signal = (motion.input if table == "inputs" else motion.reading)[name]
-                    late = offset if table == "sensors" else -offset
-                    addition[place] = motion.delayed(signal, late) - signal
-                yield Guess((addition,), partial(_late, offset))
+        for early in FIRST_OFFSETS:
+            addition = {}
+            for place in places:
+                table, name = place.split(".")
+                signal = (motion.input if table == "inputs" else motion.reading)[name]
+                late = -early if table == "sensors" else early
+                addition[place] = motion.delayed(signal, late) - signal
+            yield Guess((addition,), partial(_late, -early))
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        """Early ones only: late sensors are those of a shared delay, which is looked for as such."""
+        return (-math.inf, 0.0)
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         return -recorded.longest_memory, recorded.longest_memory

@@ -10,7 +10,7 @@ import numpy as np
 from sympy import pi, sin
 
 from modelling.effects.first_guess import FittedMotion, Guess
-from modelling.effects.interface import EquationBuilder, Motion, Symbols
+from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
 from modelling.effects.kind import Kind, Parameter
 from modelling.effects.recorded_range import RecordedRange
 
@@ -42,6 +42,13 @@ class PositionTorque(Kind):
             if f"amplitude{suffix}" in p:
                 angle = 2 * pi * k * motion.angle / p["period"] + p.get(f"phase{suffix}", 0)
                 assembly.add_torque(name, -p[f"amplitude{suffix}"] * sin(angle), motion)
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """None: a part of its period mimics an offset, and encoders start elsewhere in every recording.
+
+        A diagnosis shows such a torque as a curve over the angle instead.
+        """
+        return []
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         angle = motion.angle[at.split(".")[1]]

@@ -231,7 +231,7 @@ KINDS: dict[str, Kind] = {
     "wrong_parameter": Kind("values", _wrong, 6.0),
     "input_offset": Kind("inputs", _input_offset, 10.0, chosen=False),
     "gear_loss": Kind("shafts", _gear_loss, chosen=False),
-    "position_torque": Kind("inertias", _position, 5.0, chosen=False),
+    "position_torque": Kind("inertias", _position, 5.0, inside=False, chosen=False),
     "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
     "clock_jump": Kind("sensors", _jump_clock, 40.0, inside=False),
     "saturating_actuator": Kind(
@@ -252,7 +252,7 @@ KINDS: dict[str, Kind] = {
 SPOKEN = {"input_lag": "lag", "sensor_lag": "lag"}
 INSIDE = tuple(kind for kind, entry in KINDS.items() if entry.inside and entry.chosen)
 NEWER = tuple(kind for kind, entry in KINDS.items() if entry.inside and not entry.chosen)
-OUTSIDE = tuple(kind for kind, entry in KINDS.items() if not entry.inside)
+OUTSIDE = tuple(kind for kind, entry in KINDS.items() if not entry.inside and entry.chosen)
 
 
 def places(drive: Drive, kind: str) -> list[str]:
