@@ -68,7 +68,7 @@ def make_overview(commit: str) -> None:
     from matching.report.common.style import image
 
     folder = ROOT / "examples" / "road_to_rig"
-    figure = rm.match(folder / "case.toml", workers=2).plot()
+    figure = rm.match(folder / "observer.toml").plot()
     (folder / "overview.png").write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
 
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matching.frequency.search.result import MatchResult
 from matching.report.drawing.figures import case_figure
 from matching.report.drawing.layout import MOST_INERTIAS
+from matching.report.match.beds_figure import beds_figure
 from matching.report.match.checks import in_time_signals, signals, wrong_values
 from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure
@@ -27,6 +28,7 @@ CAPTIONS = {
     "in_time": "A bed with everything wrong at once, the worst of those drawn, beside the nonlinear vehicle with the "
     "same specimen. Dotted: the controller does not measure the torque.",
     "margin": "Distance of the feedback loop from instability, with the exact dead time.",
+    "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
     "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest as tuned, "
     "and the range in which error and margin are as good within 2 %. Dotted: what the bed as planned reaches.",
@@ -54,6 +56,8 @@ def figures(result: MatchResult) -> dict[str, Figure]:
     made["margin"] = margin_figure(result.tuned, modes)
     if max(len(system.inertias) for system in (result.case.vehicle, result.case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = case_figure(result.tuned)
+    if result.robust and result.robust.beds.unmeasured:
+        made["beds"] = beds_figure(result.robust.beds, result.case.unmeasured_tolerance)
     if result.parameters:
         made["quantities"] = quantity_figure(result)
     if result.adapters:

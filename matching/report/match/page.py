@@ -17,6 +17,7 @@ from matching.report.match.checks import checks, needs, wrong_values
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
+from matching.report.match.robust_section import error_rows, requirement_rows
 from matching.report.match.text import answer, content, operating_point
 from matching.report.modes.animation import ModeAnimation
 from modelling.bed.loop import HARDWARE
@@ -98,6 +99,9 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "operating_point": operating_point(content(result)),
         "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in tuned.manoeuvre.items()]),
         "structure": tuned.loop.structure.name,
+        "requirements": requirement_rows(result.robust) if result.robust else [],
+        "bed_errors": error_rows(result.robust) if result.robust else [],
+        "unmeasured_note": "estimated by the observer" if result.robust else "feedback alone",
         "has_feed_forward": tuned.loop.structure.has_feed_forward,
         **_loop(result),
         "residual": _residual(result),
@@ -188,11 +192,12 @@ def _explanations(result: MatchResult) -> list[str]:
     error = result.response_error
     if not names:
         return ["No torque is measured for a feed-forward: these errors are those of feedback alone."]
+    reaction = "by what its observer estimates" if result.robust else "by feedback alone"
     return [
         f"Measured torques ({sentence([name.replace('_', ' ') for name in names])}) reach the feed-forward, "
         f"a model of rig and vehicle that predicts across the dead time: error {number(error.after, 3)}. "
-        "To an unmeasured torque, such as a brake on the shaft or a torque the model lacks, the rig reacts by "
-        f"feedback alone: error {number(error.unmeasured, 3)}. Both errors are true of this rig; which one counts "
+        "To an unmeasured torque, such as a brake on the shaft or a torque the model lacks, the rig reacts "
+        f"{reaction}: error {number(error.unmeasured, 3)}. Both errors are true of this rig; which one counts "
         "depends on where the torque comes from."
     ]
 
@@ -227,6 +232,11 @@ def _manoeuvre(name: str, torque: Any) -> str:
 
 
 def _search(result: MatchResult) -> str:
+    if result.robust:
+        return (
+            "The weights of the observer were tuned over beds that fill the box of what is not known exactly; "
+            f"{result.robust.beds.drawn} fresh beds judged the result by equations of their own."
+        )
     stable = [value for value in result.starts if value is not None]
     if not stable:
         return f"None of {len(result.starts)} starts ended in a stable loop."

@@ -1,0 +1,29 @@
+"""Response errors over the drawn beds that judged an observer, as a distribution."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from matching.frequency.independent.beds_check import BedsCheck, quantile
+from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
+
+
+def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
+    """Share of the stable beds whose response error is at most so large; ``tolerance`` is that of the case."""
+    with styled():
+        fig = figure(7.4, 3.2)
+        axes = fig.subplots()
+        for name, errors, colour, stroke in (
+            ("measured torques", beds.measured, VEHICLE, "-"),
+            ("unmeasured torques", beds.unmeasured, MATCHED, "--"),
+        ):
+            share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
+            axes.plot(errors, 100 * share, stroke, color=colour, label=name)
+            for part in (0.5, 0.95):
+                axes.plot(quantile(errors, part), 100 * part, "o", color=colour)
+        axes.axvline(tolerance, color=LIMIT, linestyle=":", label="allowed as planned, unmeasured")
+        axes.set(xlabel="Response error", ylabel="Share of stable beds, %", ylim=(0, 100))
+        axes.set_xlim(left=0)
+        axes.legend(loc="lower right")
+    return fig

@@ -1,0 +1,64 @@
+"""What is asked of a match with an observer beyond its targets, and what drawn beds, loop and sensors made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
+from matching.frequency.independent.beds_check import quantile
+from matching.frequency.verification.observed import RobustVerification
+from matching.report.common.wording import number
+
+
+@dataclass(frozen=True)
+class RequirementRow:
+    """One requirement: what, its value, what is asked, and whether it holds."""
+
+    what: str
+    value: str
+    asked: str
+    holds: bool
+
+
+def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
+    """Requirements on beds, margin, roll-off and noise; without the beds where the method does not cover the case."""
+    beds, loop, required = robust.beds, robust.loop, robust.required
+    rows = []
+    if beds.drawn:
+        rows = [
+            RequirementRow("beds stable", f"{beds.stable} of {beds.drawn}", "all", beds.stable == beds.drawn),
+            RequirementRow(
+                "least damping ratio of any mode on any bed", number(beds.smallest_damping_ratio, 3),
+                f"at least {number(required.damping_ratio, 3)}", beds.damped == beds.drawn,
+            ),
+        ]  # fmt: skip
+    rows += [
+        RequirementRow(
+            f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),
+            f"at least {number(required.modulus_margin)}", loop.modulus_margin >= required.modulus_margin,
+        ),
+        RequirementRow(
+            f"roll-off: |T| from {number(required.rolled_off_from)} Hz", number(loop.largest_rolled_off, 3),
+            f"at most {number(LARGEST_ROLLED_OFF)}", loop.largest_rolled_off <= LARGEST_ROLLED_OFF,
+        ),
+    ]  # fmt: skip
+    for name, noise in zip(robust.dynamometers, loop.command_noise, strict=True):
+        allowed = required.command_noise
+        rows.append(
+            RequirementRow(
+                f"command of dynamometer {name} from sensor noise", f"{number(noise, 3)} N·m rms",
+                "no limit" if allowed is None else f"at most {number(allowed)} N·m rms",
+                allowed is None or noise <= allowed,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def error_rows(robust: RobustVerification) -> list[tuple[str, float | None, float | None]]:
+    """Kind of torque, median and 95 % quantile of the response error over the stable beds."""
+    beds = robust.beds
+    return [
+        (kind, quantile(errors, 0.5), quantile(errors, 0.95))
+        for kind, errors in (("measured", beds.measured), ("unmeasured", beds.unmeasured))
+        if errors
+    ]

@@ -1,0 +1,47 @@
+"""The rows of the report that say what beds, loop and sensors keep."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from matching.frequency.beds.figures import LoopFigures
+from matching.frequency.beds.requirements import Requirements
+from matching.frequency.independent.beds_check import BedsCheck
+from matching.report.match.beds_figure import beds_figure
+from matching.report.match.robust_section import error_rows, requirement_rows
+
+BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
+
+LOOP, REQUIRED = LoopFigures(0.49, 20.0, 0.4, (19.0, 21.0)), Requirements(0.01, 0.5, 16.0, 100.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Robust:
+    beds: BedsCheck = BEDS
+    loop: LoopFigures = LOOP
+    required: Requirements = REQUIRED
+    dynamometers: tuple[str, ...] = ("left", "right")
+
+
+def test_every_requirement_stands_with_what_is_asked_and_whether_it_holds():
+    rows = requirement_rows(Robust())
+    assert [row.holds for row in rows] == [False, False, False, True, True, False]
+    assert (rows[0].value, rows[2].value, rows[2].asked) == ("3 of 4", "0.49", "at least 0.5")
+    assert rows[-1].what == "command of dynamometer right from sensor noise"
+
+
+def test_beds_that_were_not_judged_are_not_claimed():
+    rows = requirement_rows(Robust(beds=BedsCheck(0, 0, 0, float("nan"), 0.01, (), (), "a hose")))
+    assert not any("beds" in row.what for row in rows)
+    assert error_rows(Robust(beds=BedsCheck(0, 0, 0, float("nan"), 0.01, (), (), "a hose"))) == []
+
+
+def test_median_and_95_percent_of_both_errors():
+    (_, median, high), (_, unmeasured, _) = error_rows(Robust())
+    assert (median, high, unmeasured) == (pytest.approx(0.2), pytest.approx(0.29), pytest.approx(0.3))
+
+
+def test_the_figure_draws_both_distributions():
+    axes = beds_figure(BEDS, 0.3).axes[0]
+    drawn = {line.get_label(): list(line.get_xdata()) for line in axes.lines}
+    assert drawn["unmeasured torques"] == [0.2, 0.3, 0.4]
