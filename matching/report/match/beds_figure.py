@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.frequency.independent.beds_check import BedsCheck, quantile
+from matching.frequency.independent.beds_check import BedsCheck
 from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
 
 
@@ -20,8 +20,9 @@ def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
         ):
             share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
             axes.plot(errors, 100 * share, stroke, color=colour, label=name)
-            for part in (0.5, 0.95):
-                axes.plot(quantile(errors, part), 100 * part, "o", color=colour)
+            parts = np.array([0.5, 0.95])
+            if errors:
+                axes.plot(np.quantile(errors, parts), 100 * parts, "o", color=colour)
         axes.axvline(tolerance, color=LIMIT, linestyle=":", label="allowed as planned, unmeasured")
         axes.set(xlabel="Response error", ylabel="Share of stable beds, %", ylim=(0, 100))
         axes.set_xlim(left=0)
