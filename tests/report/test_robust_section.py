@@ -7,8 +7,8 @@ import pytest
 from matching.frequency.beds.figures import LoopFigures
 from matching.frequency.beds.requirements import Requirements
 from matching.frequency.independent.beds_check import BedsCheck
-from matching.report.match.beds_figure import beds_figure
-from matching.report.match.robust_section import error_rows, requirement_rows
+from matching.report.beds.figure import beds_figure
+from matching.report.beds.requirement_rows import error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
 

@@ -54,7 +54,7 @@ FLOORS = [
     ["matching.report", "matching.report.common"],
     ["matching.report.drawing"],
     ["matching.report.modes", "matching.report.simulation"],
-    ["matching.report.in_time"],
+    ["matching.report.in_time", "matching.report.beds"],
     ["matching.report.match", "matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
     ["matching.report.curves"],
     ["matching.report.map", "matching.report.diagnosis", "matching.report.bed_test", "matching.report.excitation"],

@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.frequency.search.result import MatchResult
+from matching.report.beds.figure import beds_figure
 from matching.report.drawing.figures import case_figure
 from matching.report.drawing.layout import MOST_INERTIAS
-from matching.report.match.beds_figure import beds_figure
 from matching.report.match.checks import in_time_signals, signals, wrong_values
 from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure

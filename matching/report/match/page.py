@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from matching.frequency.search.result import MatchResult, ParameterResult
+from matching.report.beds.requirement_rows import error_rows, requirement_rows
 from matching.report.common.environment import embedded, environment
 from matching.report.common.mathml import LEGEND, equations
 from matching.report.common.provenance import Provenance
@@ -17,7 +18,6 @@ from matching.report.match.checks import checks, needs, wrong_values
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
 from matching.report.match.modes_figure import nearest
-from matching.report.match.robust_section import error_rows, requirement_rows
 from matching.report.match.text import answer, content, operating_point
 from matching.report.modes.animation import ModeAnimation
 from modelling.bed.loop import HARDWARE
