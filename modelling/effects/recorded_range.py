@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 LONGEST_MEMORY_SHARE = 0.25  # of the recording: a longer delay or lag cannot be told from a start state
 FEWEST_PERIODS = 1.0  # within the range of an angle: a torque over it has been recorded once as a whole
-FEWEST_PASSES = 3.0  # periods over the whole path: it has been recorded to repeat
+FEWEST_PASSES = 2.0  # periods over the whole path: it has been recorded to repeat
 
 
 @dataclass(frozen=True)

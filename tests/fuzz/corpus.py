@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 
 from modelling.effects import EFFECTS
+from modelling.effects.place import place_in_file
 from modelling.model.files import from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,17 +89,17 @@ def _every_effect() -> bytes:
         data["inertias"][f"i{n + 1}"] = {"J": 1.0}
         data["shafts"][f"s{n}"] = {"between": [f"i{n}", f"i{n + 1}"], "stiffness": 100.0, "damping": 1.0}
         data["inputs"][f"u{n}"] = {"on": f"i{n}"}
-        data["sensors"][f"y{n}"] = {"measures": "speed", "of": f"i{n}"}
+        data["sensors"][f"y{n}"] = {"measures": "angle" if n % 2 else "speed", "of": f"i{n}"}
     base = from_dict(data)
     data["effects"] = []
     for n, (kind, law) in enumerate(EFFECTS.items()):
-        places = law.places(base)
+        places = law.places(base) or law.shared_places(base)
         values = {
             key: min(max(0.5, parameter.lower), parameter.upper)
             for key, parameter in law.parameters.items()
             if not parameter.optional
         }
-        data["effects"].append({"kind": kind, "at": places[n % len(places)]} | values)
+        data["effects"].append({"kind": kind, "at": place_in_file(places[n % len(places)])} | values)
     return tomli_w.dumps(data).encode()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -102,7 +103,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
 def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
     """The model that a case names; the case is at fault where there is no such file."""
     named = path.parent / text_of(data, key, str(path))
-    if not named.exists():
+    if not os.path.exists(named):  # Path.exists raises where a name is too long
         raise InputError(f"{path}: {key}", f"{named} does not exist", "name a model file, relative to the case")
     return load(named)
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from modelling.common.errors import unknown
+from modelling.common.errors import InputError, unknown
 from modelling.equations.compiled import Model
 from modelling.equations.shaft_law import CONTACT_TIME
 
@@ -114,7 +114,7 @@ def make_task(
     Raises
     ------
     InputError
-        If a name is unknown.
+        If a name is unknown, or a delay negative that is not that of an early clock.
     """
     names = names or []
     if CONTACT_TIME in model.parameters:
@@ -128,6 +128,9 @@ def make_task(
     delays = [np.zeros((len(p), len(input_paths))), np.zeros((len(p), len(sensor_paths)))]
     if delayed or any(path.delay != 0 for path in input_paths):
         delays = [np.array(part).T for part in model.delays(p.T)]
+    lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
+    if lowest < 0 and not any(effect.law.is_clock for effect in model.system.effects):
+        raise InputError("simulation", f"a delay of {lowest:g} s is not possible", "delays are 0 or more")
     group = np.zeros(len(model.sensors), dtype=np.int64)
     group[delayed] = np.arange(1, len(delayed) + 1)
     by_columns = [np.zeros((part.shape[1], len(names))) for part in delays]
