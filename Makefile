@@ -12,9 +12,9 @@ PYTHON ?= python3
 WORKERS ?= 2
 MUTANTS ?= --anew
 BIN := .venv/bin
-# Wheels only and by hash: no compiler is called and nothing unknown comes in. No build isolation: the backend is in the lock.
+# Wheels only and by hash: no compiler is called and nothing unknown comes in. Bytecode is made where it is first used. No build isolation: the backend is in the lock.
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-INSTALL := $(PIP) install --quiet --only-binary :all: --require-hashes --requirement
+INSTALL := $(PIP) install --no-compile --quiet --only-binary :all: --require-hashes --requirement
 PROJECT := $(PIP) install --quiet --no-deps --no-build-isolation --no-index --editable .
 COMPILE := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--only-binary :all: --no-emit-index-url --no-annotate --custom-compile-command "make lock" --quiet --group build

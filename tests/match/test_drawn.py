@@ -11,7 +11,7 @@ from modelling.bed.residual_vehicle import cut
 GRID = np.unique(np.concatenate([np.geomspace(1e-3, 500, 800), np.linspace(2, 150, 700)]))
 
 
-QUICK = (1, 2, 3)
+QUICK = (1,)
 
 
 @pytest.mark.parametrize(

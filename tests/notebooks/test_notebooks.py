@@ -51,7 +51,7 @@ def figures(notebook: nbformat.NotebookNode) -> int:
 
 
 SMALLER = {"06_where_the_reference_parameters_come_from": ("STARTS = 80", "STARTS = 30")}  # shows the same, sooner
-LONG = {"02_sizing_adapters"}  # matches of the reference case at several dead times
+LONG = {"02_sizing_adapters", "03_calibrating_the_residual_vehicle"}  # several matches of the reference case
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,7 @@ def test_the_command_goes_on_where_a_python_user_stopped(tmp_path):
     assert (tmp_path / "results.json").exists()
 
 
+@pytest.mark.long
 @needs_compiler
 def test_a_cluster_makes_the_same_recordings(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
