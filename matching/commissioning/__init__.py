@@ -1,1 +1,1 @@
-"""The whole way onto the bed: excite, record, diagnose, match with what was found, export, run, verify."""
+"""Commissioning a bed: match, export, run, verify; where it falls short, excite, record, diagnose, match again."""

@@ -1,9 +1,10 @@
-"""The circle: match, run, verify; excite, record, diagnose; match again with what was found, until the bed is right."""
+"""Commissioning in rounds: match, run and verify; then record, diagnose and match again, until the bed is right."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -107,10 +108,11 @@ class Circle:
         if number > 1:
             found["identification"] = self._identified(path, number)
             path = self._folder / f"{number}_diagnose" / "case.toml"
-        tuned = self._matched(path, number, found)
-        self._exported(tuned, number)
-        found["verification"] = self._verified(tuned, number)
-        return tuned
+        matched = self._matched(path, number, found)
+        case = tuned_case(matched).tuned
+        self._exported(case, number)
+        found["verification"] = self._verified(case, number)
+        return matched
 
     def _matched(self, path: Path, number: int, found: dict[str, Any]) -> Path:
         if path.is_dir():
@@ -126,20 +128,19 @@ class Circle:
             return files, {"status": result.status, "limits": list(result.limits)}
 
         name = f"{number}_match"
-        found["match"] = self._stages.run(name, checksum("".join(case_files(case).values())), work)
+        found["match"] = self._stages.run(name, _of_case(case), work)
         return self._folder / name
 
-    def _exported(self, tuned: Path, number: int) -> None:
+    def _exported(self, case: Case, number: int) -> None:
         self._tell(f"round {number}: export")
 
         def work() -> tuple[Files, dict[str, Any]]:
-            return {"controller.fmu": controller_fmu(exported_controller(tuned_case(tuned).tuned)).content}, {}
+            return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
 
-        self._stages.run(f"{number}_export", _of_case(tuned_case(tuned).tuned), work)
+        self._stages.run(f"{number}_export", _of_case(case), work)
 
-    def _verified(self, tuned: Path, number: int) -> dict[str, Any]:
+    def _verified(self, case: Case, number: int) -> dict[str, Any]:
         self._tell(f"round {number}: run and verify")
-        case = tuned_case(tuned).tuned
         name, wanted = f"{number}_verify", proof(case)
         speed = plan_speed(case, self._order)
         exported = self._folder / f"{number}_export" / "controller.fmu"
@@ -161,14 +162,18 @@ class Circle:
 
         return self._stages.run(name, _of_case(case), work)
 
-    def _identified(self, tuned: Path, number: int) -> dict[str, Any]:
+    def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""
-        case = tuned_case(tuned).tuned
+        case = tuned_case(matched).tuned
         self._tell(f"round {number}: excite")
-        plan = plan_excitation(case, self._order.excitation)
+
+        @cache
+        def plan() -> ExcitationPlan:  # some seconds, and needed only by steps that are not done
+            return plan_excitation(case, self._order.excitation)
+
         self._stages.run(
-            f"{number}_excite", _of_case(case),
-            lambda: ({"excite.json": strict_json(plan.to_dict()), "excitation.csv": excitation_csv(plan)}, {}),
+            f"{number}_excite", checksum(_of_case(case) + repr(self._order.excitation)),
+            lambda: ({"excite.json": strict_json(plan().to_dict()), "excitation.csv": excitation_csv(plan())}, {}),
         )  # fmt: skip
         self._recorded(case, plan, number)
         self._tell(f"round {number}: diagnose")
@@ -193,23 +198,24 @@ class Circle:
 
         return self._stages.run(f"{number}_diagnose", self._stages.of_files(path), work)
 
-    def _recorded(self, case: Case, plan: ExcitationPlan, number: int) -> None:
+    def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
         self._tell(f"round {number}: record")
         name = f"{number}_record"
+        excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
 
         def work() -> tuple[Files, dict[str, Any]]:
             if self._bed.is_dir():
                 text = self._put_by_hand(
-                    name, {"excitation.csv": excitation_csv(plan)},
-                    f"hold the rotors slowly at {plan.speed:.3g} rad/s (gains in {number}_excite/excite.json), add the "
-                    f"torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
+                    name, {"excitation.csv": excitation},
+                    f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
+                    f"the torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
                 )  # fmt: skip
             else:
                 with self._fmu(case) as bed:
-                    text = excited_recording(bed, case, plan)
+                    text = excited_recording(bed, case, plan())
             return {RECORDING: text}, {}
 
-        self._stages.run(name, checksum(excitation_csv(plan)), work)
+        self._stages.run(name, checksum(excitation), work)
 
     def _put_by_hand(self, name: str, files: dict[str, str], what: str) -> str:
         """Text of ``NAME.csv`` in the bed's folder; until it is there, what it needs lies beside its place."""
