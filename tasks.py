@@ -49,7 +49,7 @@ def set_up(lock: str) -> None:
         _run([*command("$(BIN)/python"), f"{wheel}/pip", "install", "--quiet", "--no-index", str(wheel)])
         (ENVIRONMENT / "pip.stamp").touch()
     install = [*command("$(BIN)/python"), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
-    _run([*install, "--only-binary", ":all:", "--require-hashes", "--requirement", str(wanted)])
+    _run([*install, "--no-compile", "--only-binary", ":all:", "--require-hashes", "--requirement", str(wanted)])
     _run([*install, "--no-deps", "--no-build-isolation", "--no-index", "--editable", "."])
     stamp.touch()
 
