@@ -34,6 +34,10 @@ class Displayed:
     def _repr_html_(self) -> str:
         return html(self)
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """What IPython shows and a notebook keeps beside the HTML: the few lines, not every field of every array."""
+        printer.text(text(self))
+
 
 @singledispatch
 def plot(result: Any) -> Any:

@@ -1,12 +1,18 @@
 """Every notebook runs from top to bottom in a fresh kernel; its own assertions hold its key numbers."""
 
+import base64
+import io
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from nbclient import NotebookClient
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -75,6 +81,41 @@ def test_is_a_story_with_key_numbers(path: Path) -> None:
     assert "## What to try" in prose[-1]
     assert sum(line.startswith("assert ") for cell in code(notebook) for line in cell.source.splitlines()) >= 5
     assert f"]({path.name})" in (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")
+
+
+def picture(figure: Figure) -> str:
+    """As Matplotlib's inline backend puts it into a cell."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def test_pictures_are_kept_with_a_palette(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `make figures` keeps them: the same pixels to within what the eye sees, in less than half of the bytes."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    from figures import with_palette
+
+    drawn = Figure(figsize=(6, 3))
+    axes = drawn.add_subplot()
+    for phase, colour in enumerate(("#0072B2", "#D55E00", "#009E73")):
+        axes.plot(np.sin(np.linspace(0, 9, 300) + phase), color=colour)
+    before = picture(drawn)
+    after = with_palette(before)
+    sys.modules.pop("figures")
+    assert len(after) < 0.5 * len(before)
+    true, small = (Image.open(io.BytesIO(base64.b64decode(each))) for each in (before, after))
+    assert (small.size, small.mode) == (true.size, "P")
+    difference = np.abs(np.asarray(true.convert("RGB"), float) - np.asarray(small.convert("RGB"), float))
+    assert np.mean(difference) < 0.5  # of 255
+    assert np.max(difference) < 40
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_pictures_of_notebooks_have_a_palette(path: Path) -> None:
+    outputs = [output for cell in code(nbformat.read(path, as_version=4)) for output in cell.outputs]
+    pictures = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    modes = {Image.open(io.BytesIO(base64.b64decode(each))).mode for each in pictures}
+    assert modes == {"P"}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
