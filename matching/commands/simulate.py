@@ -78,11 +78,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         p = with_stick_speed(model, recording.time, inputs, model.p0)
         start = recorded_start(model, recording, p)
     done = simulate(model, recording.time, inputs, start=start, tolerance=tolerance)
-    inaccurate = [
-        f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
-        for name, error in done.integration_error.items()
-        if error > tolerance
-    ]
     misfit = {name: _misfit(done[name], recording[name], done.units[name]) for name in recording.sensors(system)}
     files: dict[str, str | bytes] = {"simulated.csv": csv_text(done.time, done.readings, done.units)}
     if done.readings:
@@ -99,9 +94,18 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "tolerance": tolerance,
         "integration_error": done.integration_error,
         "misfit": misfit,
-        "notes": [*recording.notes, *inaccurate],
+        "notes": [*recording.notes, *_inaccurate(done.integration_error, tolerance)],
         "files": sorted(files),
     }
+
+
+def _inaccurate(errors: dict[str, float], tolerance: float) -> list[str]:
+    """A note on every reading whose estimated error is beyond the tolerance."""
+    return [
+        f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
+        for name, error in errors.items()
+        if error > tolerance
+    ]
 
 
 def _misfit(simulated: "np.ndarray", recorded: "np.ndarray", unit: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.search_window import first_readings, search_window
 from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.search.unseen_data import UnseenData
+from matching.diagnosis.verdict.causes import FittedCandidate
 from matching.diagnosis.verdict.confidence import (
     RatedCause,
     chi_square_inflation,
@@ -27,7 +28,6 @@ from matching.diagnosis.verdict.confidence import (
 )
 from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
-from matching.diagnosis.verdict.result import FittedCandidate
 from modelling.model.system import System
 
 FAR_FROM_NOISE = 100.0  # times the noise; an error of that size is first of all one of the model

@@ -11,7 +11,8 @@ from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.linear.linearise import linearise
 from modelling.linear.response import Response, response
-from modelling.modal.modes import LARGEST_WITH_ALL_MODES, Modes, modes_of
+from modelling.modal.modes import LARGEST_WITH_ALL_MODES, modes_of
+from modelling.modal.result import Modes
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
 

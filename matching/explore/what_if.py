@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from matching.explore.files.model_document import ModelDocument
 from matching.explore.live import LiveModel, LiveState, slider_range
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 LARGEST_SHARES = 3  # components of a mode that its row of the table names
 

@@ -4,7 +4,7 @@ from importlib import import_module
 
 VIEWS = {
     "matching.bed_test.result.BedVerification": "matching.report.bed_test.view",
-    "modelling.modal.modes.Mode": "matching.report.modes.animation",
+    "modelling.modal.result.Mode": "matching.report.modes.animation",
     "matching.excitation.result.ExcitationPlan": "matching.report.excitation.view",
     "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",
     "matching.frequency.search.result.MatchResult": "matching.report.match.view",
@@ -15,7 +15,7 @@ VIEWS = {
     "matching.validity.fidelity.result.XilFidelity": "matching.report.fidelity.view",
     "modelling.equations.lagrange.Equations": "matching.report.modes.equations_view",
     "modelling.linear.response.Response": "matching.report.simulation.response_view",
-    "modelling.modal.modes.Modes": "matching.report.modes.view",
+    "modelling.modal.result.Modes": "matching.report.modes.view",
     "modelling.model.system.System": "matching.report.modes.equations_view",
     "modelling.simulation.result.Simulation": "matching.report.simulation.view",
 }

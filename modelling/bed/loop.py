@@ -15,8 +15,8 @@ from typing import Any
 import scipy
 
 from modelling.bed.feed_forward import FeedForward
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.residual_vehicle import ResidualVehicle
-from modelling.bed.sampled_controller import SampledController
 from modelling.linear.state_space import StateSpace
 from modelling.model.system import System
 
@@ -165,7 +165,7 @@ class ControlStructure(ABC):
         """
         return None
 
-    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledController | None:
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
         """The whole controller where it is an observer with state feedback; None for feedback laws.
 
         Parameters

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
 from modelling.bed.feed_forward import FeedForward
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_model import ObserverModel
-from modelling.bed.sampled_controller import SampledController
 from modelling.common.errors import InputError
 
 FREE_COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)², of commands that known torques ask for: practically free
@@ -31,7 +31,7 @@ STATE_NOISE = 1e-12  # variance on every state of the rig, so that none counts a
 DOUBLINGS = 40  # of the time over which a covariance is summed: 2⁴⁰ samples are for ever
 
 
-def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> SampledController:
+def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> ObserverController:
     """The controller for a model and weights, see :data:`modelling.bed.structures.observer.QUANTITIES`.
 
     A model runs ahead on the known torques alone, with commands that are nearly free; the observer estimates what bed
@@ -53,7 +53,7 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
     return assembled(model, ahead, F, correction(model, weights))
 
 
-def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> SampledController:
+def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ObserverController:
     """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y)."""
     bed, n = model.bed, model.states
     x, e, fifo = len(bed.whole), model.estimated, len(model.dynamometers) * (bed.delay + 1)
@@ -66,7 +66,7 @@ def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.n
     whole[:size, size + m :] = (1 - NOW) * W
     difference = ahead.F.copy()
     difference[:, :m] -= F[:, :m]
-    return SampledController(
+    return ObserverController(
         whole, np.vstack([B, np.zeros((more, B.shape[1]))]), np.vstack([NOW * W, ahead.W]), C, L,
         np.hstack([F[:, :size], difference]), ahead.G,
         model.readings.sensors, model.known, model.dynamometers, model.sample_time, size,

@@ -8,13 +8,17 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from modelling.bed.feed_forward import FeedForward
-from modelling.bed.sampled_controller import SampledController
+from modelling.bed.observer_controller import ObserverController
 from modelling.linear.state_space import StateSpace
 
 
 @dataclass(frozen=True)
 class ControlLaw:
     """What a controller computes at every sample, in deviations from where it was switched on.
+
+    The form in which a controller is exported and run on the bed, the same for feedback, feed-forward and observer
+    (:func:`law_of_feedback`, :func:`law_of_feed_forward`, :func:`law_of_observer`), each of which is tuned in a form of
+    its own.
 
     xc = x + L·(y − E·x), u = K·xc + Dy·y + Dw·w, x⁺ = A·xc + By·y + Bw·w + Bs·sent, where ``sent`` is u after the
     limits: a command that was cut is known to the law, so nothing winds up.
@@ -146,7 +150,7 @@ def law_of_feed_forward(
     )  # fmt: skip
 
 
-def law_of_observer(controller: SampledController) -> ControlLaw:
+def law_of_observer(controller: ObserverController) -> ControlLaw:
     """The law of an observer with state feedback, which predicts with what was sent as it is."""
     k, y, x = len(controller.dynamometers), len(controller.sensors), len(controller.A)
     return ControlLaw(

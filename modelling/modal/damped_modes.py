@@ -8,7 +8,7 @@ import numpy as np
 
 from modelling.linear.elements import Elements, elements, null_space, unit_rows
 from modelling.linear.linearise import Linear, deflated, linearise
-from modelling.modal.modes import Modes
+from modelling.modal.result import Modes
 from modelling.modal.symmetry import images, labels
 from modelling.model.system import System
 

@@ -10,7 +10,7 @@ import numpy as np
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.linear.elements import Elements, elements, null_space, unit_rows
-from modelling.modal.modes import Modes
+from modelling.modal.result import Modes
 from modelling.model.system import System
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from modelling.equations.compiled import Model, compiled
 from modelling.linear.reference_motion import reference_motion
-from modelling.modal.modes import Modes, modes_of
+from modelling.modal.modes import modes_of
+from modelling.modal.result import Modes
 from modelling.modal.tracking import track_vectors
 from modelling.model.system import System
 

@@ -10,7 +10,8 @@ import scipy
 
 from modelling.equations.compiled import Model, compiled
 from modelling.linear.elements import elements
-from modelling.modal.modes import Modes, modes_of
+from modelling.modal.modes import modes_of
+from modelling.modal.result import Modes
 from modelling.model.system import System
 
 

@@ -68,14 +68,10 @@ def simulate(
     """
     model = compiled(model) if isinstance(model, System) else model
     time, u = checked(model, time, inputs)
-    chosen = list(model.sensors) if sensors is None else list(sensors)
-    for name in chosen:
-        if name not in model.sensors:
-            raise unknown(name, model.sensors, "sensors")
+    columns = _columns(model, sensors)
     p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
     done = _controlled(problem, tolerance, steps_per_second, compile)
-    columns = {name: model.sensors.index(name) for name in chosen}
     return Simulation(
         time,
         {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
@@ -87,6 +83,14 @@ def simulate(
         done.stepping.implicit,
         {name: float(done.error[j]) for name, j in columns.items()},
     )
+
+
+def _columns(model: Model, sensors: Sequence[str] | None) -> dict[str, int]:
+    """Places of the chosen sensors among those of the model, of all by default."""
+    for name in sensors or ():
+        if name not in model.sensors:
+            raise unknown(name, model.sensors, "sensors")
+    return {name: model.sensors.index(name) for name in (model.sensors if sensors is None else sensors)}
 
 
 def simulate_batch(

@@ -11,8 +11,8 @@ from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.beds.slopes import GainSlopes, action_slopes, error_slopes, pole_slopes
 from matching.frequency.beds.tuner import Tuner, tuner
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import assembled
-from modelling.bed.sampled_controller import SampledController
 
 HALF_STEP = 1e-6  # of the gains' relative change, either way
 
@@ -34,7 +34,7 @@ def changed(search, start):
     rng = np.random.default_rng(5)
     dF, dL = (gains * rng.uniform(-1, 1, gains.shape) for gains in (F, L))
 
-    def at(share: float) -> SampledController:
+    def at(share: float) -> ObserverController:
         return assembled(search.model, search.gains.ahead, F + share * dF, L + share * dL)
 
     return at
@@ -64,7 +64,7 @@ def test_slopes_of_the_errors(search, changed, gains):
     beds, share = search.beds, np.array([0.5, 1.0, 2.0])
     ahead = search._ahead[search._of(beds)]
 
-    def cost(controller: SampledController) -> np.ndarray:
+    def cost(controller: ObserverController) -> np.ndarray:
         return share @ errors(beds, action(controller, beds.frequencies, ahead), ()).mean(axis=1)
 
     here = changed(0.0)
@@ -77,7 +77,7 @@ def test_slopes_of_margin_roll_off_and_noise(search, changed, gains):
     plan, ahead = search.plan, search._ahead[search._of(search.plan.every)]
     f = plan.every.frequencies
 
-    def curves(controller: SampledController):
+    def curves(controller: ObserverController):
         return loop_curves(plan, action(controller, f, ahead))
 
     here = changed(0.0)
@@ -98,7 +98,7 @@ def test_slopes_of_poles(search, changed, gains):
     at = np.where(swinging, np.abs(z), 0).argmax(axis=1)
     poles = z[np.arange(len(z)), at]
 
-    def moved(controller: SampledController) -> np.ndarray:
+    def moved(controller: ObserverController) -> np.ndarray:
         there = np.linalg.eigvals(closed_matrices(search.pool, controller))
         return there[np.arange(len(z)), np.abs(there - poles[:, None]).argmin(axis=1)]
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from modelling.modal.modes import Modes, modes_batch
+from modelling.modal.modes import modes_batch
+from modelling.modal.result import Modes
 from modelling.model.files import from_dict
 from modelling.model.system import System
 from tests.benchmarks.row import row

@@ -5,6 +5,8 @@ import re
 import pytest
 from structure import docstrings
 
+import rigmatch as rm
+
 
 def test_arrays_have_shapes():
     assert docstrings.without_shapes() == []
@@ -29,9 +31,13 @@ def test_shapes_are_told_from_other_brackets(text, holds):
 def test_the_public_face_is_documented_wholly():
     """Every parameter, what comes back, errors and an example."""
     lacking = []
-    for found in docstrings.public_functions():
-        if found.module != "matching.api" or "." in found.name:
-            continue
+    face = [
+        found
+        for found in docstrings.public_functions()
+        if found.module.startswith("matching.api.") and found.name in rm.__all__
+    ]
+    assert sorted(found.name for found in face) == sorted(rm.__all__)
+    for found in face:
         described = found.text.partition("Parameters\n---")[2].partition("Returns\n---")[0]
         names = {argument.arg for argument in [*found.node.args.args, *found.node.args.kwonlyargs]}
         lacking += [

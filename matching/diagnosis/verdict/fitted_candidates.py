@@ -8,7 +8,7 @@ from matching.diagnosis.fitting.holdout import Holdout, holdout_residuals
 from matching.diagnosis.fitting.uncertainty import estimates
 from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.search.state import SearchState, chi_square_per_reading
-from matching.diagnosis.verdict.result import FittedCandidate
+from matching.diagnosis.verdict.causes import FittedCandidate
 
 FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError)
 

@@ -10,9 +10,9 @@ import numpy as np
 from matching.diagnosis.candidates.cause import Cause
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.verdict.causes import Alternative, Candidate, CauseParameter, NamedCause
 from matching.diagnosis.verdict.confidence import RatedCause, confidence
 from matching.diagnosis.verdict.next_recording import propose_manoeuvre
-from matching.diagnosis.verdict.result import Alternative, Candidate, CauseParameter, NamedCause
 from modelling.effects import EFFECTS
 from modelling.effects.place import place_in_words
 from modelling.model.system import System

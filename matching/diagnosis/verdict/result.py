@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,69 +10,12 @@ import numpy as np
 from matching.diagnosis.data.holdout_fidelity import HoldoutFidelity
 from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.diagnosis.verdict.causes import Candidate, FittedCandidate, NamedCause, estimate_to_dict, finite
 from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import FittedMotion
 from modelling.effects.place import place_in_file, place_in_words
 from modelling.model.system import System
-
-
-@dataclass(frozen=True)
-class CauseParameter:
-    """A parameter of a named cause, SI; ``note`` says what is odd about its uncertainty."""
-
-    value: float
-    standard_uncertainty: float
-    unit: str
-    note: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in ``diagnosis.json``."""
-        return _estimate_to_dict(self, self.unit)
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """A rival of a named cause, with its confidence."""
-
-    kind: str
-    at: str
-    confidence: float
-
-
-@dataclass(frozen=True)
-class NamedCause:
-    """A named cause.
-
-    Attributes
-    ----------
-    kind, at : str
-    parameters : dict of str to CauseParameter
-    confidence : float
-        0 … 1.
-    evidence : str
-        One sentence that can be checked in the figures.
-    alternatives : list of Alternative
-    gain : float
-        χ² without it over χ² with it.
-    """
-
-    kind: str
-    at: str
-    parameters: dict[str, CauseParameter]
-    confidence: float
-    evidence: str
-    alternatives: list[Alternative]
-    gain: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in ``diagnosis.json``."""
-        return {
-            "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
-            "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
-            "alternatives": [vars(one) | {"at": place_in_file(one.at)} for one in self.alternatives],
-            "gain": finite(self.gain),
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -104,62 +46,6 @@ class PlotData:
     sensors: list[str]
     noise: np.ndarray
     holdout: HoldoutData
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A candidate that was refitted in the place of a cause.
-
-    Attributes
-    ----------
-    kind, at : str
-    instead_of : str
-        The cause, ``kind at place``; its own row is the cause itself.
-    misfit : float
-        Root mean square of all residuals of the fit, in times the noise.
-    chi_square : float
-    confidence : float
-        0 … 1, among the candidates for this cause.
-    """
-
-    kind: str
-    at: str
-    instead_of: str
-    misfit: float
-    chi_square: float
-    confidence: float
-
-
-@dataclass(frozen=True)
-class FittedCandidate:
-    """A candidate that was added to the base model by itself.
-
-    Attributes
-    ----------
-    kind, at : str
-    misfit, misfit_holdout : float
-        Root mean square of all residuals on fitted and on held-out data, in times the noise.
-    chi_square : float
-        On fitted data.
-    not_taken : str
-        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound`` or
-        ``rival``; empty if it was.
-    """
-
-    kind: str
-    at: str
-    misfit: float
-    misfit_holdout: float
-    chi_square: float
-    not_taken: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in ``diagnosis.json``."""
-        return {
-            "kind": self.kind, "at": place_in_file(self.at), "instead_of": None, "misfit": self.misfit,
-            "misfit_holdout": finite(self.misfit_holdout), "chi_square": self.chi_square, "confidence": 0.0,
-            "not_taken": self.not_taken or None,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -273,7 +159,7 @@ class Diagnosis(Displayed):
             "gain": _finite_numbers(vars(self.gain)), "fidelity": self.fidelity.to_dict() if self.fidelity else None,
             "candidates": self._candidates_to_dict(), "next_recording": self.next_recording,
             "extended_model": "extended.toml",
-            "parameters": {name: _estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
+            "parameters": {name: estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
             "rest": [one.to_dict() for one in self.rest],
             "discrepancy": [one.to_dict() for one in self.discrepancy], "notes": self.notes,
         }  # fmt: skip
@@ -292,16 +178,5 @@ class Diagnosis(Displayed):
         return rows + list(fitted.values())
 
 
-def _estimate_to_dict(estimate: Estimate | CauseParameter, unit: str) -> dict[str, Any]:
-    uncertainty = finite(estimate.standard_uncertainty)
-    values = {"value": estimate.value, "standard_uncertainty": uncertainty, "unit": unit}
-    return values | ({"note": estimate.note} if estimate.note else {})
-
-
 def _finite_numbers(values: dict[str, float]) -> dict[str, float | None]:
     return {key: finite(value) for key, value in values.items()}
-
-
-def finite(value: float) -> float | None:
-    """A number that JSON can hold."""
-    return float(value) if math.isfinite(value) else None

@@ -10,7 +10,7 @@ import numpy as np
 from matching.frequency.beds.bed import Bed, bed_of, compared_sensors, disturbing, vehicle_response
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.case.case import Case
-from modelling.bed.sampled_controller import SampledController
+from modelling.bed.observer_controller import ObserverController
 
 FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
@@ -122,7 +122,7 @@ class Action:
         return Action(self.of_readings[part], self.of_known[part], self.known)
 
 
-def action(controller: SampledController, frequencies: np.ndarray, ahead: np.ndarray | None = None) -> Action:
+def action(controller: ObserverController, frequencies: np.ndarray, ahead: np.ndarray | None = None) -> Action:
     """What a controller does at frequencies (f,), Hz.
 
     ``ahead`` is what :func:`ahead_states` gives, if it is there already: it does not depend on the weights.
@@ -138,14 +138,14 @@ def action(controller: SampledController, frequencies: np.ndarray, ahead: np.nda
     return Action(left @ feedback.B + feedback.D, of_known, controller.known)
 
 
-def ahead_states(controller: SampledController, frequencies: np.ndarray) -> np.ndarray:
+def ahead_states(controller: ObserverController, frequencies: np.ndarray) -> np.ndarray:
     """States (f, m, w) of the model that runs ahead, for known torques, at frequencies (f,) in Hz."""
     space, o, y = controller.space, controller.observed, len(controller.sensors)
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     return resolvent(space.A[o:, o:]).columns(z, space.B[o:, y:])
 
 
-def closed_matrices(beds: SampledBeds, controller: SampledController) -> np.ndarray:
+def closed_matrices(beds: SampledBeds, controller: ObserverController) -> np.ndarray:
     """State matrices (b, x + c, x + c) of the closed loops."""
     space = controller.feedback
     By, Dy = space.B, space.D

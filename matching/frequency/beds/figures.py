@@ -19,7 +19,7 @@ from matching.frequency.beds.closed_loop import (
 )
 from matching.frequency.beds.requirements import Requirements
 from matching.frequency.case.case import Case
-from modelling.bed.sampled_controller import SampledController
+from modelling.bed.observer_controller import ObserverController
 
 PLAN_POINTS = 240  # log-spaced frequencies from the band's lower edge to half the sampling frequency
 BED_POINTS = 60  # over the band, for drawn beds: fewer miss the transmission zeros, where the error is largest
@@ -117,7 +117,7 @@ def counted(bed: Planned, required: Requirements) -> tuple[np.ndarray, np.ndarra
     return f >= min(required.margin_from, f[-1]), f >= required.rolled_off_from
 
 
-def loop_figures(bed: Planned, controller: SampledController, required: Requirements) -> LoopFigures:
+def loop_figures(bed: Planned, controller: ObserverController, required: Requirements) -> LoopFigures:
     """Margin, roll-off and noise of a controller."""
     f = bed.every.frequencies
     curves = loop_curves(bed, action(controller, f))
@@ -143,7 +143,7 @@ class BedFigures:
         return self.largest_pole < 1 + neutral
 
 
-def bed_figures(beds: BedSet, controller: SampledController, told: Sequence[str]) -> BedFigures:
+def bed_figures(beds: BedSet, controller: ObserverController, told: Sequence[str]) -> BedFigures:
     """Figures of every bed of a set."""
     acting = action(controller, beds.frequencies)
     size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from matching.frequency.beds.slopes import GainSlopes
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import Ahead, assembled, correction, state_feedback
 from modelling.bed.observer_model import ObserverModel
-from modelling.bed.sampled_controller import SampledController
 
 STEP_DECADES = 1e-3  # of finite differences of the gains; Riccati equations are solved to 1e-6 or so
 SETS_KEPT = 40  # of the points last worked out
@@ -31,7 +31,7 @@ class Gains:
     names: tuple[str, ...]
     _known: dict[tuple[bool, tuple[float, ...]], np.ndarray] = field(default_factory=dict)
 
-    def controller(self, logarithms: np.ndarray) -> SampledController:
+    def controller(self, logarithms: np.ndarray) -> ObserverController:
         """The controller for weights (w,).
 
         Raises

@@ -20,7 +20,7 @@ from matching.frequency.beds.closed_loop import (
     return_difference,
 )
 from matching.frequency.beds.resolvent import resolvent
-from modelling.bed.sampled_controller import SampledController
+from modelling.bed.observer_controller import ObserverController
 
 OFF_THE_POLE = 1e-9  # of |z|: an inverse iteration beside the eigenvalue finds its vectors in one step
 
@@ -46,7 +46,7 @@ class ActionSlopes:
 
 
 def action_slopes(
-    controller: SampledController, gains: GainSlopes, frequencies: np.ndarray, ahead: np.ndarray
+    controller: ObserverController, gains: GainSlopes, frequencies: np.ndarray, ahead: np.ndarray
 ) -> ActionSlopes:
     """Derivatives of :func:`~matching.frequency.beds.closed_loop.action` at (f,) Hz; ``ahead`` (f, m, w)."""
     o, y = controller.observed, len(controller.sensors)
@@ -102,7 +102,7 @@ def error_slopes(beds: BedSet, acting: Action, slopes: ActionSlopes, share: np.n
     return found.real
 
 
-def pole_slopes(beds: SampledBeds, controller: SampledController, gains: GainSlopes, poles: np.ndarray) -> np.ndarray:
+def pole_slopes(beds: SampledBeds, controller: ObserverController, gains: GainSlopes, poles: np.ndarray) -> np.ndarray:
     """Derivatives (w, b) of one pole (b,) of the closed loop of every bed: dz = wᴴ·dA·v / wᴴ·v."""
     closed = closed_matrices(beds, controller).astype(complex)
     size, x, o = closed.shape[1], beds.A.shape[1], controller.observed

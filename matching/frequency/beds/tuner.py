@@ -33,10 +33,10 @@ from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
 from matching.frequency.case.case import Case
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import runs_ahead
 from modelling.bed.observer_model import ObserverModel, observer_model
 from modelling.bed.residual_vehicle import cut
-from modelling.bed.sampled_controller import SampledController
 from modelling.common.errors import InputError
 
 RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the search are a little coarse
@@ -75,7 +75,7 @@ class Judged:
 class DesignPoint:
     """What was worked out at a point: poles (b, x), errors (b + 1,) over the tolerance, of the bed as planned last."""
 
-    controller: SampledController
+    controller: ObserverController
     acting: Action
     curves: LoopCurves
     poles: np.ndarray

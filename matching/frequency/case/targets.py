@@ -9,7 +9,8 @@ import numpy as np
 from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
-from modelling.modal.modes import Mode, modes
+from modelling.modal.modes import modes
+from modelling.modal.result import Mode
 
 
 @dataclass(frozen=True)

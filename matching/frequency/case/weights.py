@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
-from modelling.modal.modes import Mode, Modes, modes
+from modelling.modal.modes import modes
+from modelling.modal.result import Mode, Modes
 from modelling.modal.tracking import mac
 
 LEAST_SHARE_TO_MOVE = 0.01  # of a target mode's energy: with less a quantity is fixed, not identified accurately

@@ -14,7 +14,7 @@ from matching.frequency.loop.parts import Parts
 from matching.frequency.loop.poles import ORDERS, TRUSTED, closed_matrix
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import ResidualVehicle
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 from modelling.modal.symmetry import labels
 
 EMULATED = "residual_vehicle."

@@ -9,7 +9,7 @@ from matching.frequency.beds.closed_loop import responses as controlled
 from matching.frequency.case.case import Case
 from matching.frequency.loop.parts import Parts
 from matching.frequency.response.responses import ComparedBed, Responses
-from modelling.bed.sampled_controller import SampledController
+from modelling.bed.observer_controller import ObserverController
 
 
 class ObservedBed(ComparedBed):
@@ -19,10 +19,10 @@ class ObservedBed(ComparedBed):
     ----------
     case, parts
         As for :class:`ComparedBed`.
-    controller : SampledController
+    controller : ObserverController
     """
 
-    def __init__(self, case: Case, parts: Parts, controller: SampledController):
+    def __init__(self, case: Case, parts: Parts, controller: ObserverController):
         super().__init__(case, parts)
         self.controller = controller
 

@@ -20,7 +20,7 @@ from matching.frequency.programme.ipopt import solved
 from matching.frequency.programme.scaling import unscaled
 from matching.frequency.solver.solve import warm
 from matching.frequency.solver.task import Solution, TuningTask
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 CORNERS = 6  # quantities up to which every corner of the bounds is a start
 HALVINGS = 3  # of the range of dead times, on a logarithmic scale

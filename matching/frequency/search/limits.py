@@ -15,7 +15,8 @@ from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.verification.peaks import Violation
-from modelling.modal.modes import Mode, modes
+from modelling.modal.modes import modes
+from modelling.modal.result import Mode
 
 _WORDS = {
     "dynamometer_torque": ("torque", "N·m"),

@@ -12,7 +12,8 @@ from matching.frequency.case.demands import Demands, demands
 from matching.frequency.case.targets import target_modes
 from matching.frequency.case.weights import counterparts, shares_of
 from matching.frequency.solver.task import Near
-from modelling.modal.modes import Mode, modes
+from modelling.modal.modes import modes
+from modelling.modal.result import Mode
 
 SAME_VALUE = 1e-9  # relative: so near two values of a file are one
 

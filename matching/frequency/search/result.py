@@ -17,7 +17,7 @@ from matching.frequency.verification.fidelity import MatchFidelity, match_fideli
 from matching.frequency.verification.observed import RobustVerification
 from modelling.common.display import Displayed
 from modelling.linear.reference_motion import speeds_of, torques_of
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 
 @dataclass(frozen=True)

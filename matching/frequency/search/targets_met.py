@@ -5,7 +5,7 @@ from __future__ import annotations
 from matching.frequency.search.question import Question
 from matching.frequency.search.result import TargetResult
 from matching.frequency.verification.verify import Verification
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows
 

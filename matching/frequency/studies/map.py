@@ -64,22 +64,13 @@ class Map(Displayed):
 
 # more than six parameters: what is drawn, and how the study runs
 def map_case(
-    case: Case,
-    x: Axis | str,
-    y: Axis | str,
-    executor: Executor | None = None,
-    *,
-    seed: int = 0,
-    starts: int = 2,
-    workers: int | None = None,
-    record: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Map:
+    case: Case, x: Axis | str, y: Axis | str, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
+    workers: int | None = None, record: Path | None = None, progress: Callable[[int, int], None] | None = None,
+) -> Map:  # fmt: skip
     """Match a case at every pair of values of two quantities, first each point by itself, then from its neighbours.
 
-    See :mod:`matching.frequency.studies.map_passes`. The map depends neither on the executor nor on the order in
-    which points
-    end.
+    See :mod:`matching.frequency.studies.map_passes`. The map depends neither on the executor nor on the order in which
+    points end.
 
     Parameters
     ----------

@@ -22,10 +22,10 @@ from matching.frequency.verification.reading import IdentifiedMode, identified_m
 from matching.frequency.verification.robustness import Deviation
 from matching.frequency.verification.simulation import Traces, simulate_case
 from matching.frequency.verification.verify import Verification, inside, target_modes_of
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import regulator
 from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
-from modelling.bed.sampled_controller import SampledController
 from modelling.common.errors import InputError
 from modelling.controller.law import law_of_observer
 from modelling.linear.reference_motion import is_linear
@@ -106,7 +106,7 @@ def verify_observer(
     return RobustVerification(verification, required, figures, fresh, controller.dynamometers)
 
 
-def controller_of(case: Case) -> SampledController:
+def controller_of(case: Case) -> ObserverController:
     """The controller of a case with an observer.
 
     Raises
@@ -132,7 +132,7 @@ def _notes(case: Case, neutral: int) -> list[str]:
 
 
 def _simulated(
-    parts: Parts, controller: SampledController, checks: dict[str, bool], notes: list[str]
+    parts: Parts, controller: ObserverController, checks: dict[str, bool], notes: list[str]
 ) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
     """Traces of the manoeuvre and the target modes read off them; the check and its note are added."""
     nothing = tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
@@ -155,7 +155,7 @@ def _modes(case: Case, parts: Parts, reference: ResidualVehicle) -> tuple[LoopMo
     return feed_forward_modes(parts, feedback, reference, "feedback")
 
 
-def _deviations(case: Case, controller: SampledController) -> tuple[Deviation, ...]:
+def _deviations(case: Case, controller: ObserverController) -> tuple[Deviation, ...]:
     """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
     rows: list[tuple[str, float, dict[str, float]]] = []
     done: set[str] = set()

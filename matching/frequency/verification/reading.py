@@ -11,9 +11,11 @@ import numpy as np
 from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
-from matching.frequency.verification.simulation import Running, Traces, simulate_case
+from matching.frequency.verification.running_controller import Running
+from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.manoeuvres import Kick
-from modelling.modal.modes import Mode, modes
+from modelling.modal.modes import modes
+from modelling.modal.result import Mode
 
 PERIODS = 8.0  # that an excitation of its own is watched for
 NEIGHBOUR_WITHIN = 0.25  # relative in frequency: a mode so near might be taken for the target's

@@ -7,7 +7,7 @@ Torques of the manoeuvre vary linearly between samples, for vehicle and rig alik
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,8 +16,7 @@ from matching.frequency.loop.emulated import emulated
 from matching.frequency.loop.linear_body import Body, body
 from matching.frequency.loop.motion import LinearMotion, NonlinearMotion, body_motion
 from matching.frequency.loop.parts import Parts, interface_speed, shaft_torque, watched
-from modelling.bed.feed_forward import FeedForward
-from modelling.bed.sampled_controller import SampledController
+from matching.frequency.verification.running_controller import Running, running_controller, torque_columns
 from modelling.equations.compiled import compiled
 from modelling.linear.elements import elements
 from modelling.linear.reference_motion import is_linear, operating_motion, torques_of
@@ -50,15 +49,12 @@ class Traces:
         return self.matched[name] + self.operating.get(name, 0.0)
 
 
-Running = FeedForward | SampledController | None  # beside the feedback law, in its place, or nothing beside it
-
-
 def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
     """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
 
     Parameters
     ----------
-    running : FeedForward, SampledController or None
+    running : FeedForward, ObserverController or None
         The feed-forward of the structure, or its whole controller where it is an observer; None in ``pi``.
     settle : int
         Samples at the beginning that are left out of the traces.
@@ -131,8 +127,8 @@ def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndar
         if linear
         else NonlinearMotion(parts, parts.rig.system, step, delay)
     )
-    drives = _stacked(torques, parts.drives, count)
-    controller = _controller(parts, running, torques, count)
+    drives = torque_columns(torques, parts.drives, count)
+    controller = running_controller(parts, running, torques, count)
     rows = np.vstack([bed.C[: 2 * k_dynos], parts.further_readings])
     issued = np.zeros((count, k_dynos))
     states = np.empty((count, len(motion.start)))
@@ -162,95 +158,6 @@ def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndar
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
         traces[f"{place}.command"] = issued[:, j] + held[dyno.torque_input]
     return traces
-
-
-def _controller(
-    parts: Parts, running: Running, torques: Mapping[str, np.ndarray], count: int
-) -> _Feedback | _Observer:  # fmt: skip
-    if isinstance(running, SampledController):
-        return _Observer(parts, running, _stacked(torques, running.known, count))
-    return _Feedback(parts, running, torques, count)
-
-
-class _Feedback:
-    """The feedback law as it runs, and beside it the feed-forward if there is one."""
-
-    def __init__(
-        self, parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], count: int
-    ) -> None:  # fmt: skip
-        self._law = _Sampled(parts, parts.case.loop["sample_time"])
-        self._count = 2 * len(parts.dynamometers)
-        self._ahead = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
-        self._roads = _stacked(torques if feed_forward is None else {}, parts.simulated, count)
-        if feed_forward is not None:
-            measured = {name: torques[name] for name in parts.measured if name in torques}
-            self._measured = _stacked(measured, feed_forward.measured, count)
-
-    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
-        """Commands (k,) of feed-forward and feedback together."""
-        readings, ahead = readings[: self._count], np.zeros(self._count // 2)
-        if self._ahead is not None:
-            ahead, expected = self._ahead.command(k, self._measured[k])
-            readings = readings - expected
-        return ahead + self._law.command(np.concatenate([readings, self._roads[k]]))
-
-
-class _Observer:
-    """An observer with state feedback as it runs, its commands within the dynamometers' torque limit."""
-
-    def __init__(self, parts: Parts, controller: SampledController, known: np.ndarray):
-        self._controller, self._known = controller, known
-        self._state = np.zeros(len(controller.A))
-        further = len(controller.sensors) - 2 * len(parts.toward)
-        self._signs = np.concatenate([1 / parts.toward, np.ones(len(parts.toward) + further)])
-        self._limit = parts.case.limits.get("dynamometer_torque", np.inf)
-
-    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
-        """Commands (k,), N·m."""
-        corrected = self._controller.correct(self._state, self._signs * readings)
-        sent = np.clip(self._controller.command(corrected, self._known[k]), -self._limit, self._limit)
-        self._state = self._controller.predict(corrected, sent, self._known[k])
-        return sent
-
-
-class _Sampled:
-    """The feedback controller as it runs from sample to sample."""
-
-    def __init__(self, parts: Parts, step: float):
-        law = parts.sampled_controller
-        self._A, self._B, self._C, self._D = law.A, law.B, law.C, law.D
-        self._x = np.zeros(len(self._A))
-
-    def command(self, readings: np.ndarray) -> np.ndarray:
-        out = self._C @ self._x + self._D @ readings
-        self._x = self._A @ self._x + self._B @ readings
-        return out
-
-
-class _RunningFeedForward:
-    """The feed-forward as the controller runs it: predicts, commands, and states what the sensors should read."""
-
-    def __init__(self, parts: Parts, feed_forward: FeedForward, count: int):
-        names = [dyno.name for dyno in parts.dynamometers]
-        rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
-        sign = np.concatenate([parts.toward, np.ones(len(names))])
-        self._C, self._D = sign[:, None] * feed_forward.C[rows], sign[:, None] * feed_forward.D[rows]
-        self._model, self._state = feed_forward, np.zeros(len(feed_forward.A))
-        self._gains = np.hstack(feed_forward.gains())
-        self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
-
-    def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        model = self._model
-        expected = self._C @ self._state + self._D @ measured
-        known = np.concatenate([self._state, self._sent[k : k + model.delay].ravel(), measured])
-        self._sent[k + model.delay] = self._gains @ known
-        self._state = model.A @ self._state + model.B @ self._sent[k] + model.W @ measured
-        return self._sent[k + model.delay], expected
-
-
-def _stacked(torques: Mapping[str, np.ndarray], names: Sequence[str], count: int) -> np.ndarray:
-    columns = [np.asarray(torques.get(name, np.zeros(count)), float) for name in names]
-    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
 
 
 def _readings(

@@ -29,6 +29,7 @@ from matching.frequency.verification.peaks import Violation, peaks_of, violation
 from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
+from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import cut
 from modelling.linear.reference_motion import is_linear
 from modelling.modal.modes import modes
@@ -183,26 +184,14 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
     if feed_forward is not None:
         checks["twin"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
-    traces, identified = None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in case.targets)
-    try:
-        traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
-        identified = identified_modes(parts, feed_forward, traces)
-        checks["simulation"] = True
-    except SimulationError as fault:
-        checks["simulation"] = False
-        notes.append(f"simulation: {fault.wrong}")
+    traces, identified = _simulated(parts, feed_forward, notes)
+    checks["simulation"] = traces is not None
     designed = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
     every = (*designed, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     errors = error_figures(case, parts, feed_forward)
     least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
-    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
-        notes.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
-    if case.loop["dead_time"] < case.loop["sample_time"] / 2:
-        notes.append("the hold of a sample alone takes longer than the dead time: simulated with the hold")
-    if neutral:
-        notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
     return Verification(
         all(checks.values()), checks,
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
@@ -210,8 +199,32 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
         target_modes_of(case, designed or every), least, identified, peaks, violations_of(case, peaks, margin, least),
         errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
-        tuple(notes),
+        (*notes, *_remarks(case, neutral)),
     )  # fmt: skip
+
+
+def _simulated(
+    parts: Parts, feed_forward: FeedForward | None, notes: list[str]
+) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
+    """The manoeuvre and the modes identified from it; no traces, and why in the notes, where the loop runs away."""
+    try:
+        traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+        return traces, identified_modes(parts, feed_forward, traces)
+    except SimulationError as fault:
+        notes.append(f"simulation: {fault.wrong}")
+        return None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
+
+
+def _remarks(case: Case, neutral: int) -> list[str]:
+    """What of case and simulation differs, in sentences; ``neutral`` rigid motions coast."""
+    remarks = []
+    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
+        remarks.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
+    if case.loop["dead_time"] < case.loop["sample_time"] / 2:
+        remarks.append("the hold of a sample alone takes longer than the dead time: simulated with the hold")
+    if neutral:
+        remarks.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
+    return remarks
 
 
 def _independent(case: Case, parts: Parts) -> IndependentCheck:

@@ -17,7 +17,7 @@ from matching.report.common.environment import environment
 from matching.report.common.style import INK
 from matching.report.common.wording import amount, spaced
 from matching.report.drawing.picture import Area, DrawnPart, Label, Picture, Stroke
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 from modelling.units import QUANTITY_UNITS
 
 PIXELS_PER_UNIT = 62

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matching.frequency.search.result import MatchResult
 from matching.report.common.style import MATCHED, RIG, VEHICLE
 from matching.report.modes.figures import Column, energy_figure
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 HIGHEST_HZ = 1000.0  # above are poles of lags and of the dead time, which are no modes of the drivetrain
 

@@ -17,7 +17,7 @@ from matching.report.common.style import LIMIT, VEHICLE, figure, styled
 from matching.report.common.wording import spaced
 from modelling.common import display
 from modelling.common.display import Displayed
-from modelling.modal.modes import Mode
+from modelling.modal.result import Mode
 
 LARGEST_SWING_DEG = 70.0  # of the pointer with the largest amplitude
 PERIOD_S = 2.0  # of the drawing, whatever the mode's frequency

@@ -14,7 +14,7 @@ from matplotlib.ticker import NullLocator
 from matching.report.common.style import figure, styled
 from matching.report.common.wording import ABSENT, spaced
 from modelling.common import escape
-from modelling.modal.modes import Mode, Modes
+from modelling.modal.result import Mode, Modes
 
 _TINTS = (1.0, 0.45, 0.2)  # strength of the colour of the first, second and third mode in the figure
 _NO_TINT = "#D9D9D9"

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matching.report.common.table import aligned, table
 from matching.report.modes.figures import mode_table, shares_figure
 from modelling.common import display
-from modelling.modal.modes import Modes
+from modelling.modal.result import Modes
 
 
 @display.plot.register

@@ -21,62 +21,60 @@ def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any
     InputError
         Unlike dimensions are added, or a function is taken of something that is no plain number.
     """
-    plain = registry().dimensionless.dimensionality
+    return _Dimensions(dimensions, where).of(expression)
 
-    def need_plain(node: Any) -> Any:
-        if walk(node) != plain:
+
+class _Dimensions:
+    """Dimensions of the parts of an expression, each worked out once, however deeply sums are nested."""
+
+    def __init__(self, of_symbols: dict[str, Any], where: str):
+        self._of_symbols, self._where = of_symbols, where
+        self._plain = registry().dimensionless.dimensionality
+        self._known: dict[Any, Any] = {}
+
+    def of(self, node: Any) -> Any:
+        if node not in self._known:
+            self._known[node] = self._worked_out(node)
+        return self._known[node]
+
+    def _worked_out(self, node: Any) -> Any:
+        if node.is_Symbol:
+            return self._of_symbols[node.name]
+        if node.is_number:
+            return self._plain
+        if node.is_Add:
+            return self._alike(node.args)
+        if node.is_Mul:
+            return math.prod((self.of(factor) for factor in node.args), start=self._plain)
+        if node.is_Pow and node.exp.is_number:
+            return self.of(node.base) ** _exact(node.exp)
+        if isinstance(node, sympy.Abs):
+            return self.of(node.args[0])
+        if isinstance(node, sympy.atan2):
+            self._alike(node.args)
+            return self._plain
+        for argument in node.args[::-1] if node.is_Pow else node.args:  # of a power the exponent first
+            self._need_plain(argument)
+        return self._plain
+
+    def _need_plain(self, node: Any) -> None:
+        if self.of(node) != self._plain:
             raise InputError(
-                where,
-                f"'{node}' must be a plain number, but has dimension {walk(node)}",
+                self._where,
+                f"'{node}' must be a plain number, but has dimension {self.of(node)}",
                 "divide it by a quantity of that dimension",
             )
-        return plain
 
-    def alike(nodes: Any) -> Any:
-        first, *rest = nodes
-        for node in rest:
-            if walk(node) != walk(first):
+    def _alike(self, nodes: Any) -> Any:
+        first, *others = nodes
+        for node in others:
+            if self.of(node) != self.of(first):
                 raise InputError(
-                    where,
-                    f"'{first}' ({walk(first)}) and '{node}' ({walk(node)}) cannot be added",
+                    self._where,
+                    f"'{first}' ({self.of(first)}) and '{node}' ({self.of(node)}) cannot be added",
                     "give both the same dimension",
                 )
-        return walk(first)
-
-    known: dict[Any, Any] = {}  # each part once, or nested sums would be worked out again at every level
-
-    def walk(node: Any) -> Any:
-        if node not in known:
-            known[node] = worked_out(node)
-        return known[node]
-
-    def worked_out(node: Any) -> Any:
-        if node.is_Symbol:
-            return dimensions[node.name]
-        if node.is_number:
-            return plain
-        if node.is_Add:
-            return alike(node.args)
-        if node.is_Mul:
-            product = plain
-            for factor in node.args:
-                product = product * walk(factor)
-            return product
-        if node.is_Pow:
-            if node.exp.is_number:
-                return walk(node.base) ** _exact(node.exp)
-            need_plain(node.exp)
-            return need_plain(node.base)
-        if isinstance(node, sympy.Abs):
-            return walk(node.args[0])
-        if isinstance(node, sympy.atan2):
-            alike(node.args)
-            return plain
-        for argument in node.args:
-            need_plain(argument)
-        return plain
-
-    return walk(expression)
+        return self.of(first)
 
 
 def _exact(exponent: Any) -> float:

@@ -96,10 +96,7 @@ def monte_carlo(
         histogram = Histogram.around(np.concatenate(pilot), budget.coverage)
 
         def summary(y: np.ndarray) -> tuple:
-            mean = float(y.mean())
-            low, high = _shortest(np.sort(y), budget.coverage)
-            moments = (len(y), mean, float(np.sum((y - mean) ** 2)), float(y.min()), float(y.max()))
-            return histogram.tally(y), moments, low, high
+            return _summary(y, histogram, budget.coverage)
 
         def chunks() -> Iterator[tuple]:
             yield from map(summary, pilot)
@@ -115,17 +112,20 @@ def monte_carlo(
         for counts, moments, low, high in chunks():
             histogram.add(counts, *moments)
             rows.append((moments[1], math.sqrt(moments[2] / (moments[0] - 1)), low, high))
-            if (
-                draws is not None
-                or len(rows) < PILOT
-                or len(rows) < next_question
-                or not _stable(rows, digits, histogram)
-            ):
+            if draws is not None or len(rows) < max(PILOT, next_question) or not _stable(rows, digits, histogram):
                 continue
             if undecided is None or not undecided(result()):
                 break
             next_question = QUESTION_GROWTH * len(rows)
         return result()
+
+
+def _summary(y: np.ndarray, histogram: Histogram, coverage: float) -> tuple:
+    """Of a chunk of values (count,): its counts by bin, its moments, and the ends of its shortest interval."""
+    mean = float(y.mean())
+    low, high = _shortest(np.sort(y), coverage)
+    moments = (len(y), mean, float(np.sum((y - mean) ** 2)), float(y.min()), float(y.max()))
+    return histogram.tally(y), moments, low, high
 
 
 def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -> Callable[[int], np.ndarray]:

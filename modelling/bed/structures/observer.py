@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from modelling.bed.loop import ControlStructure, Loop, LoopQuantity
+from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import design
 from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import ResidualVehicle
-from modelling.bed.sampled_controller import SampledController
 from modelling.model.system import System
 
 # Starts: tuned over drawn beds for the reference drive at 3 ms of dead time.
@@ -57,7 +57,7 @@ class Observer(ControlStructure):
         """All that are measured, and what acts inside the residual vehicle."""
         return (*measured, *simulated)
 
-    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledController | None:
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
         """See :meth:`ControlStructure.observer`."""
         return design(observer_model(rig, residual, loop), loop.values)
 

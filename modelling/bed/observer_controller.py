@@ -1,4 +1,4 @@
-"""A controller that runs from sample to sample: estimate, command, prediction to the next sample."""
+"""The control structure ``observer`` as it runs: estimate, command, prediction to the next sample."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from modelling.linear.state_space import StateSpace
 
 
 @dataclass(frozen=True)
-class SampledController:
+class ObserverController:
     """Observer with state feedback; x states, k commands, y sensors, w known torques.
+
+    What the search tunes and the verification judges of this structure. What leaves the computer is a
+    :class:`modelling.controller.law.ControlLaw`: one form for all structures, with the limits.
 
     At every sample the predicted state ξ is corrected by what the sensors read, the command follows, and the state is
     predicted to the next sample with the command as it was sent: ξ̂ = ξ + L·(y − C·ξ), u = −F·ξ̂ − G·w,
