@@ -24,18 +24,19 @@ BY_DEFINITION = ("74.72", "95.10", "99.70", "88.54")
 def main(folder: Path | None = None) -> dict[str, float]:
     """R_XiL by both readings and from signals; figures go into the folder."""
     print(f"{'':26}{'definition':>12}{'published':>12}")
-    answers = {way: xil_fidelity(*read_case(HERE / "tab2.toml", way)).to_dict() for way in ("definition", "published")}
+    judged = {way: xil_fidelity(*read_case(HERE / "tab2.toml", way)) for way in ("definition", "published")}
     shown = {
-        way: tuple(f"{100 * value:.2f}" for value in (*one["domains"].values(), one["R_XiL"]))
-        for way, one in answers.items()
+        way: tuple(f"{100 * value:.2f}" for value in (*fidelity.domains.values(), fidelity.R_XiL))
+        for way, fidelity in judged.items()
     }
     for name, ours, theirs in zip(NAMES, shown["definition"], shown["published"], strict=True):
         print(f"{name:26}{ours:>10} %{theirs:>10} %")
-    print(*answers["published"]["notes"][:1], sep="\n")
+    print(*judged["published"].notes[:1], sep="\n")
     assert shown == {"definition": BY_DEFINITION, "published": TAB3}
-    found = {way: one["R_XiL"] for way, one in answers.items()}
-    measured = xil_fidelity("Drive-away, made signals", from_signals()).to_dict()
-    found["signals"] = measured["R_XiL"]
+    totals = {way: fidelity.R_XiL for way, fidelity in judged.items()}
+    of_signals = xil_fidelity("Drive-away, made signals", from_signals())
+    measured = of_signals.to_dict()
+    totals["signals"] = measured["R_XiL"]
     spread = measured["uncertainty"]["total"]
     low, high = spread["interval"]
     print(
@@ -50,13 +51,13 @@ def main(folder: Path | None = None) -> dict[str, float]:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         for name, drawn in (
-            ("fig6", fidelity_figures.delay_curve(answers["definition"])),
-            ("attribution", fidelity_figures.attribution(measured)),
-            ("bands", fidelity_figures.bands(measured)),
+            ("fig6", fidelity_figures.delay_curve(judged["definition"])),
+            ("attribution", fidelity_figures.attribution_figure(of_signals)),
+            ("bands", fidelity_figures.bands_figure(of_signals)),
         ):
             (folder / f"{name}.svg").write_bytes(style.image(drawn))
             (folder / f"{name}.png").write_bytes(style.image(drawn, "png"))
-    return found
+    return totals
 
 
 def from_signals():

@@ -30,7 +30,8 @@ def main(folder: Path | None = None) -> dict[str, float]:
     found = {}
     for name, published in PUBLISHED.items():
         budget = read_budget(HERE / f"{name}.toml")
-        (answer,) = evaluate(budget).to_dict()["measurands"]
+        evaluated = evaluate(budget)
+        (answer,) = evaluated.to_dict()["measurands"]
         found[name] = answer["expanded_uncertainty"]
         low, high = answer["monte_carlo"]["shortest_interval"]
         print(
@@ -40,7 +41,7 @@ def main(folder: Path | None = None) -> dict[str, float]:
         if folder:
             folder.mkdir(parents=True, exist_ok=True)
             for kind in ("ishikawa", "contributions"):
-                figure = getattr(uncertainty_figures, kind)(answer)
+                figure = getattr(uncertainty_figures, kind)(evaluated.measurands[0])
                 (folder / f"{name}_{kind}.svg").write_bytes(style.image(figure))
     for name in ("torque_M2", "torque_M3"):
         assert abs(found[name] / PUBLISHED[name] - 1) < 0.005

@@ -35,8 +35,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.fmu.write import write, write_controller
 
     if arguments.controller:
-        return write_controller(arguments.result, arguments.controller, arguments.fmi)
-    return write(arguments.result, arguments.fmu, arguments.fmi)
+        return write_controller(arguments.result, arguments.controller, arguments.fmi).to_dict()
+    return write(arguments.result, arguments.fmu, arguments.fmi).to_dict()
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -52,15 +52,16 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
     channels = read_channels(arguments.channels) if arguments.channels else None
     judged = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
-    answer = xil_fidelity(*judged, arguments.draws, arguments.seed).to_dict()
+    fidelity = xil_fidelity(*judged, arguments.draws, arguments.seed)
+    answer = fidelity.to_dict()
     files: dict[str, str | bytes] = {
         "fidelity.txt": text.summary(answer),
-        "delay.svg": style.image(fidelity_figures.delay_curve(answer)),
+        "delay.svg": style.image(fidelity_figures.delay_curve(fidelity)),
     }
-    if "attribution" in answer:
-        files["attribution.svg"] = style.image(fidelity_figures.attribution(answer))
-    if "bands" in answer:
-        files["bands.svg"] = style.image(fidelity_figures.bands(answer))
+    if fidelity.attribution is not None:
+        files["attribution.svg"] = style.image(fidelity_figures.attribution_figure(fidelity))
+    if fidelity.bands:
+        files["bands.svg"] = style.image(fidelity_figures.bands_figure(fidelity))
     return write_results(arguments.out, "fidelity.json", answer, files)
 
 

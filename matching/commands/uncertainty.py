@@ -53,18 +53,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.seed < 0:
         raise InputError("--seed", f"{arguments.seed} is negative", "give 0 or more")
     budget = read_budget(arguments.budget)
-    answer = evaluate(
+    uncertainty = evaluate(
         budget, seed=arguments.seed, draws=arguments.draws, digits=arguments.digits, wanted=arguments.wanted
-    ).to_dict()
+    )
+    answer = uncertainty.to_dict()
     files: dict[str, str | bytes] = {"uncertainty.txt": summary(answer)}
     prefixes: list[str] = []
-    for one in answer["measurands"]:
-        prefix = f"{file_stem(one['name'])}_" if len(answer["measurands"]) > 1 else ""
+    for result in uncertainty.measurands:
+        prefix = f"{file_stem(result.measurand.name)}_" if len(uncertainty.measurands) > 1 else ""
         if prefix in prefixes:
             prefix = f"{prefix}{len(prefixes) + 1}_"
         prefixes.append(prefix)
-        files[f"{prefix}contributions.svg"] = style.image(uncertainty_figures.contributions(one))
-        files[f"{prefix}ishikawa.svg"] = style.image(uncertainty_figures.ishikawa(one))
+        files[f"{prefix}contributions.svg"] = style.image(uncertainty_figures.contributions(result))
+        files[f"{prefix}ishikawa.svg"] = style.image(uncertainty_figures.ishikawa(result))
     return write_results(arguments.out, "uncertainty.json", answer, files)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.report.common.table import preformatted
-from matching.report.fidelity.figures import attribution, delay_curve
+from matching.report.fidelity.figures import attribution_figure, delay_curve
 from matching.report.fidelity.text import summary
 from matching.validity.fidelity.result import XilFidelity
 from modelling.common import display
@@ -14,8 +14,7 @@ from modelling.common import display
 @display.plot.register
 def plot(fidelity: XilFidelity) -> Figure:
     """What is lost to what, ranked; the delay curve where the case names values instead of signals."""
-    content = fidelity.to_dict()
-    return delay_curve(content) if fidelity.attribution is None else attribution(content)
+    return delay_curve(fidelity) if fidelity.attribution is None else attribution_figure(fidelity)
 
 
 @display.text.register

@@ -14,7 +14,7 @@ from modelling.common import display
 @display.plot.register
 def plot(uncertainty: Uncertainty) -> Figure:
     """Contributions of the inputs to the first measurand."""
-    return contributions(uncertainty.to_dict()["measurands"][0])
+    return contributions(uncertainty.measurands[0])
 
 
 @display.text.register
