@@ -45,7 +45,7 @@ def quantities_of_case(path: str | Path) -> list[str]:
     data = read_toml(path)
     vehicle, rig = (_parameters(read_toml(Path(path).parent / data[key])) for key in ("vehicle", "rig"))
     loop = data["loop"]
-    of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], loop)))
+    of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], ())))
     return [
         *(f"residual_vehicle.{name}" for name in vehicle if name not in rig),
         *(f"rig.{name}" for name in rig if name not in vehicle),

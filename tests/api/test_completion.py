@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from matching import completion
 from matching.completion import parameters_of_model, quantities_of_case
 from matching.frequency.case.load import is_case, load_case
 from matching.frequency.studies.map_axis import quantities
+from modelling.bed.structures import STRUCTURES
 from modelling.common.tables import read_toml
 from modelling.model.files import load
 
@@ -54,6 +56,12 @@ MODELS = sorted(path for path in ROAD_TO_RIG.parent.glob("*/*.toml") if "inertia
 def test_names_are_those_that_a_map_accepts(path):
     """They are read from the files alone; here they are held against what the program makes of the files."""
     assert sorted(quantities_of_case(path)) == sorted(quantities(load_case(path)))
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_control_structure_is_known(name):
+    """Its quantities stand a second time in the file that imports nothing."""
+    assert set(completion.STRUCTURES[name]) == set(STRUCTURES[name].quantities)
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: f"{path.parent.name}-{path.stem}")

@@ -66,6 +66,15 @@ def test_page_is_whole_and_needs_nothing_from_outside(html, drawn, hand_made):
     assert set(drawn) == set(CAPTIONS) - {"beds", "trade"}  # no observer, and nothing was weighed for an order
 
 
+def test_a_new_figure_stands_on_the_page_without_a_place_of_its_own(hand_made, drawn, monkeypatch):
+    """Beside the figures that the template places, each once."""
+    monkeypatch.setitem(CAPTIONS, "new", "A figure that the template does not name.")
+    html = page(hand_made, {"new": drawn["overview"], **drawn})
+    identifiers = re.findall(r'<figure class="[^"]*" id="figure-(\w+)"', html)
+    assert sorted(identifiers) == sorted(["new", *drawn])
+    assert identifiers.index("manoeuvre") < identifiers.index("new")
+
+
 def test_page_says_what_to_order_enter_and_know(html, hand_made):
     for target in hand_made.targets:
         assert f"{target.matched:#.4g} Hz" in html
