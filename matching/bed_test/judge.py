@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from matching.bed_test.errors import Figures, judged
 from matching.bed_test.fidelity import recorded_fidelity
 from matching.bed_test.local_rational import MeasuredResponse, Spectra, lines_needed, response, spectra
 from matching.bed_test.modes import MeasuredMode, measured_mode
+from matching.bed_test.prediction import drawn_squares, largest_expected
 from matching.bed_test.recorded import BedRecordings
 from matching.bed_test.result import (
     COVERAGE_FACTOR,
     BedVerification,
-    ErrorJudgement,
     FunctionCurves,
     ModeJudgement,
 )
@@ -29,9 +29,6 @@ from modelling.modal.modes import modes
 
 FINEST = 0.01  # relative distance of neighbouring frequencies
 BEYOND_BAND = 1.3  # spectra reach so far, for the windows at its upper end
-UNKNOWN_VARIANCE = 0.1  # of a response over its square: beyond it nothing is said at that frequency
-LARGEST_UNKNOWN = 0.2  # share of the band that may be left out of an error
-SURE = 0.5  # of what is allowed: an expanded uncertainty beyond it leaves the answer open
 FIT_VARIANCE = 1e-8  # relative, of responses that are computed
 
 
@@ -59,42 +56,61 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
         values, variances = measured.values[:, y, u], measured.variances[:, y, u]
         known = bool(bed.measured[h]) or (isinstance(bed, ObservedBed) and source in bed.controller.known)
-        figures = _Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
-        repeated = _Figures.of(
+        figures = Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
+        repeated = Figures.of(
             again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
         )
-        figures = replace(figures, resolution=abs(repeated.square - repeated.predicted))
+        figures = replace(figures, resolution=repeated.square - repeated.predicted)
         curves = FunctionCurves(
             source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h],
             answers.matched[:, h],
         )  # fmt: skip
-        functions.append(_Function("measured" if known else "unmeasured", figures, curves))
+        functions.append(_Function("measured" if known else "unmeasured", h, figures, curves))
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
-    errors = [
-        _judged(kind, [function.figures for function in functions if function.kind == kind], allowed[kind])
-        for kind in dict.fromkeys(function.kind for function in functions)
-    ]
-    each = [_judged(function.name, [function.figures], allowed[function.kind]) for function in functions]
+    drawn = drawn_squares(case)
+    errors = []
+    for kind in dict.fromkeys(function.kind for function in functions):
+        own = [function for function in functions if function.kind == kind]
+        known = [function for function in own if function.figures.known] or own
+        expected = largest_expected(drawn[:, [function.number for function in known]])
+        errors.append(judged(kind, [function.figures for function in own], expected, allowed[kind]))
+    each = [
+        judged(
+            function.name, [function.figures], largest_expected(drawn[:, [function.number]]), allowed[function.kind]
+        )
+        for function in functions
+    ]  # fmt: skip
     seen = _modes(case, recordings, bed, places)
     fidelity = tuple(recorded_fidelity(case, recorded, one) for one in recorded.recordings)
     states = [*(one.status for one in errors), *(one.status for one in seen)]
     return BedVerification(
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity,
-        tuple(function.curves for function in functions), recorded.notes,
+        tuple(function.curves for function in functions), (*recorded.notes, *_hidden(functions)),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Function:
-    """A compared function: whether its torque is measured or unmeasured, its figures, and its curves for drawing."""
+    """A compared function: whether its torque is measured or unmeasured, its number, figures, and curves."""
 
     kind: str
-    figures: _Figures
+    number: int
+    figures: Figures
     curves: FunctionCurves
 
     @property
     def name(self) -> str:
         return f"{self.curves.input} → {self.curves.sensor}"
+
+
+def _hidden(functions: Sequence[_Function]) -> list[str]:
+    """Sentences on what the recordings do not show."""
+    return [
+        f"{function.name} is left out of the answer: it shows in {1 - function.figures.unknown:.0%} of the band only, "
+        "the rest lies below the noise"
+        for function in functions
+        if not function.figures.known
+    ]
 
 
 def _compared_bed(case: Case) -> ComparedBed:
@@ -147,62 +163,6 @@ def _predicted_again(
             outputs[:, y] += matched[:, h] * one.inputs[:, u]
         predicted.append(replace(one, outputs=outputs))
     return response(predicted, grid)
-
-
-@dataclass(frozen=True)
-class _Figures:
-    """Mean squares over the logarithm of frequency: error, its variance, prediction; share of the band left out.
-
-    ``resolution`` is by how much the recordings' spectral lines alone change the mean square of the prediction.
-    """
-
-    square: float
-    variance: float
-    predicted: float
-    unknown: float
-    resolution: float = 0.0
-
-    @classmethod
-    def of(
-        cls, values: np.ndarray, variances: np.ndarray, vehicle: np.ndarray, matched: np.ndarray, own: MeasuredResponse
-    ) -> _Figures:
-        """Of one function (f,)."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            relative = variances / np.abs(values) ** 2
-            error = np.abs(np.log(values / vehicle)) ** 2
-        expected = np.abs(np.log(matched / vehicle)) ** 2
-        good = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
-        weights = np.gradient(np.log(own.frequencies))
-        weights /= weights.sum()
-        unknown = float(weights[~good].sum())
-        if unknown > LARGEST_UNKNOWN:
-            return cls(math.nan, math.nan, float(weights @ expected), unknown)
-        share = np.where(good, weights, 0.0) / weights[good].sum()
-        error, relative = np.where(good, error, 0.0), np.where(good, relative, 0.0)
-        # |e + n|² has the mean |e|² + v and the variance 2|e|²v + v²; neighbours share spectral lines
-        clean = np.maximum(error - relative, 0.0)
-        overlap = np.maximum(own.windows / np.gradient(own.frequencies), 1.0)
-        variance = float(np.sum(share**2 * (2 * clean * relative + relative**2) * overlap))
-        return cls(float(share @ (error - relative)), variance, float(share @ expected), unknown)
-
-
-def _judged(name: str, figures: Sequence[_Figures], allowed: float) -> ErrorJudgement:
-    """One judgement of several functions together."""
-    predicted = math.sqrt(float(np.mean([one.predicted for one in figures])))
-    square = float(np.mean([one.square for one in figures]))
-    if not math.isfinite(square):
-        return ErrorJudgement(name, math.nan, math.nan, predicted, allowed, "undetermined")
-    # what the spectral lines cannot resolve counts as a rectangular distribution of that half-width, alike everywhere
-    resolution = float(np.mean([one.resolution for one in figures])) / math.sqrt(3)
-    spread = math.hypot(math.sqrt(sum(one.variance for one in figures)) / len(figures), resolution)
-    value = math.sqrt(max(square, 0.0))
-    uncertainty = math.sqrt(max(square, 0.0) + spread) - value
-    limit, expanded = max(allowed, predicted), COVERAGE_FACTOR * uncertainty
-    if value - expanded > limit:
-        status = "short"
-    else:
-        status = "as_predicted" if value <= limit and expanded <= SURE * limit else "undetermined"
-    return ErrorJudgement(name, value, uncertainty, predicted, allowed, status)
 
 
 def _modes(

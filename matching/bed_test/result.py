@@ -24,7 +24,10 @@ class ErrorJudgement:
         ``measured`` or ``unmeasured`` torques, or ``INPUT → SENSOR``.
     value, uncertainty : float
         Response error and its standard uncertainty; NaN where nothing determines it.
-    predicted, allowed : float
+    predicted, expected, allowed : float
+        By the match for the bed as planned; what 95 % of beds drawn from ``[uncertainty]`` keep below; by the case.
+    resolved : float
+        Share of the functions that the recordings show: only these count.
     status : str
         ``as_predicted``, ``short`` or ``undetermined``.
     """
@@ -33,7 +36,9 @@ class ErrorJudgement:
     value: float
     uncertainty: float
     predicted: float
+    expected: float
     allowed: float
+    resolved: float
     status: str
 
     def to_dict(self) -> dict[str, Any]:
@@ -42,7 +47,7 @@ class ErrorJudgement:
         return {
             "name": self.name, "error": self.value if known else None,
             "standard_uncertainty": self.uncertainty if known else None, "predicted": self.predicted,
-            "allowed": self.allowed, "status": self.status,
+            "expected": self.expected, "allowed": self.allowed, "resolved": self.resolved, "status": self.status,
         }  # fmt: skip
 
 

@@ -4,13 +4,13 @@ import argparse
 from typing import Any
 
 HELP = """The whole way onto the bed: match, export, run and verify; then excite, record, diagnose, match again with the
-values and uncertainties that the diagnosis found, export, run, verify, until the bed answers as predicted. BED is an
+values and uncertainties that the diagnosis found, export, run, verify, as long as a further round would gain. BED is an
 FMU of the bed (FMI 2.0, inputs and outputs named as in the rig file), stepped with the exported controller's FMU, or a
 folder that recordings are put into: then the command stops and says what to record and where to put it. Called again
 it goes on where it stopped; steps that are done are not repeated. CASE is a case file, or the directory of a match."""
 EXAMPLES = (
     "rigmatch commission case.toml --bed bed.fmu --out out/commission",
-    "rigmatch commission out/road_to_rig --bed recordings --rounds 3 --out out/commission",
+    "rigmatch commission out/road_to_rig --bed recordings --rounds 2 --out out/commission",
 )
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
     parser.add_argument("--bed", metavar="BED", required=True, help="FMU of the bed, or a folder for its recordings")
-    parser.add_argument("--rounds", metavar="N", type=count(1), default=2, help="rounds at most (default: 2)")
+    parser.add_argument("--rounds", metavar="N", type=count(1), default=3, help="rounds at most (default: 3)")
     parser.add_argument("--duration", metavar="S", type=float, default=12.0, help="of the excitation, s (default: 12)")
     parser.add_argument("--speed", metavar="RAD_S", type=float, help="rotor speed (default: a quarter of the limit)")
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the matches (default: 0)")

@@ -11,12 +11,14 @@ from typing import Any
 from matching.bed_test.judge import judge
 from matching.bed_test.recorded import read_recordings
 from matching.commissioning.bed_system import bed_system
+from matching.commissioning.ending import best_round, end_of
 from matching.commissioning.fmu_bed import FmuBed, FmuController
 from matching.commissioning.identified import identified_case
-from matching.commissioning.runs import excited_recording, proof, proof_csv, proof_recording
+from matching.commissioning.runs import excited_recording, proof_recording
 from matching.commissioning.stages import Files, Stages, checksum
 from matching.diagnosis.diagnosis import diagnose
 from matching.excitation.plan import ExcitationOrder, plan_excitation, steady_speed
+from matching.excitation.proof import plan_proof, proof_csv
 from matching.excitation.result import ExcitationPlan, excitation_csv
 from matching.fmu.controller import exported_controller
 from matching.fmu.export_source import tuned_case
@@ -46,7 +48,7 @@ class Waiting(Exception):
 class CommissionOrder:
     """What is wanted: rounds at most, the excitation, seed and processes of the matches."""
 
-    rounds: int = 2
+    rounds: int = 3
     excitation: ExcitationOrder = field(default_factory=ExcitationOrder)
     seed: int = 0
     workers: int = 1
@@ -71,9 +73,10 @@ class Circle:
             raise InputError(str(bed), "does not exist", "give the FMU of a bed, or a folder for its recordings")
         self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
         self._stages = Stages(folder)
+        self._tuned: dict[int, Case] = {}  # the case of each round
 
     def run(self, path: Path) -> dict[str, Any]:
-        """Go round until the bed answers as predicted, the rounds are over, or a recording is waited for.
+        """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
 
         Parameters
         ----------
@@ -91,17 +94,37 @@ class Circle:
             If a file is not what it has to be, or the bed's controller gives up.
         """
         rounds: list[dict[str, Any]] = []
-        waiting = None
+        waiting = end = None
         try:
             for number in range(1, self._order.rounds + 1):
                 rounds.append({"round": number})
                 path = self._round(path, number, rounds[-1])
-                if rounds[-1]["verification"]["status"] == "as_predicted":
+                end = end_of(rounds)
+                if end:
                     break
         except Waiting as reason:
             waiting = reason.what
+        self._on_one_scale(rounds)
         last = next((one["verification"]["status"] for one in reversed(rounds) if "verification" in one), None)
-        return {"status": "waiting" if waiting else last, "waiting_for": waiting, "rounds": rounds}
+        return {
+            "status": "waiting" if waiting else last, "waiting_for": waiting, "end": end,
+            "best_round": best_round(rounds), "rounds": rounds,
+        }  # fmt: skip
+
+    def _on_one_scale(self, rounds: list[dict[str, Any]]) -> None:
+        """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
+        judged = [one for one in rounds if "verification" in one]
+        for one in judged[:-1]:
+            name, case = f"{one['round']}_verify", self._tuned[judged[-1]["round"]]
+            self._tell(f"round {one['round']}: judge against the vehicle of round {judged[-1]['round']}")
+            path = self._folder / name / RECORDING
+
+            def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
+                result = judge(case, read_recordings([path], case)).to_dict()
+                return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
+
+            inputs = checksum(self._stages.of_files(path) + _of_case(case))
+            one["against_last_vehicle"] = self._stages.run(f"{name}_again", inputs, work)
 
     def _round(self, path: Path, number: int, found: dict[str, Any]) -> Path:
         """One round; where the next one begins from."""
@@ -109,7 +132,7 @@ class Circle:
             found["identification"] = self._identified(path, number)
             path = self._folder / f"{number}_diagnose" / "case.toml"
         matched = self._matched(path, number, found)
-        case = tuned_case(matched).tuned
+        case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, number)
         found["verification"] = self._verified(case, number)
         return matched
@@ -141,11 +164,12 @@ class Circle:
 
     def _verified(self, case: Case, number: int) -> dict[str, Any]:
         self._tell(f"round {number}: run and verify")
-        name, wanted = f"{number}_verify", proof(case)
-        speed = plan_speed(case, self._order)
+        name = f"{number}_verify"
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
         def work() -> tuple[Files, dict[str, Any]]:
+            speed = plan_speed(case, self._order)
+            wanted = plan_proof(case, speed)
             if self._bed.is_dir():
                 text = self._put_by_hand(
                     name, {"excitation.csv": proof_csv(wanted)},
@@ -158,7 +182,8 @@ class Circle:
                     text = proof_recording(bed, case, law, controller, wanted, speed)
             write_all(self._folder / name, {RECORDING: text})
             result = judge(case, read_recordings([self._folder / name / RECORDING], case)).to_dict()
-            return {RECORDING: text, "verification.json": strict_json(result)}, result
+            files = {RECORDING: text, "proof.json": strict_json(wanted.to_dict())}
+            return files | {"verification.json": strict_json(result)}, result
 
         return self._stages.run(name, _of_case(case), work)
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from matching.commissioning.fmu_bed import FmuBed, FmuController, columns, held_as_linear
+from matching.excitation.proof import Proof
 from matching.excitation.result import ExcitationPlan
-from matching.excitation.signals import fade
 from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
 from modelling.controller.law import ControlLaw
@@ -17,10 +15,6 @@ from modelling.controller.supervised import SupervisedController
 from modelling.measurement.write import csv_text
 
 SETTLING = 2.0  # s of speed hold before anything is recorded
-PROOF_PERIODS = 16.0  # of the lowest frequency of the band
-SHORTEST_PROOF = 20.0  # s
-PROOF_SHARE = 0.8  # of the manoeuvre's largest torque: peak of the proof's excitation
-LARGEST_TRIES = 30  # draws of the phases
 
 
 def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
@@ -40,48 +34,6 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
         total += integral * step * error
         bed.step(sent[i], step)
     return _csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
-
-
-@dataclass(frozen=True)
-class Proof:
-    """What excites the controlled bed: torques (t, e) by name of the compared inputs, N·m, at steps (s)."""
-
-    inputs: tuple[str, ...]
-    torques: np.ndarray
-    step: float
-
-
-def proof(case: Case, seed: int = 0) -> Proof:
-    """Random-phase multisines on every compared torque, together, over the band.
-
-    Raises
-    ------
-    InputError
-        If the manoeuvre has none of a compared torque, so that its size is not known.
-    """
-    step = case.loop["sample_time"]
-    lasts = max(PROOF_PERIODS / case.band[0], SHORTEST_PROOF)
-    count, rng = round(lasts / step), np.random.default_rng(seed)
-    f = np.fft.rfftfreq(count, step)
-    inside = (f >= 0.7 * case.band[0]) & (f <= 1.2 * case.band[1])
-    names = tuple(dict.fromkeys(pair.input for pair in case.compared))
-    found = []
-    for name in names:
-        manoeuvre = case.manoeuvre.get(name)
-        peak = 0.0 if manoeuvre is None else float(np.abs(manoeuvre.torque(manoeuvre.time())).max())
-        if peak == 0:
-            raise InputError(f"manoeuvre.{name}", "is missing", "its largest torque says how large the proof may be")
-        amplitude = np.where(inside, 1.0, 0.0)
-        waves = np.fft.irfft(amplitude * np.exp(2j * np.pi * rng.random((LARGEST_TRIES, len(f)))), count)
-        wave = waves[np.argmin(np.abs(waves).max(axis=1) / waves.std(axis=1))] * fade(count, step)
-        found.append(PROOF_SHARE * peak * wave / np.abs(wave).max())
-    return Proof(names, np.stack(found, axis=1), step)
-
-
-def proof_csv(wanted: Proof) -> str:
-    """Text of the proof's torques as CSV."""
-    time = np.arange(len(wanted.torques)) * wanted.step
-    return csv_text(time, columns(wanted.inputs, wanted.torques), dict.fromkeys(wanted.inputs, "N*m"))
 
 
 def proof_recording(  # bed and controller are both stepped: one more than six

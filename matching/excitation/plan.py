@@ -100,13 +100,21 @@ def _check(case: Case, order: ExcitationOrder) -> None:
 
 
 def steady_speed(case: Case) -> float:
-    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest."""
+    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest.
+
+    Raises
+    ------
+    InputError
+        If the case has neither.
+    """
     point = case.rig.operating_point
     rotors = {part.on for part in case.rig.inputs if part.name in {d.torque_input for d in case.loop.dynamometers}}
     if point is not None:
         for name, value in point.speeds:
             if name in rotors and value > 0:
                 return float(value)
+    if "dynamometer_speed" not in case.limits:
+        raise InputError("limits.dynamometer_speed", "is missing", "a steady speed on the bed is chosen by it")
     return SPEED_SHARE * case.limits["dynamometer_speed"]
 
 

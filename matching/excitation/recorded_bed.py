@@ -86,12 +86,12 @@ class RecordedBed:
         C, D = self.rows(bed, values)
         s = 2j * np.pi * frequencies
         y, k = len(self.sensors), bed.commands.shape[1]
-        H = _transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], s) + D[:y]
+        H = transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], s) + D[:y]
         H[:, :, :k] *= np.exp(-s * bed.delay)[:, None, None]
         return H
 
 
-def _transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, s: np.ndarray) -> np.ndarray:
+def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, s: np.ndarray) -> np.ndarray:
     """C·(s·I − A)⁻¹·B (s, y, u), by eigenvectors where they are far enough from parallel."""
     poles, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < LARGEST_CONDITION:

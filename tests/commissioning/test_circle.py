@@ -11,7 +11,8 @@ from small_bed import CASE, write
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 
 from matching.cli import main
-from matching.commissioning import circle, runs
+from matching.commissioning import circle
+from matching.excitation import proof
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
 LIMITS = """
@@ -34,7 +35,7 @@ dynamometer_speed = 120
 @pytest.fixture(scope="module", autouse=True)
 def short_runs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "SHORTEST_PROOF", 5.0)
+        patch.setattr(proof, "SHORTEST", 5.0)
         yield
 
 

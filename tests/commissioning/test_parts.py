@@ -10,7 +10,6 @@ from small_bed import write
 from matching.commissioning.bed_system import bed_system, names_in_system
 from matching.commissioning.fmu_bed import held_as_linear
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
-from matching.commissioning.runs import proof
 from matching.commissioning.stages import Stages
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.frequency.case.case_file import case_files
@@ -107,15 +106,3 @@ def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):
     assert found.tolerance == 0.07
     widths = {one.name: one.half_width for one in found.uncertainty.uncertain}
     assert widths == pytest.approx({one.name: one.half_width for one in box.uncertain})
-
-
-def test_a_proof_excites_every_compared_torque_over_the_band(case):
-    road = case.manoeuvre["motor_torque"]
-    wanted = proof(replace(case, manoeuvre={"motor_torque": road, "road": road}))
-    assert wanted.inputs == ("motor_torque", "road")
-    spectrum = np.abs(np.fft.rfft(wanted.torques, axis=0))
-    f = np.fft.rfftfreq(len(wanted.torques), wanted.step)
-    inside = (f > case.band[0]) & (f < case.band[1])
-    assert np.median(spectrum[inside], axis=0).min() > 30 * np.median(spectrum[f > 2 * case.band[1]], axis=0).max()
-    assert np.abs(wanted.torques).max() <= 0.8 * 50 + 1e-9
-    assert abs(np.corrcoef(wanted.torques.T)[0, 1]) < 0.1

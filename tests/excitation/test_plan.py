@@ -11,10 +11,11 @@ from matching.cli import main
 from matching.excitation.information import PRIOR, information, optimal_powers
 from matching.excitation.motion import ExcitedBeds, SpeedHold
 from matching.excitation.recorded_bed import recorded_bed
-from matching.excitation.sensitivity import error_weights, law_action
+from matching.excitation.sensitivity import error_weights
 from matching.excitation.signals import chirp, multisine, steps
 from matching.fmu.controller import exported_controller
 from matching.frequency.beds.closed_loop import action
+from matching.frequency.loop.law_action import law_action
 from modelling.bed.residual_vehicle import cut
 
 FREE = SpeedHold(np.zeros(1), np.zeros(1))

@@ -8,7 +8,8 @@ from typing import Any
 from matching.report.common.wording import number
 
 MEANING = {
-    "as_predicted": "The bed answers as the match predicted, within what was measured.",
+    "as_predicted": "The bed answers as the match predicted, within what was measured and what the case states as "
+    "uncertain, and no worse than the case allows.",
     "short": "The bed falls short of the prediction by more than the uncertainty of the measurement.",
     "undetermined": "The recordings do not decide it: record longer, or excite the bed more.",
 }
@@ -38,7 +39,8 @@ def summary(result: Mapping[str, Any]) -> str:
     for one in result["errors"]:
         lines.append(
             f"response error to {one['name']} torques: {with_uncertainty(one['error'], one['standard_uncertainty'])}"
-            f" (predicted {number(one['predicted'], 3)}, allowed {number(one['allowed'], 3)}): {one['status']}"
+            f" (predicted {number(one['predicted'], 3)}, on 95 % of drawn beds below {number(one['expected'], 3)}, "
+            f"allowed {number(one['allowed'], 3)}): {one['status']}"
         )
     for one in result["modes"]:
         lines.append(f"vehicle mode {one['vehicle_mode']}: {mode_words(one)}: {one['status']}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.report.commissioning.text import MEANING, round_lines
+from matching.report.commissioning.text import MEANING, ending, round_lines
 from matching.report.common.environment import environment
 
 
@@ -20,18 +20,18 @@ def page(result: Mapping[str, Any]) -> str:
         .get_template("commission.html")
         .render(
             title="Commissioning", status=result["status"], answer=MEANING[result["status"]], rounds=rounds,
-            waiting=result["waiting_for"], gain=gain(result), figures={}, captions={},
+            waiting=result["waiting_for"], ending=ending(result), gain=gain(result), figures={}, captions={},
         )
     )  # fmt: skip
 
 
 def gain(result: Mapping[str, Any]) -> float | None:
-    """Measured response error of the first round over that of the last; None where one is not determined."""
-    errors = [
-        one["verification"]["errors"][0]["error"]
-        for one in result["rounds"]
-        if "verification" in one and one["verification"]["errors"]
-    ]
+    """Measured response error of the first round over that of the last; None where one is not determined.
+
+    Both are against the vehicle of the last round, which holds the specimen as it is known best.
+    """
+    judged = [one.get("against_last_vehicle", one.get("verification")) for one in result["rounds"]]
+    errors = [one["errors"][0]["error"] for one in judged if one and one["errors"]]
     if len(errors) < 2 or errors[0] is None or not errors[-1]:
         return None
     return float(errors[0] / errors[-1])

@@ -1,0 +1,38 @@
+"""How far the prediction of a match holds: response errors of beds drawn from what is not known exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from matching.frequency.beds.closed_loop import bed_set, responses, vehicle_response
+from matching.frequency.case.case import Case
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.law_action import law_action
+from matching.frequency.loop.parts import parts_of
+
+BEDS = 64  # drawn evenly
+POINTS = 60  # frequencies over the band
+SHARE = 0.95  # of the beds that have no larger error
+
+
+def drawn_squares(case: Case) -> np.ndarray:
+    """Mean squares (b, h) of |log(H_bed/H_vehicle)| of drawn beds against the vehicle as the case has it.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the controller's design has no solution.
+    """
+    box, law = case.uncertainty, control_law(parts_of(case))
+    frequencies = np.geomspace(*case.band, POINTS)
+    beds = bed_set(case, [box.at(position) for position in box.spread(BEDS)], frequencies)
+    acting = law_action(law, frequencies, case.loop.controller_sensors)
+    ratio = responses(beds, acting, acting.known) / vehicle_response(case, {}, frequencies)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.abs(np.log(ratio)) ** 2
+    return np.asarray(squares.mean(axis=1))
+
+
+def largest_expected(squares: np.ndarray) -> float:
+    """Response error that 95 % of drawn beds keep below; ``squares`` (b, h) of the functions that count."""
+    return float(np.sqrt(np.quantile(squares.mean(axis=1), SHARE)))

@@ -1,0 +1,83 @@
+"""When a measured error counts as predicted, in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from matching.bed_test.errors import Figures, judged
+from matching.bed_test.local_rational import MeasuredResponse
+from matching.commissioning.ending import best_round, end_of
+
+
+def figures(error, spread=0.0, predicted=0.005, unknown=0.0, resolution=0.0):
+    return Figures(error**2, (2 * error * spread) ** 2, predicted**2, unknown, resolution)
+
+
+@pytest.mark.parametrize(
+    ("error", "spread", "expected", "status"),
+    [
+        (0.004, 0.0005, 0.006, "as_predicted"),
+        (0.009, 0.0005, 0.006, "as_predicted"),  # below a tenth of what is allowed
+        (0.04, 0.002, 0.006, "short"),  # within what is allowed, but not what the match promised
+        (0.04, 0.002, 0.05, "as_predicted"),  # the case states so much as uncertain
+        (0.13, 0.002, 0.2, "short"),  # more than the case allows
+        (0.03, 0.015, 0.006, "as_predicted"),  # consistent, and surely within what is allowed
+        (0.09, 0.045, 0.02, "undetermined"),
+    ],
+)
+def test_an_error_is_held_against_the_prediction_within_its_uncertainty(error, spread, expected, status):
+    assert judged("measured", [figures(error, spread)], expected, 0.1).status == status
+
+
+def test_what_does_not_show_is_left_out_and_said():
+    hidden = Figures(math.nan, math.nan, 0.04**2, 0.6)
+    found = judged("measured", [figures(0.003), hidden], 0.01, 0.1)
+    assert (found.status, found.resolved) == ("as_predicted", 0.5)
+    assert found.value == pytest.approx(0.003)
+    assert found.predicted == pytest.approx(0.005)
+    nothing = judged("measured", [hidden], 0.01, 0.1)
+    assert (nothing.status, nothing.resolved) == ("undetermined", 0.0)
+
+
+def test_what_spectral_lines_change_is_taken_off_and_stays_half_unsure():
+    """A true error of 0.02 that the lines show as √(0.02² + 0.03²)."""
+    found = judged("measured", [figures(math.hypot(0.02, 0.03), resolution=0.03**2)], 0.01, 0.1)
+    assert found.value == pytest.approx(0.02)
+    assert found.uncertainty == pytest.approx(math.sqrt(0.02**2 + 0.5 * 0.03**2 / math.sqrt(3)) - 0.02)
+
+
+def test_a_function_below_the_noise_is_not_known():
+    f = np.geomspace(1, 10, 50)
+    ones = np.ones(50, complex)
+    noisy = np.where(f > 5, 0.5, 1e-6)
+    found = Figures.of(ones, noisy, ones, ones, MeasuredResponse(f, ones, noisy, np.full(50, 0.01)))
+    assert found.unknown == pytest.approx(1 - math.log10(5), abs=0.03)
+    assert not found.known
+
+
+def verification(error, status="as_predicted", uncertainty=0.001, predicted=0.005):
+    one = {"name": "measured", "error": error, "standard_uncertainty": uncertainty, "predicted": predicted,
+           "allowed": 0.1, "status": status}  # fmt: skip
+    return {"status": status, "errors": [one]}
+
+
+def test_a_circle_goes_on_as_long_as_a_round_would_gain():
+    first = {"round": 1, "verification": verification(0.06)}
+    assert end_of([first]) is None  # allowed, and far above what a match with the true values reaches
+    good = {"round": 2, "verification": verification(0.012)}
+    assert "as well as the match can make it" in end_of([first, good])
+    same = {"round": 2, "verification": verification(0.0595, "short")}
+    assert "gained nothing" in end_of([first, same])
+    assert end_of([{"round": 1, "verification": verification(0.01, "short")}]) is None
+    assert end_of([{"round": 1, "verification": verification(None)}]) is None
+
+
+def test_the_best_round_is_the_one_nearest_to_the_same_vehicle():
+    rounds = [
+        {"round": 1, "verification": verification(0.01), "against_last_vehicle": verification(0.08)},
+        {"round": 2, "verification": verification(0.02)},
+        {"round": 3},
+    ]
+    assert best_round(rounds) == 2
+    assert best_round([{"round": 1}]) is None

@@ -1,0 +1,100 @@
+"""The planned proof of a controlled bed: its responses, what it shows, the limits it keeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.excitation import proof as module
+from matching.excitation.controlled import controlled_beds
+from matching.excitation.proof import FREE, plan_proof
+from matching.excitation.recorded_bed import recorded_bed
+from matching.fmu.controller import exported_controller
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.response.observed import ObservedBed
+from modelling.bed.residual_vehicle import cut
+from modelling.common.errors import InputError
+
+SPEED = 30.0  # rad/s
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_beds():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "BEDS", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def controlled(limited_case):
+    """Responses of the bed as planned to motor and road, at four frequencies."""
+    frequencies = np.array([1.1, 4.0, 12.0, 28.0])
+    bed, law = recorded_bed(limited_case), exported_controller(limited_case).law
+    return frequencies, bed, controlled_beds(bed, [{}], law, ["motor_torque", "road"], frequencies)
+
+
+@pytest.fixture(scope="module")
+def quiet_case(limited_case):
+    """The case with sensors that state their noise."""
+    sensors = tuple(replace(sensor, uncertainty=0.02) for sensor in limited_case.rig.sensors)
+    return replace(limited_case, rig=replace(limited_case.rig, sensors=sensors))
+
+
+@pytest.fixture(scope="module")
+def proof(quiet_case):
+    return plan_proof(quiet_case, SPEED)
+
+
+def test_responses_are_those_that_the_prediction_compares(limited_case, controlled):
+    """Against the sampled loop's own, which fold back what lies above half the sampling frequency."""
+    frequencies, bed, found = controlled
+    observer = limited_case.loop.structure.observer(
+        limited_case.rig, cut(limited_case.vehicle, limited_case.rig), limited_case.loop
+    )
+    wanted = ObservedBed(limited_case, parts_of(limited_case), observer).at(frequencies)
+    for h, (source, sensor) in enumerate(wanted.pairs):
+        own = found.outputs[0][:, bed.sensors.index(sensor), ["motor_torque", "road"].index(source)]
+        np.testing.assert_allclose(own, wanted.matched[:, h], rtol=2e-3)
+
+
+def test_a_torque_balances_at_the_rotor(limited_case, controlled):
+    """Newton's law of the rotor: J·dω/dt + drag·ω is the flange's torque and what the command has become."""
+    frequencies, bed, found = controlled
+    s, loop = 2j * np.pi * frequencies, limited_case.loop
+    speed, torque = (found.outputs[0][:, bed.sensors.index(name)] for name in ("rotor_speed", "flange_torque"))
+    late = np.exp(-s * loop["dead_time"]) * np.sinc(frequencies * loop["sample_time"])  # the hold's half sample: in it
+    acting = found.commands[0][:, 0] * (late / (1 + s * loop["inverter_lag"]))[:, None]
+    flange = torque * (1 + s * loop["torque_sensor_lag"])[:, None]  # as it is, not as its sensor says
+    np.testing.assert_allclose((0.9 * s + 0.1)[:, None] * speed, flange + acting, rtol=1e-6, atol=1e-9)
+
+
+def test_it_shows_road_torques_where_the_vehicle_hardly_answers(limited_case, proof):
+    """The old proof was as large as the manoeuvre everywhere."""
+    assert set(proof.visible) == {f"{pair.input} → {pair.sensor}" for pair in limited_case.compared}
+    assert min(proof.visible.values()) > 0.9
+    power = np.abs(np.fft.rfft(proof.torques, axis=0)) ** 2
+    f = np.fft.rfftfreq(len(proof.torques), proof.step)
+    road = [power[np.abs(f - at) < 1, proof.inputs.index("road")].mean() for at in (6.0, 28.0)]
+    assert road[1] > 10 * road[0]
+
+
+def test_it_keeps_the_limits_and_uses_one(proof):
+    assert max(proof.used.values()) == pytest.approx(1 - FREE, rel=0.02) or max(proof.used.values()) < 1 - FREE
+    assert max(proof.used.values()) > 0.5
+    assert np.abs(proof.torques[:, proof.inputs.index("motor_torque")]).max() <= 0.8 * 50 * 1.02
+    assert np.abs(proof.torques[[0, -1]]).max() < 1e-9
+    assert abs(np.corrcoef(proof.torques.T)[0, 1]) < 0.1
+
+
+def test_smaller_limits_make_it_smaller(quiet_case, proof):
+    found = plan_proof(replace(quiet_case, limits={**quiet_case.limits, "dynamometer_torque": 40.0}), SPEED)
+    assert found.used["dynamometer_torque"] <= (1 - FREE) * 1.001
+    assert np.abs(found.torques).max() < np.abs(proof.torques).max()
+
+
+def test_what_is_missing_is_named(limited_case):
+    with pytest.raises(InputError, match=r"manoeuvre\.motor_torque"):
+        plan_proof(replace(limited_case, manoeuvre={}), SPEED)
+    limits = {name: value for name, value in limited_case.limits.items() if name != "dynamometer_torque"}
+    with pytest.raises(InputError, match=r"limits\.dynamometer_torque"):
+        plan_proof(replace(limited_case, limits=limits), SPEED)
