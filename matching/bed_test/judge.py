@@ -70,10 +70,10 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     drawn = drawn_squares(case)
     errors = []
     for kind in dict.fromkeys(function.kind for function in functions):
-        own = [function for function in functions if function.kind == kind]
-        known = [function for function in own if function.figures.known] or own
-        expected = largest_expected(drawn[:, [function.number for function in known]])
-        errors.append(judged(kind, [function.figures for function in own], expected, allowed[kind]))
+        alike = [function for function in functions if function.kind == kind]
+        shown = [function for function in alike if function.figures.known] or alike
+        expected = largest_expected(drawn[:, [function.number for function in shown]])
+        errors.append(judged(kind, [function.figures for function in alike], expected, allowed[kind]))
     each = [
         judged(
             function.name, [function.figures], largest_expected(drawn[:, [function.number]]), allowed[function.kind]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from matching.frequency.beds.closed_loop import bed_set, responses, vehicle_response
+from matching.frequency.beds.bed import vehicle_response
+from matching.frequency.beds.closed_loop import bed_set, responses
 from matching.frequency.case.case import Case
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.law_action import law_action
