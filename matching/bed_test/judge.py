@@ -42,7 +42,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     """
     grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
     measured = response(recordings, grid)
-    bed = _compared_bed(case)
+    bed = compared_bed(case)
     answers = bed.at(grid)
     pairs = [
         (h, source, sensor)
@@ -113,7 +113,7 @@ def _hidden(functions: Sequence[_Function]) -> list[str]:
     ]
 
 
-def _compared_bed(case: Case) -> ComparedBed:
+def compared_bed(case: Case) -> ComparedBed:
     """The prediction: an observer is a law of its own, from sample to sample."""
     observer = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
     return ComparedBed(case) if observer is None else ObservedBed(case, parts_of(case), observer)

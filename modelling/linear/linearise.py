@@ -59,9 +59,8 @@ def linearise(
     Raises
     ------
     InputError
-        If a name is unknown, a vector has the wrong length, or the operating point is no steady motion.
-    FloatingPointError
-        If a derivative is not finite there.
+        If a name is unknown, a vector has the wrong length, the operating point is no steady motion, or a derivative
+        is not finite there.
     """
     model = system if isinstance(system, Model) else compiled(system)
     p = model.vector(values)
@@ -81,14 +80,17 @@ def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Line
 
     Raises
     ------
-    FloatingPointError
+    InputError
         If an element of A, B, C or D is not finite.
     """
     check_size(model)
     A, B, C, D = (part.full() for part in model.jacobians(x, u, p, 0.0))
     for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):
         if not np.isfinite(part).all():
-            raise FloatingPointError(f"{name} is not finite about this state")
+            row = np.argwhere(~np.isfinite(part))[0][0]
+            of = f"the derivative of {model.states[row]}" if name in "AB" else f"what {model.outputs[row]} reads"
+            right = "check the quantities it depends on for values that are far too large or too small"
+            raise InputError(model.system.title or "the model", f"{of} is not finite about this state", right)
     delays = [delay.full().ravel() for delay in model.delays(p)]
     return Linear(A, B, C, D, x, u, p, delays[0], delays[1], model)
 

@@ -107,6 +107,9 @@ def _signature(powers: Powers) -> dict[str, int]:
     return {kind: exponent for kind, exponent in exponents.items() if exponent}
 
 
+SMALLEST, LARGEST = 1e-50, 1e50  # in SI; products of a few such numbers neither overflow nor vanish
+
+
 @functools.cache
 def _to_base(name: str) -> float:
     """Value of one such unit in kg, m, s, rad, and 1."""
@@ -131,7 +134,7 @@ def to_si(value: object, si: str, where: str) -> float:
     Raises
     ------
     InputError
-        If it is no number, not finite, or its unit is unknown or of another dimension.
+        If it is no number, not finite, beyond all drivetrains, or its unit is unknown or of another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(
@@ -149,6 +152,9 @@ def to_si(value: object, si: str, where: str) -> float:
             number = math.inf
     if not math.isfinite(number):
         raise InputError(where, f"{_short(str(value))} is not finite", f"write a finite number in {si}")
+    if number and not SMALLEST <= abs(number) <= LARGEST:
+        wrong = f"{_short(str(value))} is too {'large' if abs(number) > 1 else 'small'} for any drivetrain"
+        raise InputError(where, wrong, f"write 0 or a number of a size from {SMALLEST:g} to {LARGEST:g} in {si}")
     return number
 
 

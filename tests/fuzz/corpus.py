@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import functools
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
+from matching.frequency.case.load import load_case
 from modelling.effects import EFFECTS
 from modelling.effects.place import place_in_file
 from modelling.model.files import from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
 FOUND = Path(__file__).parent / "found"
+RECORDINGS = Path(__file__).parent / "recordings"  # the drive below as asammdf, SciPy, h5py and pyarrow write it
 MODEL = """title = "two discs"
 [inertias.motor]
 J = {value = 0.05, lower = 0.01, upper = 0.1}
@@ -61,6 +64,12 @@ WORDS = (
     "simulate\nmodel.toml\ndrive.csv\n--start\nsteady\n--check",
     "diagnose\nmodel.toml\ndrive.csv\n--holdout\ndrive.csv\n--json\n--check",
     "show\nmodel.toml\n--out\no",
+    "match\ncase.toml\n--seed\n3\n--starts\n2\n--workers\n1\n--beds\n9\n--out\no\n--check",
+    "map\ncase.toml\n--x\nloop.dead_time=1 ms,2 ms\n--y\nrig.shafts.flange.stiffness=2e5:8e5:3\n--out\no\n--check",
+    "tolerance\ncase.toml\n-n\n200\n--tolerance\nrig.shafts.flange.stiffness=0.1\n--out\no\n--check",
+    "verify\ncase.toml\ndrive.csv\n--follow\n0.5\n--out\no\n--check",
+    "excite\ncase.toml\n--duration\n20\n--margin\n0.3\n--limit\ndyno=300 N*m\n--out\no\n--check",
+    "commission\ncase.toml\n--bed\no\n--rounds\n1\n--speed\n5\n--out\no\n--check",
 )
 
 
@@ -139,6 +148,23 @@ def seeds() -> tuple[Seed, ...]:
         ),
     ]
     beside = {"model.toml": MODEL.encode(), "budget.toml": budgets[0].read_bytes(), "fidelity.toml": fidelity}
-    beside |= {"drive.csv": recording()}
+    starter = ROOT / "matching" / "starter"
+    beside |= {"drive.csv": recording()} | {path.name: path.read_bytes() for path in sorted(starter.glob("*.toml"))}
     found += [Seed("words", words.split("\n")[0] + str(i), words.encode(), beside) for i, words in enumerate(WORDS)]
+    found.append(Seed("result", "starter", _result(starter / "case.toml"), beside))
+    found += [
+        Seed(
+            "binary",
+            path.stem + path.suffix.replace(".", "_"),
+            path.read_bytes(),
+            {"model.toml": MODEL.encode(), "suffix.txt": path.suffix.encode()},
+        )
+        for path in sorted(RECORDINGS.iterdir())
+    ]
     return tuple(found)
+
+
+def _result(case: Path) -> bytes:
+    """As much of a match's result as is read again: every quantity tuned to its start value."""
+    rows = [{"name": move.name, "start": move.start, "tuned": move.start} for move in load_case(case).moves]
+    return json.dumps({"status": "matched", "parameters": rows}, indent=1).encode()

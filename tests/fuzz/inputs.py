@@ -24,4 +24,6 @@ def fuzz_input(run: int, number: int, kinds: tuple[str, ...] = tuple(TARGETS)) -
     kind = rng.choices(kinds, [TARGETS[name].share for name in kinds])[0]
     alike = [seed for seed in seeds() if seed.target == kind]
     seed = rng.choice(alike)
-    return FuzzInput(seed, mutated(f"{run}/{number}", seed.content, [other.content for other in alike]))
+    return FuzzInput(
+        seed, mutated(f"{run}/{number}", seed.content, [other.content for other in alike], binary=kind == "binary")
+    )

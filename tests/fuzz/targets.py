@@ -17,8 +17,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from matching.bed_test.judge import compared_bed
 from matching.cli import BAD_INPUT, FAULT, main
+from matching.fmu.export_source import read_export_source, tuned_case
 from matching.frequency.case.load import load_case
+from matching.frequency.response.response_error import figures_of
 from matching.validity.budget.budget_file import read_budget
 from matching.validity.fidelity.case_file import read_case
 from matching.validity.fidelity.result import xil_fidelity
@@ -35,7 +38,7 @@ from tests.fuzz.corpus import ROOT, Seed
 LONGEST_LINE = 1500  # characters of a message: place, what is wrong and what is right are cut at 400 each
 SECONDS = 20.0  # of processor time; most inputs take a hundredth of one
 LARGEST_SWEPT = 40  # inertias and shafts of a model whose modes are found
-DEEP_SHARE = 4  # one model in so many is taken through to its modes
+DEEP_SHARE = 4  # one model in so many is taken through to its modes, one case to its response errors
 DRAWS = 1000
 
 
@@ -63,8 +66,11 @@ def _model(path: Path, deep: bool) -> None:
         strict_json(damped_modes(system).to_dict())
 
 
-def _case(path: Path, _: bool) -> None:
-    load_case(path)
+def _case(path: Path, deep: bool) -> None:
+    case = load_case(path)
+    if deep and zlib.crc32(path.read_bytes()) % DEEP_SHARE == 0:
+        figures = figures_of(compared_bed(case))
+        strict_json([figures.after, figures.unmeasured])
 
 
 def _budget(path: Path, deep: bool) -> None:
@@ -87,6 +93,19 @@ def _recording(path: Path, _: bool) -> None:
 def _channels(path: Path, _: bool) -> None:
     system = load(path.parent / "model.toml")
     read_recording(path.parent / "drive.csv", system, read_channels(path))
+
+
+def _binary(path: Path, _: bool) -> None:
+    """A file for a library in C, which goes by its suffix."""
+    system = load(path.parent / "model.toml")
+    suffix = (path.parent / "suffix.txt").read_text()
+    read_recording(path.rename(path.with_suffix(suffix)), system).inputs(system)
+
+
+def _result(path: Path, _: bool) -> None:
+    """What an earlier match left, as `export`, `verify` and `excite` read it."""
+    _at_tuned_values = tuned_case(path).tuned
+    read_export_source(path)
 
 
 def _words(path: Path, _: bool) -> None:
@@ -117,7 +136,9 @@ TARGETS = {
     "fidelity": Target(".toml", _fidelity, 2),
     "recording": Target(".csv", _recording, 2),
     "channels": Target(".toml", _channels, 1),
+    "result": Target(".json", _result, 0.5),
     "words": Target(".txt", _words, 0.5),
+    "binary": Target("", _binary, 0.1),
 }
 
 

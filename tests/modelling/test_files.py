@@ -96,6 +96,8 @@ SPOILED = {
     "infinite text": ('"1.0 kg*m^2"', '"1e999 kg*m^2"', r"is not finite"),
     "integer beyond floats": ("J = 0.1", "J = 1" + "0" * 400, r"integer of hundreds of digits"),
     "endless digits": ("J = 0.1", "J = 1" + "0" * 5000, r"cannot be read: .*digits"),
+    "too large for any drivetrain": ("J = 0.1", "J = 1.7e308", r"from 1e-50 to 1e\+50 in kg\*m\^2"),
+    "too small for any drivetrain": ('"1.0 kg*m^2"', '"1e-300 kg*m^2"', r"inertias\.load\.J: .* too small"),
     "NaN tolerance": ("tolerance = 0.1", "tolerance = nan", r"tolerance: 'nan' is not finite"),
     "negative tolerance": ("tolerance = 0.1", "tolerance = -0.1", r"tolerance: -0\.1 is negative"),
     "bounds crossed": ("tolerance = 0.1", "lower = 300, upper = 100", r"bounds 300 … 100 do not enclose 200"),
