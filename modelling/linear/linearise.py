@@ -88,7 +88,7 @@ def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Line
     for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):
         if not np.isfinite(part).all():
             row = np.argwhere(~np.isfinite(part))[0][0]
-            of = f"the derivative of {model.states[row]}" if name in "AB" else f"what {model.outputs[row]} reads"
+            of = f"the derivative of {model.states[row]}" if name in "AB" else f"what {model.sensors[row]} reads"
             right = "check the quantities it depends on for values that are far too large or too small"
             raise InputError(model.system.title or "the model", f"{of} is not finite about this state", right)
     delays = [delay.full().ravel() for delay in model.delays(p)]

@@ -180,3 +180,8 @@ def test_ripple_averages_out():
     f = np.geomspace(0.5, 100, 20)
     plain = operating_point(two_masses(drag=0.1), {"b": 50.0}, free=["drive"])
     np.testing.assert_allclose(response(point, f).values, response(plain, f).values, rtol=1e-9)
+
+
+def test_a_derivative_beyond_all_numbers_names_its_state():
+    with pytest.raises(InputError, match=r"the derivative of speed.b. is not finite"):
+        linearise(two_masses(), {"inertias.b.J": 1e-200, "inertias.b.drag": 1e200})
