@@ -14,10 +14,12 @@ from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes
-from matching.frequency.studies.distribution import quantile_intervals, spread
+from matching.frequency.studies.distribution import Regressors, quantile_intervals, spread
 from matching.frequency.studies.draws import Prepared, draw
 from matching.frequency.studies.map import Axis
 from matching.frequency.studies.tolerance import tolerance, tuned, varied_of, yields
+from matching.report.tolerance.view import as_text
+from modelling.bed.structures import STRUCTURES
 from modelling.common.errors import InputError
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
@@ -96,6 +98,31 @@ def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
     np.testing.assert_allclose(slow.roots(x, slow.goals), prepared.roots(x, prepared.goals), rtol=1e-9)
 
 
+@pytest.mark.parametrize("measured", [True, False])
+def test_response_errors_of_all_draws_are_those_of_each(case, prepared, measured):
+    """By the sampled-data responses of single draws, lags and dead time drawn too, with and without feed-forward."""
+    here, drawn = case, {**ADDED, "loop.inverter_lag": 0.2, "loop.torque_sensor_lag": 0.2, "rig.shafts.*": 0.1}
+    if not measured:
+        here = replace(case, loop=replace(case.loop, structure=STRUCTURES["pi"]))
+    own = tuned(here)
+    bed = Prepared((own, varied_of(own, drawn), 5))
+    x = draw(bed.varied, 5, 0, 6)
+    exact = np.array([bed.errors(row) for row in x])
+    np.testing.assert_allclose(bed.drawn_errors(x)[:, : exact.shape[1]], exact, rtol=5e-3)  # nodes: 1e-2
+    assert exact[:, 0].std() > 0.02 * exact[:, 0].mean()  # these draws do differ
+
+
+def test_a_study_says_how_many_draws_and_what_an_exact_check_gave(case):
+    with ThreadPoolExecutor(1) as executor:
+        study = tolerance(case, 1300, executor, seed=2, added=ADDED)
+        assert all(spread.draws == 1300 for spread in study.spreads)
+        assert study.differences["stable"] == 0.0
+        assert all(value < 5e-3 for value in study.differences.values())
+        singly = tolerance(case, 100, executor, seed=2, added={**ADDED, "loop.lead_time": 0.1})
+    assert "worked out exactly as well; largest relative difference: modulus margin" in as_text(study)
+    assert "response_error" not in singly.differences  # those are exact
+
+
 def test_unstable_draws_are_seen(prepared):
     x = np.tile(prepared.center, (6, 1))
     x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.006, 0.009, 0.012, 0.02, 0.03]
@@ -126,9 +153,10 @@ def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
 
 def test_shares_of_a_sum_are_those_of_its_terms():
     x = np.random.default_rng(1).random((20_000, 3))
-    bowl = spread("bowl", "", 0.0, (x[:, 2] - 0.5) ** 2, ["a", "b", "c"], x)
+    terms = Regressors(["a", "b", "c"], x)
+    bowl = spread("bowl", "", 0.0, (x[:, 2] - 0.5) ** 2, terms)
     assert dict(bowl.drivers) == pytest.approx({"a": 0.0, "b": 0.0, "c": 1.0}, abs=0.01)
-    own = spread("sum", "", 1.5, 3 * x[:, 0] + x[:, 1], ["a", "b", "c"], x)
+    own = spread("sum", "", 1.5, 3 * x[:, 0] + x[:, 1], terms)
     assert dict(own.drivers) == pytest.approx({"a": 0.9, "b": 0.1, "c": 0.0}, abs=0.01)
     assert own.explained == pytest.approx(1.0)
     assert own.standard_deviation == pytest.approx(np.sqrt(10 / 12), rel=0.02)

@@ -77,8 +77,8 @@ class SampledLoop:
         bed, law, z = parts.bed, parts.sampled_controller, np.exp(self._s * step)
         self._states = transfer(bed.A, bed.B, np.eye(len(bed.A)), np.zeros_like(bed.B), self._s)  # (f, x, k + d)
         self._read = bed.C[: 2 * k]
-        self._control = transfer(law.A, law.B, law.C, law.D, z)
-        self._of_commands = self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z)
+        self.control = transfer(law.A, law.B, law.C, law.D, z)
+        self.of_commands = self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z)
         self._held = (-np.expm1(-self._s * step) / (self._s * step) * np.exp(-self._s * delay))[:, None, None]
 
     def response(
@@ -104,15 +104,15 @@ class SampledLoop:
                 state[:, :, i] = self._states[:, :, k + parts.drives.index(name)]
             elif name in parts.simulated:  # inside the controller
                 column = 2 * k + parts.simulated.index(name)
-                law[:, :, i] = self._control[:, :, column] if action is None else 0
+                law[:, :, i] = self.control[:, :, column] if action is None else 0
             else:
                 raise unknown(name, [*parts.drives, *parts.simulated], "response")
         measured = self._read @ state
         if action is not None:
             law = law + action.commands
             measured = measured - action.expected
-        feedback = self._control[:, :, : 2 * k]
-        issued = np.linalg.solve(np.eye(k) - feedback @ self._of_commands, law + feedback @ measured)
+        feedback = self.control[:, :, : 2 * k]
+        issued = np.linalg.solve(np.eye(k) - feedback @ self.of_commands, law + feedback @ measured)
         return self._outputs(state + self._states[:, :, :k] @ (self._held * issued), inputs, sensors)
 
     def _outputs(self, state: np.ndarray, inputs: Sequence[str], sensors: Sequence[str]) -> np.ndarray:

@@ -60,19 +60,36 @@ class Spread:
         }  # fmt: skip
 
 
-def spread(name: str, unit: str, nominal: float, values: np.ndarray, inputs: Sequence[str], x: np.ndarray) -> Spread:
-    """Spread of values (b,) over draws x (b, p) of the inputs."""
-    shares, explained = [0.0] * len(inputs), float("nan")
-    size = float(values.std())
-    if size > 1e-9 * max(abs(nominal), 1e-300) and len(values) > 2 * len(inputs) + 1:
+class Regressors:
+    """Draws x (b, p) of named inputs, straight and squared, each with mean 0 and standard deviation 1."""
+
+    def __init__(self, inputs: Sequence[str], x: np.ndarray):
+        self.inputs = tuple(inputs)
         plain = _standard(x)
-        terms = np.hstack([plain, _standard(plain**2)])
-        wanted = (values - values.mean()) / size
-        coefficients = np.linalg.lstsq(terms, wanted, rcond=None)[0]
+        self._terms = np.hstack([plain, _standard(plain**2)])
+        self._products = self._terms.T @ self._terms
+
+    def __len__(self) -> int:
+        return len(self._terms)
+
+    def explained(self, values: np.ndarray) -> tuple[list[float], float]:
+        """Share of the variance of values (b,) by input, and of all together, by least squares; NaN for too few."""
+        if len(self) <= 2 * len(self.inputs) + 1:
+            return [0.0] * len(self.inputs), float("nan")
+        wanted = (values - values.mean()) / values.std()
+        coefficients = np.linalg.lstsq(self._products, self._terms.T @ wanted, rcond=None)[0]
         shares = np.sum(coefficients.reshape(2, -1) ** 2, axis=0).tolist()
-        explained = float(1 - np.mean((wanted - terms @ coefficients) ** 2))
+        return shares, float(1 - np.mean((wanted - self._terms @ coefficients) ** 2))
+
+
+def spread(name: str, unit: str, nominal: float, values: np.ndarray, drawn: Regressors) -> Spread:
+    """Spread of values (b,) over draws of the inputs."""
+    shares, explained = [0.0] * len(drawn.inputs), float("nan")
+    size = float(values.std())
+    if size > 1e-9 * max(abs(nominal), 1e-300):
+        shares, explained = drawn.explained(values)
     counts, edges = np.histogram(values, BINS)
-    ranked = sorted(zip(inputs, shares, strict=True), key=lambda pair: -pair[1])
+    ranked = sorted(zip(drawn.inputs, shares, strict=True), key=lambda pair: -pair[1])
     return Spread(
         name, unit, float(nominal), float(values.mean()), size,
         dict(zip(LEVELS, np.quantile(values, LEVELS).tolist(), strict=True)), quantile_intervals(values),

@@ -8,19 +8,20 @@ cannot be followed so is left to encirclements.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.programme.closed_loop import closed_loop
-from modelling.simulation.integrator.c_library import external
+from modelling.simulation.integrator.vector_function import VectorFunction
 
-AT_ONCE = 1024  # values of s in one call
+AT_ONCE = 64  # draws: what they need on the whole grid stays in the processor's cache
 FOLLOWED = 1.0  # rad: largest step of the phase between frequencies that is believed
 HALVINGS = 16  # of a step between frequencies
 FINER = 9  # frequencies in a valley of the grid
-GOLDEN, SECTIONS = (5**0.5 - 1) / 2, 10  # of a valley among those
+CANDIDATE = 1.3  # times the least so far: a valley whose bottom is expected above that is not looked into
+PARABOLAS = 4  # through three points of a valley among those, one after the other
 
 
 class Loops:
@@ -40,88 +41,71 @@ class Loops:
 
     def __init__(self, case: Case, names: Sequence[str], center: np.ndarray, corners: Sequence[float], near: float):
         self.k, self.center = len(case.loop.dynamometers), center
-        self.difference = external(closed_loop(case, [(name,) for name in names]).difference.map(AT_ONCE))
+        self.difference = VectorFunction(closed_loop(case, [(name,) for name in names]).difference)
         about = [part * np.linspace(0.92, 1.08, 9) for part in (near, *corners)]
         fine = np.geomspace(0.5 * min(corners, default=1.0), 2 * max(corners, default=1.0), 500)
         self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 140), fine, *about]))
-        self.nominal = determinant(self.returns(2j * np.pi * self.frequencies, center[None])[0])
+        self.nominal = determinant(self.returns(2j * np.pi * self.frequencies, center[None]))
 
     def returns(self, s: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """I + L (b, f, k, k) at s (f,) for draws x (b, p)."""
-        return self._at(np.tile(s, len(x)), np.repeat(x, len(s), axis=0)).reshape(len(x), len(s), self.k, self.k)
+        """I + L (f, b, k, k) at s (f,) for draws x (b, p)."""
+        return self._at(s[:, None], x.T[:, None])
 
     def _at(self, s: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """I + L (n, k, k), each s (n,) with its own draw (n, p)."""
-        out = np.empty((len(s), self.k * self.k), complex)
-        operands: list[Any] = [np.ones(AT_ONCE), np.ones(AT_ONCE), np.tile(self.center, (AT_ONCE, 1))]
-        results: list[Any] = [np.empty((AT_ONCE, self.k * self.k)) for _ in range(2)]
-        calls: tuple[Any, Any] = self.difference.buffer()
-        buffer, evaluate = calls  # of this call: threads may share what is prepared
-        for place, array in enumerate(operands):
-            buffer.set_arg(place, memoryview(array))
-        for place, array in enumerate(results):
-            buffer.set_res(place, memoryview(array))
-        for begin in range(0, len(s), AT_ONCE):
-            part = slice(begin, begin + AT_ONCE)
-            count = len(s[part])
-            operands[0][:count], operands[1][:count], operands[2][:count] = s[part].real, s[part].imag, x[part]
-            evaluate()
-            out[part].real, out[part].imag = results[0][:count], results[1][:count]
-        return out.reshape(-1, self.k, self.k)
+        """I + L (f, b, k, k) at s (f, b), f or b being 1 where it is the same there, for draws x (p, 1, b)."""
+        parts = self.difference(s.real[None], s.imag[None], x)
+        values = np.empty((self.k * self.k, *parts.shape[1:]), complex)
+        values.real, values.imag = np.split(parts, 2)
+        return values.reshape(self.k, self.k, *parts.shape[1:]).transpose(2, 3, 0, 1)
 
     def margins(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Modulus margins (b,) and return differences' determinants (b, f)."""
+        """Modulus margins (b,) and return differences' determinants (f, b) of draws x (b, p)."""
         least, determinants = [], []
-        for begin in range(0, len(x), 64):
-            some = x[begin : begin + 64]
+        for begin in range(0, len(x), AT_ONCE):
+            some = x[begin : begin + AT_ONCE]
             D = self.returns(2j * np.pi * self.frequencies, some)
             least.append(self._deepest(some, _distance(D)))
             determinants.append(determinant(D))
-        return np.concatenate(least), np.concatenate(determinants)
+        return np.concatenate(least), np.concatenate(determinants, axis=1)
 
     def _deepest(self, x: np.ndarray, on_grid: np.ndarray) -> np.ndarray:
-        """Least distances (b,) between the frequencies of a grid (b, f) too.
+        """Least distances (b,) between the frequencies of a grid (f, b) too.
 
-        Every valley of the grid is looked at more finely, as two may be one there, and those by golden section.
+        The square of the distance is a parabola at the bottom of a valley, also of a narrow one past a resonance. Every
+        valley of the grid that may hold the least is looked at more finely, as two may be one there, and the bottoms of
+        those are approached by parabolas.
         """
-        rows, before, after = _valleys(on_grid)
-        low, high = np.log(self.frequencies[before]), np.log(self.frequencies[after])
-        places = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, FINER)
+        grid = np.broadcast_to(np.log(self.frequencies)[:, None], on_grid.shape)
+        rows, draws = _valleys(on_grid)
+        valleys = _Valleys.of(grid, on_grid, rows, draws, draws).kept(on_grid.min(axis=0))
+        least = on_grid.min(axis=0)
 
-        def distance(place: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-            return _distance(self._at(2j * np.pi * np.exp(place), drawn))
+        def squares(place: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+            return _distance(self._at(2j * np.pi * np.exp(place), x.T[:, None, drawn])) ** 2
 
-        within = distance(places.ravel(), np.repeat(x[rows], FINER, axis=0)).reshape(-1, FINER)
-        coarse, before, after = _valleys(within)
-        low, high, rows = places[coarse, before], places[coarse, after], rows[coarse]
-        drawn = x[rows]
-
-        inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-        distances = [distance(place, drawn) for place in inner]
-        least = on_grid.min(axis=1)
-        for _ in range(SECTIONS):
-            left = distances[0] < distances[1]
-            high, low = np.where(left, inner[1], high), np.where(left, low, inner[0])
-            new = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-            at_new = distance(new, drawn)
-            inner = [np.where(left, new, inner[1]), np.where(left, inner[0], new)]
-            distances = [np.where(left, at_new, distances[1]), np.where(left, distances[0], at_new)]
-            np.minimum.at(least, rows, at_new)
+        places = valleys.places[0] + (valleys.places[2] - valleys.places[0]) * np.linspace(0, 1, FINER)[:, None]
+        finer = np.sqrt(squares(places, valleys.draws))
+        np.minimum.at(least, valleys.draws, finer.min(axis=0))
+        rows, columns = _valleys(finer)
+        valleys = _Valleys.of(places, finer, rows, columns, valleys.draws[columns]).kept(least)
+        for _ in range(PARABOLAS):
+            new = valleys.bottom()
+            at_new = squares(new[None], valleys.draws)[0]
+            np.minimum.at(least, valleys.draws, np.sqrt(at_new))
+            valleys = valleys.narrowed(new, at_new)
         return least
 
     def turning(self, x: np.ndarray, determinants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which draws (b,) turn round the origin, and which could not be followed."""
         ratio = determinants / self.nominal
-        steps = np.angle(ratio[:, 1:] / ratio[:, :-1])
-        rows, columns = np.nonzero(np.abs(steps) > FOLLOWED)
+        steps = np.angle(ratio[1:] * ratio[:-1].conj())
+        rows, draws = np.nonzero(np.abs(steps) > FOLLOWED)
         left = np.zeros(len(x), bool)
         if len(rows):
-            edges = self.frequencies[columns], self.frequencies[columns + 1]
-            steps[rows, columns], unclear = self._followed(
-                x[rows], edges, (ratio[rows, columns], ratio[rows, columns + 1])
-            )
-            left[rows[unclear]] = True
-        turns = np.abs(steps.sum(axis=1) + np.angle(ratio[:, 0]) - np.angle(ratio[:, -1]))
+            edges = self.frequencies[rows], self.frequencies[rows + 1]
+            steps[rows, draws], unclear = self._followed(x[draws], edges, (ratio[rows, draws], ratio[rows + 1, draws]))
+            left[draws[unclear]] = True
+        turns = np.abs(steps.sum(axis=0) + np.angle(ratio[0]) - np.angle(ratio[-1]))
         return turns >= np.pi, left
 
     def _followed(
@@ -132,8 +116,9 @@ class Loops:
         (low, high), (first, last) = edges, ratios
         for _ in range(HALVINGS):
             middle = np.sqrt(low * high)
-            s, center = 2j * np.pi * middle, np.tile(self.center, (len(middle), 1))
-            ratio = determinant(self._at(s, x[of])) / determinant(self._at(s, center))
+            s = 2j * np.pi * middle[None]
+            drawn = determinant(self._at(s, x[of].T[:, None]))[0]
+            ratio = drawn / determinant(self._at(s, self.center[:, None, None]))[0]
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
             first, last = np.concatenate([first, ratio]), np.concatenate([ratio, last])
             of = np.tile(of, 2)
@@ -150,9 +135,9 @@ class Loops:
         eigenvalues = np.empty((len(x), len(goals)), complex)
         for j, goal in enumerate(goals):
             before, s = np.full(len(x), goal * (1 + 1e-4)), np.full(len(x), goal)
-            last = determinant(self._at(before, x))
+            last = determinant(self._at(before[None], x.T[:, None]))[0]
             for _ in range(25):
-                value = determinant(self._at(s, x))
+                value = determinant(self._at(s[None], x.T[:, None]))[0]
                 slope = value - last
                 step = np.where(slope == 0, 0, value * (s - before) / np.where(slope == 0, 1, slope))
                 limit = 0.2 * np.abs(goal)
@@ -171,19 +156,81 @@ def determinant(D: np.ndarray) -> np.ndarray:
     return D[..., 0, 0] if D.shape[-1] == 1 else D[..., 0, 0] * D[..., 1, 1] - D[..., 0, 1] * D[..., 1, 0]
 
 
-def _valleys(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row and columns before and after the lowest of every valley in rows (b, f), their ends included."""
-    walls = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
-    rows, columns = np.nonzero((values <= walls[:, :-2]) & (values <= walls[:, 2:]))
-    return rows, np.maximum(columns - 1, 0), np.minimum(columns + 1, values.shape[1] - 1)
+@dataclass(frozen=True)
+class _Valleys:
+    """Valleys of distances: squares (3, n) at places (3, n), logarithms of Hz, the lowest in the middle; draws (n,)."""
+
+    places: np.ndarray
+    squares: np.ndarray
+    draws: np.ndarray
+
+    @classmethod
+    def of(
+        cls, places: np.ndarray, distances: np.ndarray, rows: np.ndarray, columns: np.ndarray, draws: np.ndarray
+    ) -> _Valleys:
+        """About the lowest places (rows, columns) of distances (f, b); one at an end begins or ends there."""
+        three = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(distances) - 1)])
+        return cls(places[three, columns], distances[three, columns] ** 2, draws)
+
+    def _parabola(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slope at the middle and half the second derivative, (n,) each; at an end not finite."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            falls, rises = np.diff(self.squares, axis=0) / np.diff(self.places, axis=0)
+            down, up = np.diff(self.places, axis=0)
+            bends = (rises - falls) / (down + up)
+        return falls + bends * down, bends
+
+    def bottom(self) -> np.ndarray:
+        """Where the parabolas have their lowest points, (n,), within the valley."""
+        slope, bends = self._parabola()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            place = self.places[1] - slope / (2 * bends)
+        low, middle, high = self.places
+        inside = np.where(np.isfinite(place), np.clip(place, low, high), (low + high) / 2)
+        apart = np.abs(inside - middle) > 1e-9
+        return np.where(apart, inside, np.where(high - middle > middle - low, (middle + high) / 2, (low + middle) / 2))
+
+    def kept(self, least: np.ndarray) -> _Valleys:
+        """Those that may be deeper than what is the least (b,) of each draw so far."""
+        slope, bends = self._parabola()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = self.squares[1] - slope**2 / (4 * bends)
+        kept = ~(expected > (CANDIDATE * least[self.draws]) ** 2)
+        return _Valleys(self.places[:, kept], self.squares[:, kept], self.draws[kept])
+
+    def narrowed(self, place: np.ndarray, square: np.ndarray) -> _Valleys:
+        """With one more place (n,) in each."""
+        places, squares = np.concatenate([self.places, place[None]]), np.concatenate([self.squares, square[None]])
+        order = np.argsort(places, axis=0)
+        places, squares = np.take_along_axis(places, order, 0), np.take_along_axis(squares, order, 0)
+        first = np.where(squares[1] <= squares[2], 0, 1)
+        three, every = first + np.arange(3)[:, None], np.arange(places.shape[1])
+        return _Valleys(places[three, every], squares[three, every], self.draws)
+
+
+def _valleys(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the lowest of every valley in columns (f, b), their ends included."""
+    falls, rises = values[1:] <= values[:-1], values[:-1] <= values[1:]
+    edge = np.ones((1, values.shape[1]), bool)
+    rows, columns = np.nonzero(np.concatenate([edge, falls]) & np.concatenate([rises, edge]))
+    return rows, columns
 
 
 def _distance(D: np.ndarray) -> np.ndarray:
     """Least singular values (…,) of matrices (…, k, k); up to two rows from trace and determinant of DᴴD."""
     if D.shape[-1] > 2:
         return np.linalg.svd(D, compute_uv=False)[..., -1]
-    square = np.sum(np.abs(D) ** 2, axis=(-2, -1))
+    rows = range(D.shape[-1])
+    square = np.zeros(D.shape[:-2])
+    for i in rows:
+        for j in rows:
+            square += _square(D[..., i, j])
     if D.shape[-1] == 1:
         return np.sqrt(square)
-    root = np.sqrt(np.maximum(square**2 / 4 - np.abs(determinant(D)) ** 2, 0.0))
+    root = np.sqrt(np.maximum(square**2 / 4 - _square(determinant(D)), 0.0))
     return np.sqrt(np.maximum(square / 2 - root, 0.0))
+
+
+def _square(values: np.ndarray) -> np.ndarray:
+    """|z|² of any shape."""
+    return values.real**2 + values.imag**2

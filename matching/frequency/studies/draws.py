@@ -1,4 +1,7 @@
-"""One draw after the other of a match whose hardware varies: margin, stability, modes and response errors."""
+"""Draws of a match whose hardware varies: margin, stability, modes and response errors, and what checks them.
+
+All draws of a chunk are worked out together; some of them once more by the verification of a match, one by one.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,13 @@ from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.loop.parts import Parts, parts_of, watched
 from matching.frequency.response.response_error import log_squares, nodes_of, pooled
 from matching.frequency.response.responses import ComparedBed
+from matching.frequency.studies.drawn_errors import DrawnErrors, covered
 from matching.frequency.studies.drawn_loops import Loops
 from modelling.bed.residual_vehicle import cut
 from modelling.modal.modes import modes
 
 CLOSE = 0.6  # relative distance within which a mode of the loop counts as the target's
+CHECKED = 8  # draws of the first chunk that are worked out exactly as well
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,9 @@ class Prepared(Loops):
         reference = cut(self.case.emulated_vehicle, self.case.rig)
         self.feed_forward = loop.structure.feed_forward(self.case.rig, reference, loop)
         self.vehicle = body(self.case.vehicle)
-        self.nodes = nodes_of(ComparedBed(self.case, self.parts, self.feed_forward, self.vehicle))
+        bed = ComparedBed(self.case, self.parts, self.feed_forward, self.vehicle)
+        self.nodes = nodes_of(bed)
+        self.drawn_errors = DrawnErrors(bed, names, center, self.nodes) if covered(names) else None
 
     def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
         """Whether each draw is stable, (b,)."""
@@ -86,7 +93,7 @@ class Prepared(Loops):
         return float(x[names.index("loop.dead_time")]) if "loop.dead_time" in names else self.case.loop["dead_time"]
 
     def errors(self, x: np.ndarray) -> list[float]:
-        """Response error of a draw (p,) to all torques as the case measures them, and to unmeasured torques."""
+        """Response error of a draw (p,) to all torques as the case measures them, and to unmeasured ones; exactly."""
         rig_values = {quantity.name.removeprefix("rig."): value for quantity, value in zip(self.varied, x)}
         shared = {name: v for name, v in rig_values.items() if name in self.case.vehicle.parameters}
         vehicle = body(self.case.vehicle.with_values(shared)) if shared else self.vehicle
@@ -112,7 +119,7 @@ class Prepared(Loops):
 
 
 def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
-    """One chunk: number, draws, and how many of them get response errors."""
+    """One chunk: number, draws, and how many of them get response errors where those have to be worked out singly."""
     number, count, few = chunk
     x = draw(prepared.varied, prepared.seed, number, count)
     least, determinants = prepared.margins(x)
@@ -124,12 +131,29 @@ def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
         for what, unit, of in (("frequency", "Hz", _frequency), ("damping_ratio", "", _damping)):
             name = f"target_mode_{mode}_{what}"
             values[name], units[name], nominal[name] = of(root).tolist(), unit, float(of(np.array([goal]))[0])
-    errors = np.array([prepared.errors(row) for row in x[:few]])
     here = prepared.errors(prepared.center)
     names = ["response_error", "response_error_not_announced"] if len(here) == 2 else ["response_error"]
+    at_once = prepared.drawn_errors
+    errors = np.array([prepared.errors(row) for row in x[:few]]) if at_once is None else at_once(x)
     for j, name in enumerate(names):
         values[name], units[name], nominal[name] = errors[:, j].tolist(), "", here[j]
-    return {"values": values, "units": units, "nominal": nominal}
+    check = _differences(prepared, x[:CHECKED], values, names) if number == 0 else {}
+    return {"values": values, "units": units, "nominal": nominal, "check": check}
+
+
+def _differences(
+    prepared: Prepared, x: np.ndarray, values: dict[str, Any], errors: list[str]
+) -> dict[str, float]:  # fmt: skip
+    """Largest relative differences from draws (b, p) worked out exactly; of stability the share that differs."""
+    windings = [encirclements(prepared.true(row), prepared.dead_time(row)) for row in x]
+    exact = {"modulus_margin": np.array([winding.modulus_margin for winding in windings])}
+    if prepared.drawn_errors is not None:
+        exact |= dict(zip(errors, np.array([prepared.errors(row) for row in x]).T, strict=True))
+    differences = {
+        name: float(np.max(np.abs(np.array(values[name][: len(x)]) / exact[name] - 1))) for name in exact
+    }  # fmt: skip
+    stable = np.array([winding.unstable == 0 and winding.clear for winding in windings])
+    return differences | {"stable": float(np.mean(stable != (np.array(values["stable"][: len(x)]) > 0.5)))}
 
 
 def _frequency(root: np.ndarray) -> np.ndarray:

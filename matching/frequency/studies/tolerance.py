@@ -1,9 +1,10 @@
 """What manufacturing tolerances of the bed do to a match whose controller stays as it is.
 
 Every quantity of the rig that has a range in its file, and what the user adds, is drawn evenly from it, each on its
-own (a mirror image too). The margin, stability and the feedback loop's modes come of every draw, from the exact loop;
-response errors, which take longer, of the first few hundred. A component that vehicle and rig share is the same piece
-of hardware: there the vehicle it is compared with has the drawn value too.
+own (a mirror image too). Margin, stability, the feedback loop's modes and the response errors come of every draw. Where
+quantities of the controller are drawn as well, response errors have to be worked out singly, and come of the first few
+hundred. A component that vehicle and rig share is the same piece of hardware: there the vehicle it is compared with has
+the drawn value too.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from matching.frequency.case.load_moves import movable
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.studies.distribution import Spread, spread
-from matching.frequency.studies.draws import Prepared, Varied, draw, work
+from matching.frequency.studies.distribution import Regressors, Spread, spread
+from matching.frequency.studies.draws import CHECKED, Prepared, Varied, draw, work
 from matching.studies import run
 from modelling.common.display import Displayed
 from modelling.common.errors import InputError, unknown
 from modelling.common.version import VERSION
 
 CHUNK = 1000  # draws
-RESPONSES = 400  # draws whose response errors are worked out
+RESPONSES = 400  # draws whose response errors are worked out where that is done singly
 TARGET_FREQUENCY_TOLERANCE = 0.01  # relative, about the nominal value; as a target's own default
 TARGET_DAMPING_TOLERANCE = 0.02  # of the damping ratio, absolute
 
@@ -46,6 +47,9 @@ class Tolerance(Displayed):
     varied : tuple of Varied
     spreads : tuple of Spread
         Modulus margin, modes of the feedback loop near the targets, response errors.
+    differences : dict of str to float
+        By result: largest relative difference from the draws that were worked out exactly as well; of ``stable`` the
+        share that differs.
     shares : dict of str to float
         Yield: the share of draws that is stable, keeps the margin asked for, keeps every target mode near its nominal
         value (1 % in frequency, 0.02 in damping ratio), and all of these.
@@ -56,6 +60,7 @@ class Tolerance(Displayed):
     seed: int
     varied: tuple[Varied, ...]
     spreads: tuple[Spread, ...]
+    differences: dict[str, float]
     shares: dict[str, float]
     asked: float
 
@@ -66,6 +71,7 @@ class Tolerance(Displayed):
             "varied": [vars(quantity) for quantity in self.varied],
             "quantities": [spread.to_dict() for spread in self.spreads], "yield": self.shares,
             "modulus_margin_asked": self.asked,
+            "checked_exactly": {"draws": min(CHECKED, self.draws), "largest_difference": self.differences},
         }  # fmt: skip
 
 
@@ -166,13 +172,14 @@ def tolerance(
     first = np.concatenate([np.arange(count) < few for _, count, _ in chunks])
     nominal = rows[0]["nominal"]
     names = [quantity.name for quantity in varied]
-    spreads = []
-    for name, unit in rows[0]["units"].items():
-        drawn = x[first] if len(values[name]) < len(x) else x
-        spreads.append(spread(name, unit, nominal[name], values[name], names, drawn))
+    every, some = Regressors(names, x), Regressors(names, x[first])
+    spreads = [
+        spread(name, unit, nominal[name], values[name], every if len(values[name]) == len(x) else some)
+        for name, unit in rows[0]["units"].items()
+    ]
     asked = case.limits["modulus_margin"]
     shares = yields(values, nominal, asked)
-    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked)
+    return Tolerance(case.title, draws, seed, varied, tuple(spreads), rows[0]["check"], shares, asked)
 
 
 def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked: float) -> dict[str, float]:

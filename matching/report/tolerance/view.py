@@ -75,6 +75,11 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{name:46} {spread['nominal']:9.4g} {low} {high} {spread['draws']:8}   {', '.join(drivers) or ABSENT}"
         )
     lines.append("interval: where the quantile of all such beds lies with 95 % confidence, by the number of draws")
+    checked = result["checked_exactly"]
+    worst = ", ".join(f"{_label(name)} {value:.1g}" for name, value in checked["largest_difference"].items())
+    lines.append(
+        f"{checked['draws']} of the draws were worked out exactly as well; largest relative difference: {worst}"
+    )
     return "\n".join(lines)
 
 

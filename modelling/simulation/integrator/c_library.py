@@ -40,7 +40,7 @@ def library(functions: Functions) -> ctypes.CDLL | None:
         return None
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        made = _load(generated(*functions.all), GENERATED, [function.name() for function in functions.all])
+        made = library_of(generated(*functions.all), GENERATED, [function.name() for function in functions.all])
         kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
 
@@ -53,7 +53,7 @@ def driver() -> ctypes.CDLL | None:
 @functools.cache
 def _driver() -> ctypes.CDLL | None:
     here = Path(__file__).with_name("c")
-    return _load("\n".join((here / name).read_text(encoding="utf-8") for name in DRIVER_FILES), DRIVER, ["run"])
+    return library_of("\n".join((here / name).read_text(encoding="utf-8") for name in DRIVER_FILES), DRIVER, ["run"])
 
 
 def external(function: ca.Function) -> ca.Function:
@@ -94,7 +94,7 @@ def shared(content: str, source: Callable[[], str], optimisation: str) -> Path |
     cc = compiler()
     if cc is None:
         return None
-    flags = (optimisation, *FLAGS)
+    flags = (*optimisation.split(), *FLAGS)
     made_from = (content, PRELUDE, version(cc), cc, *flags, platform.machine())
     key = hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32]
     if (library := kept(key)) or not works(cc):
@@ -105,9 +105,26 @@ def shared(content: str, source: Callable[[], str], optimisation: str) -> Path |
         return None
 
 
-def _load(source: str, optimisation: str, names: Iterable[str]) -> ctypes.CDLL | None:
-    """The library with all these functions."""
-    target = shared(source, lambda: source, optimisation)
+@functools.cache
+def _processor() -> str:
+    """What the processor can do, in Linux's words; empty where that is not known."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def library_of(
+    source: str, optimisation: str, names: Iterable[str], *, this_processor: bool = False
+) -> ctypes.CDLL | None:
+    """The library with all these functions, made from C; None without a working compiler.
+
+    Made for ``this_processor`` alone it is kept apart for each kind of processor.
+    """
+    processor = _processor() if this_processor else ""
+    content = f"{source}\n/* {processor} */"
+    target = shared(content, lambda: source, f"{optimisation} -march=native" if processor else optimisation)
     try:
         library = None if target is None else ctypes.CDLL(str(target))
     except OSError:  # e.g. a folder mounted noexec
