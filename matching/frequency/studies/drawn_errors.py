@@ -23,7 +23,7 @@ from modelling.equations.complex_sx import Complex, exp, joined, solve
 from modelling.model.system import System
 from modelling.simulation.integrator.vector_function import VectorFunction
 
-AT_ONCE = 64  # draws
+AT_ONCE = 128  # draws
 HARDWARE = ("loop.dead_time", "loop.inverter_lag", "loop.torque_sensor_lag")  # of the loop; the rest is the controller
 
 Matrix = list[list[Complex]]

@@ -16,7 +16,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.programme.closed_loop import closed_loop
 from modelling.simulation.integrator.vector_function import VectorFunction
 
-AT_ONCE = 64  # draws: what they need on the whole grid stays in the processor's cache
+AT_ONCE = 128  # draws: what they need on the whole grid stays in the processor's cache
 FOLLOWED = 1.0  # rad: largest step of the phase between frequencies that is believed
 HALVINGS = 16  # of a step between frequencies
 FINER = 9  # frequencies in a valley of the grid
@@ -97,7 +97,13 @@ class Loops:
 
     def turning(self, x: np.ndarray, determinants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which draws (b,) turn round the origin, and which could not be followed."""
-        ratio = determinants / self.nominal
+        begins = range(0, len(x), AT_ONCE)
+        parts = [self._turning(x[i : i + AT_ONCE], determinants[:, i : i + AT_ONCE]) for i in begins]
+        turning, unclear = zip(*parts, strict=True)
+        return np.concatenate(turning), np.concatenate(unclear)
+
+    def _turning(self, x: np.ndarray, determinants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        ratio = determinants * (1 / self.nominal)
         steps = np.angle(ratio[1:] * ratio[:-1].conj())
         rows, draws = np.nonzero(np.abs(steps) > FOLLOWED)
         left = np.zeros(len(x), bool)

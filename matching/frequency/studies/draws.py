@@ -63,6 +63,7 @@ class Prepared(Loops):
         self.vehicle = body(self.case.vehicle)
         bed = ComparedBed(self.case, self.parts, self.feed_forward, self.vehicle)
         self.nodes = nodes_of(bed)
+        self.center_errors = self.errors(center)
         self.drawn_errors = DrawnErrors(bed, names, center, self.nodes) if covered(names) else None
 
     def stable(self, x: np.ndarray, determinants: np.ndarray) -> np.ndarray:
@@ -131,7 +132,7 @@ def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
         for what, unit, of in (("frequency", "Hz", _frequency), ("damping_ratio", "", _damping)):
             name = f"target_mode_{mode}_{what}"
             values[name], units[name], nominal[name] = of(root).tolist(), unit, float(of(np.array([goal]))[0])
-    here = prepared.errors(prepared.center)
+    here = prepared.center_errors
     names = ["response_error", "response_error_not_announced"] if len(here) == 2 else ["response_error"]
     at_once = prepared.drawn_errors
     errors = np.array([prepared.errors(row) for row in x[:few]]) if at_once is None else at_once(x)

@@ -60,6 +60,11 @@ class VectorFunction:
         compiled = None if source is None else library_of(source, OPTIMISATION, ["evaluate"], this_processor=True)
         self._evaluate: Callable[..., None] | None = None if compiled is None else compiled.evaluate
 
+    @property
+    def compiled(self) -> bool:
+        """Whether there was a compiler, and C for every instruction."""
+        return self._evaluate is not None
+
     def __call__(self, *operands: np.ndarray) -> np.ndarray:
         """All outputs (y, o, b), below each other.
 
