@@ -51,7 +51,7 @@ class DrawnErrors:
 
     def __init__(self, bed: ComparedBed, names: Sequence[str], center: np.ndarray, nodes: BandNodes):
         self._weights, f = nodes.weights, nodes.frequencies
-        functions = DrawnBed(bed, names)
+        functions = BedExpressions(bed, names)
         k, loop = functions.k, SampledLoop(bed.parts, f)
         s = 2j * np.pi * f
         held = -np.expm1(-s * bed.parts.case.loop["sample_time"]) / (s * bed.parts.case.loop["sample_time"])
@@ -81,7 +81,7 @@ class DrawnErrors:
         return np.concatenate(errors)
 
 
-class DrawnBed:
+class BedExpressions:
     """The bed at one frequency as functions of a table of what all draws share there and of the drawn values (p,).
 
     The table holds, real parts before imaginary parts: s, the hold's response, the controller (k, 2k + r), commands

@@ -120,6 +120,15 @@ def version(cc: str) -> str:
         return cc
 
 
+@functools.cache
+def processor_options(cc: str) -> str:
+    """What ``-march=native`` means to GCC on this machine; empty for a compiler that does not say it."""
+    try:
+        return _run([cc, "-march=native", "-Q", "--help=target"], None, TRIAL_SECONDS)
+    except CompilerFault:
+        return ""
+
+
 def _printed(command: Sequence[str], folder: str) -> str:
     try:
         return _run(command, folder, TRIAL_SECONDS)

@@ -12,7 +12,14 @@ from pathlib import Path
 
 import casadi as ca
 
-from modelling.simulation.integrator.c_compiler import CompilerFault, compile_library, compiler, version, works
+from modelling.simulation.integrator.c_compiler import (
+    CompilerFault,
+    compile_library,
+    compiler,
+    processor_options,
+    version,
+    works,
+)
 from modelling.simulation.integrator.functions import Functions
 from modelling.simulation.integrator.library_cache import keep, kept
 
@@ -105,16 +112,6 @@ def shared(content: str, source: Callable[[], str], optimisation: str) -> Path |
         return None
 
 
-@functools.cache
-def _processor() -> str:
-    """What the processor can do, in Linux's words; empty where that is not known."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return ""
-    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
-
-
 def library_of(
     source: str, optimisation: str, names: Iterable[str], *, this_processor: bool = False
 ) -> ctypes.CDLL | None:
@@ -122,7 +119,7 @@ def library_of(
 
     Made for ``this_processor`` alone it is kept apart for each kind of processor.
     """
-    processor = _processor() if this_processor else ""
+    processor = processor_options(compiler() or "") if this_processor and compiler() else ""
     content = f"{source}\n/* {processor} */"
     target = shared(content, lambda: source, f"{optimisation} -march=native" if processor else optimisation)
     try:
