@@ -134,11 +134,11 @@ def numbers(values: Any, where: str, least: int = 2) -> list[float]:
     """
     if not isinstance(values, list) or len(values) < least:
         raise InputError(where, "is no list of readings", f"give at least {least} numbers")
-    found = [finite(value) for value in values]
-    for place, (value, number) in enumerate(zip(values, found, strict=True), start=1):
+    finite_values = [finite(value) for value in values]
+    for place, (value, number) in enumerate(zip(values, finite_values, strict=True), start=1):
         if number is None:
             raise InputError(where, f"reading {place} is {value!r}", "every reading must be a finite number")
-    return [number for number in found if number is not None]
+    return [number for number in finite_values if number is not None]
 
 
 def text(table: Mapping[str, Any], key: str, where: str, default: str | None = None) -> str:

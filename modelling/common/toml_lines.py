@@ -49,8 +49,8 @@ def _places(lines: list[str]) -> Iterator[tuple[list[str], int]]:
                 counted[header[2]] = counted.get(header[2], 0) + 1
                 table[-1] += f"[{counted[header[2]]}]"
             yield table, number
-        elif found := _KEY.match(line):
-            key, element = [*table, *_parts(found[1])], 0
+        elif assignment := _KEY.match(line):
+            key, element = [*table, *_parts(assignment[1])], 0
             yield key, number
         elif key and _ELEMENT.match(line):
             element += 1

@@ -104,7 +104,7 @@ def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) 
 
 def groups_in_file(channels: Mapping[str, Channel] | None) -> dict[str, int]:
     """The group of every channel for which one is named, by the channel's name in the file."""
-    return {one.name: one.group for one in (channels or {}).values() if one.group is not None}
+    return {channel.name: channel.group for channel in (channels or {}).values() if channel.group is not None}
 
 
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:

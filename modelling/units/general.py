@@ -53,8 +53,8 @@ def _unit(text: str) -> Unit:
         return Unit("1", 1.0, 0.0, units.dimensionless.dimensionality)
     powers = parse(text)
     if len(powers) == 1 and powers[0][0] in _OFFSET_UNITS and powers[0][1] == 1:
-        zero, one = (float(units.Quantity(value, powers[0][0]).to_base_units().magnitude) for value in (0.0, 1.0))
-        return Unit(text, one - zero, zero, units.Unit(powers[0][0]).dimensionality)
+        zero, unity = (float(units.Quantity(value, powers[0][0]).to_base_units().magnitude) for value in (0.0, 1.0))
+        return Unit(text, unity - zero, zero, units.Unit(powers[0][0]).dimensionality)
     product = units.Quantity(1.0, "dimensionless")
     for name, exponent in powers:
         product = product * units.Quantity(1.0, _OFFSET_UNITS.get(name, name)) ** exponent
@@ -127,7 +127,7 @@ def signal_unit(text: Any, where: str) -> Unit:
     return unit
 
 
-def signal_quantity(given: Any, where: str) -> tuple[float, Any]:
+def signal_quantity(stated: Any, where: str) -> tuple[float, Any]:
     """A number (SI, dimension None) or a text such as ``"0.689 N*m"`` as SI number with its dimension.
 
     Raises
@@ -135,22 +135,22 @@ def signal_quantity(given: Any, where: str) -> tuple[float, Any]:
     InputError
         No finite number, or an unknown unit.
     """
-    if isinstance(given, str):
-        number, _, unit = given.strip().partition(" ")
+    if isinstance(stated, str):
+        number, _, unit = stated.strip().partition(" ")
         try:
             value = float(number)
         except ValueError as error:
             raise InputError(
-                where, f"'{given}' is no quantity", 'write a number, a space and a unit: "0.5 N*m"'
+                where, f"'{stated}' is no quantity", 'write a number, a space and a unit: "0.5 N*m"'
             ) from error
         parsed = signal_unit(unit.strip() or "1", where)
         value, dimension = parsed.difference_to_si(value), parsed.dimension
-    elif isinstance(given, int | float) and not isinstance(given, bool):
-        value, dimension = float(given), None
+    elif isinstance(stated, int | float) and not isinstance(stated, bool):
+        value, dimension = float(stated), None
     else:
-        raise InputError(where, f"{given!r} is no quantity", 'write a number in SI or a text like "0.5 N*m"')
+        raise InputError(where, f"{stated!r} is no quantity", 'write a number in SI or a text like "0.5 N*m"')
     if not math.isfinite(value):
-        raise InputError(where, f"{given!r} is not finite", "give a finite number")
+        raise InputError(where, f"{stated!r} is not finite", "give a finite number")
     return value, dimension
 
 

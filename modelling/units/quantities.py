@@ -61,23 +61,25 @@ def factor(unit: str, si: str, where: str = "") -> float:
     kinds = [_kind(name) for name, _ in powers]
     if "" in kinds or ("number" in kinds and (si != "1" or len(powers) > 1)):
         raise InputError(where, f"unit {text!r} does not fit", right)
-    found, wanted = _signature(powers), _signature(parse(si))
+    signature, wanted = _signature(powers), _signature(parse(si))
     scale = math.prod((_to_base(name) ** exponent for name, exponent in powers), start=1.0)
     hours = any(name == "hour" for name, _ in powers)
     if wanted == {"frequency": 1}:
-        scale *= _per_cycle(powers, found)
-        found = wanted if found in ({"time": -1}, {"angle": 1, "time": -1}) and not hours else found
-    elif "angle" not in found and (angle := wanted.get("angle")):
+        scale *= _per_cycle(powers, signature)
+        signature = wanted if signature in ({"time": -1}, {"angle": 1, "time": -1}) and not hours else signature
+    elif "angle" not in signature and (angle := wanted.get("angle")):
         rest = {kind: exponent for kind, exponent in wanted.items() if kind != "angle"}
         minutes = any(name == "minute" for name, _ in powers)
-        only_time = set(rest) <= {"time"} and set(found) <= {"time", "frequency"}
-        if only_time and not (minutes and found == rest):
+        only_time = set(rest) <= {"time"} and set(signature) <= {"time", "frequency"}
+        if only_time and not (minutes and signature == rest):
             raise InputError(where, f"{text!r} {_AMBIGUOUS}", f"write {si}" + " or 1/min" * (si == "rad/s"))
-        if found == rest and not hours:
-            scale, found = scale * (_TURN**angle if minutes else 1.0), wanted
-    elif wanted == _INERTIA and ("radian", found.get("angle")) in powers:
-        found = {kind: exponent for kind, exponent in found.items() if kind != "angle"}  # N·m·s²/rad, kg·m²/rad²
-    if found != wanted:
+        if signature == rest and not hours:
+            scale, signature = scale * (_TURN**angle if minutes else 1.0), wanted
+    elif wanted == _INERTIA and ("radian", signature.get("angle")) in powers:
+        signature = {
+            kind: exponent for kind, exponent in signature.items() if kind != "angle"
+        }  # N·m·s²/rad, kg·m²/rad²
+    if signature != wanted:
         raise InputError(where, f"unit {text!r} does not fit", right)
     return scale
 

@@ -58,7 +58,7 @@ class Budget:
     where: str = "budget"
 
     def __post_init__(self) -> None:
-        check_correlation(self.correlation, [one.name for one in self.inputs], self.where)
+        check_correlation(self.correlation, [quantity.name for quantity in self.inputs], self.where)
         self._check_groups()
 
     def _check_groups(self) -> None:
@@ -76,12 +76,12 @@ class Budget:
     @property
     def values(self) -> np.ndarray:
         """Best estimates in SI, shape ``(p,)``."""
-        return np.array([one.value for one in self.inputs])
+        return np.array([quantity.value for quantity in self.inputs])
 
     @property
     def standard_uncertainties(self) -> np.ndarray:
         """Standard uncertainties in SI, shape ``(p,)``."""
-        return np.array([one.standard_uncertainty for one in self.inputs])
+        return np.array([quantity.standard_uncertainty for quantity in self.inputs])
 
     @property
     def covariance(self) -> np.ndarray:
@@ -92,8 +92,8 @@ class Budget:
     def scaled(self, factors: dict[str, float]) -> Budget:
         """The same budget with the named inputs' standard uncertainties times a factor."""
         inputs = tuple(
-            replace(one, standard_uncertainty=one.standard_uncertainty * factors.get(one.name, 1.0))
-            for one in self.inputs
+            replace(quantity, standard_uncertainty=quantity.standard_uncertainty * factors.get(quantity.name, 1.0))
+            for quantity in self.inputs
         )
         return replace(self, inputs=inputs)
 

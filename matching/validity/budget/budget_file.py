@@ -41,7 +41,7 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
         raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")
     factor = number(tables, "coverage_factor", where, positive=True) if "coverage_factor" in tables else None
     inputs, correlated = _inputs(tables, where)
-    names = [one.name for one in inputs]
+    names = [quantity.name for quantity in inputs]
     return Budget(
         title(tables, where, single_line(Path(where).stem)),
         _measurands(tables, inputs, where),
@@ -54,30 +54,30 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
 
 
 def _inputs(tables: dict[str, Any], where: str) -> tuple[list[InputQuantity], dict[tuple[str, str], float]]:
-    given = tables.get("inputs", {})
+    of_inputs = tables.get("inputs", {})
     lines = tables.get("lines", {})
-    for key, group in (("inputs", given), ("lines", lines)):
+    for key, group in (("inputs", of_inputs), ("lines", lines)):
         if not isinstance(group, dict):
             raise InputError(f"{where}: {key}", "is no table", f"write [{key}.name]")
-    if not given and not lines:
+    if not of_inputs and not lines:
         raise InputError(where, "there are no inputs", "write at least one [inputs.name]")
-    if len(given) + 2 * len(lines) > MOST_INPUTS:
+    if len(of_inputs) + 2 * len(lines) > MOST_INPUTS:
         raise InputError(f"{where}: inputs", f"there are more than {MOST_INPUTS}", "join those that hardly contribute")
     inputs: list[InputQuantity] = []
     readings: dict[str, list[tuple[str, np.ndarray]]] = {}
-    for name, table in given.items():
+    for name, table in of_inputs.items():
         _check_name(name, where)
-        one, values = read_input(name, table, f"{where}: inputs.{name}")
-        inputs.append(one)
-        if one.group is not None:
-            readings.setdefault(one.group, []).append((name, values))
+        quantity, values = read_input(name, table, f"{where}: inputs.{name}")
+        inputs.append(quantity)
+        if quantity.group is not None:
+            readings.setdefault(quantity.group, []).append((name, values))
     correlated = _simultaneous(readings, where)
     for name, table in lines.items():
         _check_name(name, where)
         intercept, slope, r = read_line(name, table, f"{where}: lines.{name}")
         inputs += [intercept, slope]
         correlated[intercept.name, slope.name] = r
-    doubled = {one.name for one in inputs if [two.name for two in inputs].count(one.name) > 1}
+    doubled = {quantity.name for quantity in inputs if [two.name for two in inputs].count(quantity.name) > 1}
     if doubled:
         raise InputError(f"{where}: inputs", f"{doubled.pop()} is given twice", "rename one")
     return inputs, correlated
@@ -108,12 +108,14 @@ def _simultaneous(groups: dict[str, list[tuple[str, np.ndarray]]], where: str) -
     return correlated
 
 
-def _correlation(given: Any, correlated: dict[tuple[str, str], float], names: list[str], where: str) -> np.ndarray:
+def _correlation(
+    pairs_in_file: Any, correlated: dict[tuple[str, str], float], names: list[str], where: str
+) -> np.ndarray:
     matrix = np.eye(len(names))
     here = f"{where}: correlations"
-    if not isinstance(given, list):
+    if not isinstance(pairs_in_file, list):
         raise InputError(here, "is no list", "write [[correlations]] with between and r")
-    for table in given:
+    for table in pairs_in_file:
         check_keys(table, ("between", "r"), here)
         pair = table.get("between")
         if (
@@ -141,13 +143,13 @@ def _measurands(tables: dict[str, Any], inputs: list[InputQuantity], where: str)
     known = ("name", "formula", "unit", "description")
     if "measurand" in tables:
         single = check_keys(tables["measurand"], known, f"{where}: measurand")
-        given = {text(single, "name", f"{where}: measurand", "y"): single}
+        tables_by_name = {text(single, "name", f"{where}: measurand", "y"): single}
     else:
-        given = check_keys(tables["measurands"], tables["measurands"], f"{where}: measurands")
-    dimensions = {one.name: one.unit.dimension for one in inputs}
-    units = {one.name: one.unit for one in inputs}
+        tables_by_name = check_keys(tables["measurands"], tables["measurands"], f"{where}: measurands")
+    dimensions = {quantity.name: quantity.unit.dimension for quantity in inputs}
+    units = {quantity.name: quantity.unit for quantity in inputs}
     measurands = []
-    for name, table in given.items():
+    for name, table in tables_by_name.items():
         here = f"{where}: measurand" if "measurand" in tables else f"{where}: measurands.{name}"
         if not name.isprintable() or not 0 < len(name) <= LONGEST_NAME:
             right = f"give it 1 to {LONGEST_NAME} characters that can be printed"

@@ -44,12 +44,12 @@ def read_input(name: str, table: Any, where: str) -> tuple[InputQuantity, np.nda
     """
     check_keys(table, KNOWN, where)
     unit = unit_of(table.get("unit", "1"), f"{where}.unit")
-    told: dict[str, Any] = {
+    labels: dict[str, Any] = {
         "cause": text(table, "cause", where, "Other"),
         "description": text(table, "description", where, ""),
     }
     if "readings" in table:
-        return _from_readings(name, table, unit, told, where)
+        return _from_readings(name, table, unit, labels, where)
     if "simultaneous" in table:
         raise InputError(f"{where}.simultaneous", "is for readings", "give readings = [...]")
     value = unit.value_to_si(number(table, "value", where))
@@ -57,13 +57,13 @@ def read_input(name: str, table: Any, where: str) -> tuple[InputQuantity, np.nda
         for key in ("distribution", "degrees_of_freedom", "beta", "coverage_factor", "half_width_tolerance"):
             if key in table:
                 raise InputError(where, f"{key} without an uncertainty", "give half_width, uncertainty or drop it")
-        return InputQuantity(name, value, 0.0, unit, **told), np.empty(0)
+        return InputQuantity(name, value, 0.0, unit, **labels), np.empty(0)
     tolerance = _width_tolerance(table, where)
     freedom = 0.5 / tolerance**2 if tolerance else math.inf  # GUM G.4.2
     freedom = number(table, "degrees_of_freedom", where, positive=True) if "degrees_of_freedom" in table else freedom
     distribution = replace(_distribution(table, freedom, where), width_tolerance=tolerance)
     u = unit.difference_to_si(_standard_uncertainty(table, distribution, where))
-    return InputQuantity(name, value, abs(u), unit, distribution, freedom, **told), np.empty(0)
+    return InputQuantity(name, value, abs(u), unit, distribution, freedom, **labels), np.empty(0)
 
 
 def _width_tolerance(table: Any, where: str) -> float:
@@ -100,11 +100,11 @@ def _distribution(table: Any, freedom: float, where: str) -> Distribution:
 
 
 def _standard_uncertainty(table: Any, distribution: Distribution, where: str) -> float:
-    given = [key for key in ("half_width", "uncertainty", "expanded_uncertainty") if key in table]
-    if len(given) != 1:
-        raise InputError(where, f"{' and '.join(given)} are given together", "give one of them")
-    amount = number(table, given[0], where, least=0.0)
-    if given[0] == "uncertainty":
+    statements = [key for key in ("half_width", "uncertainty", "expanded_uncertainty") if key in table]
+    if len(statements) != 1:
+        raise InputError(where, f"{' and '.join(statements)} are given together", "give one of them")
+    amount = number(table, statements[0], where, least=0.0)
+    if statements[0] == "uncertainty":
         if "coverage_factor" in table:
             raise InputError(
                 where,
@@ -112,11 +112,11 @@ def _standard_uncertainty(table: Any, distribution: Distribution, where: str) ->
                 "write expanded_uncertainty",
             )
         return amount
-    if distribution.name in ("normal", "t") or given[0] == "expanded_uncertainty":
+    if distribution.name in ("normal", "t") or statements[0] == "expanded_uncertainty":
         if "coverage_factor" not in table:
             raise InputError(
                 where,
-                f"{given[0]} of a {distribution.name} distribution needs coverage_factor",
+                f"{statements[0]} of a {distribution.name} distribution needs coverage_factor",
                 "give coverage_factor = 2 or whatever the certificate says",
             )
         return amount / number(table, "coverage_factor", where, positive=True)
@@ -126,7 +126,7 @@ def _standard_uncertainty(table: Any, distribution: Distribution, where: str) ->
 
 
 def _from_readings(
-    name: str, table: Any, unit: Unit, told: dict[str, Any], where: str
+    name: str, table: Any, unit: Unit, labels: dict[str, Any], where: str
 ) -> tuple[InputQuantity, np.ndarray]:
     for key in (
         "value",
@@ -144,7 +144,7 @@ def _from_readings(
     values = unit.value_to_si(np.array(numbers(table["readings"], f"{where}.readings")))
     freedom = len(values) - 1
     group = text(table, "simultaneous", where, "") or None
-    one = InputQuantity(
+    mean = InputQuantity(
         name,
         float(values.mean()),
         float(values.std(ddof=1) / math.sqrt(len(values))),
@@ -152,9 +152,9 @@ def _from_readings(
         Distribution("t", degrees_of_freedom=freedom),
         freedom,
         group,
-        **told,
+        **labels,
     )
-    return one, values
+    return mean, values
 
 
 def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQuantity, float]:
@@ -178,19 +178,29 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
     y = units[1].value_to_si(y)
     fit = scipy.stats.linregress(x, y)
     freedom = len(x) - 2
-    told = {"cause": text(table, "cause", where, "Calibration"), "description": text(table, "description", where, "")}
+    labels = {"cause": text(table, "cause", where, "Calibration"), "description": text(table, "description", where, "")}
     spread = Distribution("t", degrees_of_freedom=freedom)
     slope_unit = Unit(
-        "/".join(f"({one.text.replace('degC', 'delta_degC') if one.offset else one.text})" for one in units[::-1]),
+        "/".join(
+            f"({axis_unit.text.replace('degC', 'delta_degC') if axis_unit.offset else axis_unit.text})"
+            for axis_unit in units[::-1]
+        ),
         units[1].scale / units[0].scale,
         0.0,
         units[1].dimension / units[0].dimension,
     )
     intercept = InputQuantity(
-        f"{name}_intercept", float(fit.intercept), float(fit.intercept_stderr), units[1], spread, freedom, name, **told
+        f"{name}_intercept",
+        float(fit.intercept),
+        float(fit.intercept_stderr),
+        units[1],
+        spread,
+        freedom,
+        name,
+        **labels,
     )
     slope = InputQuantity(
-        f"{name}_slope", float(fit.slope), float(fit.stderr), slope_unit, spread, freedom, name, **told
+        f"{name}_slope", float(fit.slope), float(fit.stderr), slope_unit, spread, freedom, name, **labels
     )
     r = -float(x.mean() * fit.stderr / fit.intercept_stderr) if fit.intercept_stderr > 0 else 0.0
     return intercept, slope, max(-1.0, min(1.0, r))

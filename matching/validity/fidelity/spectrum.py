@@ -73,12 +73,12 @@ def bands(pair: SignalPair, step: float, f_max: float, edges: tuple[float, ...] 
     deviation = lines / count**2 * np.abs(x - y) ** 2
     amplitude = lines / count**2 * (np.abs(x) - np.abs(y)) ** 2
     total = float(deviation.sum())
-    found = []
+    split = []
     for low, high in itertools.pairwise(edges):
         inside = (frequency >= low) & (frequency < high)
         mean_square, by_amplitude = float(deviation[inside].sum()), float(amplitude[inside].sum())
         delay, coherence = _common_delay(x[inside], y[inside], frequency[inside])
-        found.append(
+        split.append(
             Band(
                 low,
                 high,
@@ -92,7 +92,7 @@ def bands(pair: SignalPair, step: float, f_max: float, edges: tuple[float, ...] 
                 None if delay is None else float(delay_fidelity(delay, f_max)),
             )
         )
-    return tuple(found)
+    return tuple(split)
 
 
 def _common_delay(x: np.ndarray, y: np.ndarray, frequency: np.ndarray) -> tuple[float | None, float]:

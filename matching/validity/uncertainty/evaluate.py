@@ -43,8 +43,10 @@ def evaluate(
         ()
         if wanted is None
         else tuple(
-            required(budget, one.measurand, wanted_uncertainty(wanted, one.measurand, budget.where), one.method)
-            for one in results
+            required(
+                budget, result.measurand, wanted_uncertainty(wanted, result.measurand, budget.where), result.method
+            )
+            for result in results
         )
     )
     return Uncertainty(budget, results, output_correlation(budget, [result.propagation for result in results]), inverse)
@@ -120,17 +122,17 @@ def _rows(budget: Budget, first: Propagation) -> tuple[Row, ...]:
     total = shares.sum() or 1.0
     rows = [
         Row(
-            one.name,
-            one.value,
-            one.standard_uncertainty,
+            quantity.name,
+            quantity.value,
+            quantity.standard_uncertainty,
             float(c),
             float(abs(part)),
             float(share / total),
-            one.degrees_of_freedom,
-            one.cause,
-            one.distribution.name if one.standard_uncertainty > 0 else "exact",
+            quantity.degrees_of_freedom,
+            quantity.cause,
+            quantity.distribution.name if quantity.standard_uncertainty > 0 else "exact",
         )
-        for one, c, part, share in zip(budget.inputs, first.sensitivities, parts, shares, strict=True)
+        for quantity, c, part, share in zip(budget.inputs, first.sensitivities, parts, shares, strict=True)
     ]
     return tuple(sorted(rows, key=lambda row: -abs(row.share)))
 
@@ -138,28 +140,30 @@ def _rows(budget: Budget, first: Propagation) -> tuple[Row, ...]:
 def _warnings(
     budget: Budget, first: Propagation, drawn: MonteCarlo | None, check: PropagationValidation | None
 ) -> list[str]:
-    found = []
+    warnings = []
     if first.refusal and budget.coverage_factor is None:
-        found.append(
+        warnings.append(
             f"effective degrees of freedom refused: {first.refusal}; k takes them as infinite, prefer the "
             "Monte Carlo interval"
         )
     if math.isfinite(first.second_order) and first.second_order > 1.05 * first.first_order:
-        found.append("the second-order terms raise the standard uncertainty by more than 5 %: first order is too small")
+        warnings.append(
+            "the second-order terms raise the standard uncertainty by more than 5 %: first order is too small"
+        )
     if not math.isfinite(first.second_order):
-        found.append("the formula has a kink or no second derivative at the estimates: rely on the Monte Carlo")
+        warnings.append("the formula has a kink or no second derivative at the estimates: rely on the Monte Carlo")
     if drawn is not None and not drawn.stable:
-        found.append(f"the Monte Carlo result is not yet stable after {drawn.draws} draws: ask for more")
+        warnings.append(f"the Monte Carlo result is not yet stable after {drawn.draws} draws: ask for more")
     if check is not None and check.verdict == "not good":
-        found.append("JCGM 101 check: first order is not good enough here, so the Monte Carlo result is stated")
+        warnings.append("JCGM 101 check: first order is not good enough here, so the Monte Carlo result is stated")
     if check is not None and check.verdict == "open":
-        found.append(
+        warnings.append(
             "JCGM 101 check: the draws do not decide whether first order is good enough, so the Monte Carlo result is "
             "stated; more --draws may decide it"
         )
-    if any(one.distribution.name == "t" and one.degrees_of_freedom <= 2 for one in budget.inputs):
-        found.append(
+    if any(quantity.distribution.name == "t" and quantity.degrees_of_freedom <= 2 for quantity in budget.inputs):
+        warnings.append(
             "an input has two degrees of freedom or fewer: its t distribution has no variance, so only the "
             "Monte Carlo interval means something, not its standard uncertainty"
         )
-    return found
+    return warnings

@@ -69,14 +69,14 @@ class _Derivatives:
 
 
 def _evaluate(budget: Budget, measurand: Measurand) -> _Derivatives:
-    names = tuple(one.name for one in budget.inputs)
+    names = tuple(quantity.name for quantity in budget.inputs)
     pairs = tuple((int(k), int(other)) for k, other in zip(*np.nonzero(budget.correlation), strict=True))
     parts = _derivatives(measurand.expression, names, pairs)(budget.values, budget.covariance)
     value, gradient, hessian, weighted, third = (part.full() for part in parts)
-    found = _Derivatives(float(value[0, 0]), gradient.ravel(), hessian, weighted.ravel(), third.ravel())
-    if not (math.isfinite(found.value) and np.all(np.isfinite(found.gradient))):
+    derivatives = _Derivatives(float(value[0, 0]), gradient.ravel(), hessian, weighted.ravel(), third.ravel())
+    if not (math.isfinite(derivatives.value) and np.all(np.isfinite(derivatives.gradient))):
         raise _not_finite(budget, measurand)
-    return found
+    return derivatives
 
 
 def _not_finite(budget: Budget, measurand: Measurand) -> InputError:
@@ -117,10 +117,10 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
         first = 0.0
     product = hessian @ covariance
     extra = 0.5 * np.trace(product @ product) + c @ covariance @ derivatives.weighted_third
-    for i, one in enumerate(budget.inputs):
-        if np.count_nonzero(budget.correlation[i]) == 1 and one.standard_uncertainty > 0:
-            excess = one.distribution.kurtosis() - 3
-            u4 = np.float64(one.standard_uncertainty) ** 4
+    for i, quantity in enumerate(budget.inputs):
+        if np.count_nonzero(budget.correlation[i]) == 1 and quantity.standard_uncertainty > 0:
+            excess = quantity.distribution.kurtosis() - 3
+            u4 = np.float64(quantity.standard_uncertainty) ** 4
             extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * derivatives.third[i] / 3)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
     smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)
@@ -130,7 +130,7 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
 
 
 def _on_a_kink(budget: Budget, measurand: Measurand) -> bool:
-    point = {sympy.Symbol(one.name, real=True): one.value for one in budget.inputs}
+    point = {sympy.Symbol(quantity.name, real=True): quantity.value for quantity in budget.inputs}
     return any(abs(float(part.args[0].subs(point))) == 0 for part in measurand.expression.atoms(sympy.Abs))
 
 
@@ -145,17 +145,17 @@ def effective_degrees_of_freedom(budget: Budget, sensitivities: np.ndarray) -> t
     covered = np.outer(parts, parts) * budget.correlation
     total, below = float(covered.sum()), 0.0
     groups: dict[str, list[int]] = {}
-    for i, one in enumerate(budget.inputs):
+    for i, quantity in enumerate(budget.inputs):
         correlated = np.count_nonzero(budget.correlation[i]) > 1
-        if one.group is not None:
-            groups.setdefault(one.group, []).append(i)
-        elif math.isfinite(one.degrees_of_freedom) and parts[i] != 0:
+        if quantity.group is not None:
+            groups.setdefault(quantity.group, []).append(i)
+        elif math.isfinite(quantity.degrees_of_freedom) and parts[i] != 0:
             if correlated:
                 return None, (
-                    f"Welch-Satterthwaite does not hold: {one.name} has finite degrees of freedom and is "
+                    f"Welch-Satterthwaite does not hold: {quantity.name} has finite degrees of freedom and is "
                     "correlated by a given coefficient"
                 )
-            below += parts[i] ** 4 / one.degrees_of_freedom
+            below += parts[i] ** 4 / quantity.degrees_of_freedom
     for members in groups.values():
         below += float(covered[np.ix_(members, members)].sum()) ** 2 / budget.inputs[members[0]].degrees_of_freedom
     if total <= 0 or below <= 0:
@@ -176,7 +176,7 @@ def coverage_factor(budget: Budget, degrees_of_freedom: float | None) -> float:
 
 def output_correlation(budget: Budget, propagations: list[Propagation]) -> np.ndarray:
     """Correlation of the measurands by the inputs they share (GUM H.2), shape (measurands, measurands)."""
-    jacobian = np.array([one.sensitivities for one in propagations])
+    jacobian = np.array([propagation.sensitivities for propagation in propagations])
     covariance = jacobian @ budget.covariance @ jacobian.T
     u = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -44,8 +44,8 @@ def answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     except OSError as error:
         return {"wrong": [str(path), error.strerror or "cannot be read", "name a readable file"]}, b""
     values = np.ascontiguousarray(table.values, dtype=np.float64)
-    told = {name: list(getattr(table, name)) for name in ("names", "units", "notes", "others")}
-    return told | {"shape": values.shape}, values.tobytes()
+    description = {name: list(getattr(table, name)) for name in ("names", "units", "notes", "others")}
+    return description | {"shape": values.shape}, values.tobytes()
 
 
 def main(output: BinaryIO) -> None:

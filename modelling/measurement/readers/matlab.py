@@ -32,7 +32,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     """
     known = set(used or ()) | {"time"}
     try:
-        found, others = (_version_7_3 if is_foreign(path) else _version_5)(path, None if used is None else known)
+        variables, others = (_version_7_3 if is_foreign(path) else _version_5)(path, None if used is None else known)
     except (InputError, MemoryError):
         raise
     except Exception as fault:  # the libraries raise many kinds for what is not a .mat file
@@ -40,39 +40,39 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
             raise
         raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
     structs = [
-        value for name, value in found.items() if isinstance(value, dict) and name != "units" and known & {*value}
+        value for name, value in variables.items() if isinstance(value, dict) and name != "units" and known & {*value}
     ]
-    if not known & {*found} and len(structs) == 1:
-        found = structs[0]
-    given = found.get("units")
+    if not known & {*variables} and len(structs) == 1:
+        variables = structs[0]
+    units_in_file = variables.get("units")
     units = (
-        {name: unit for name, unit in given.items() if isinstance(unit, str) and unit}
-        if isinstance(given, dict)
+        {name: unit for name, unit in units_in_file.items() if isinstance(unit, str) and unit}
+        if isinstance(units_in_file, dict)
         else {}
     )
-    sizes = [np.size(found[name]) for name in known & {*found}]
-    length = np.size(found["time"]) if "time" in found else max(sizes, key=sizes.count, default=0)
-    for name in sorted(known & {*found}):
-        if np.size(found[name]) != length:
+    sizes = [np.size(variables[name]) for name in known & {*variables}]
+    length = np.size(variables["time"]) if "time" in variables else max(sizes, key=sizes.count, default=0)
+    for name in sorted(known & {*variables}):
+        if np.size(variables[name]) != length:
             raise InputError(
                 f"{path}: {name!r}",
-                f"has {np.size(found[name])} values, time {length}",
+                f"has {np.size(variables[name])} values, time {length}",
                 "save channels of one length, or leave it out",
             )
     columns = {
         name: np.asarray(value, dtype=float).ravel()
-        for name, value in found.items()
+        for name, value in variables.items()
         if (used is None or name in known)
         and isinstance(value, np.ndarray)
         and np.size(value) == length
         and np.issubdtype(value.dtype, np.number)
         and value.dtype.kind != "c"
     }
-    if "time" in found and "time" not in columns:
+    if "time" in variables and "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
     names = sorted(columns, key=lambda name: name != "time")
     values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
-    others = tuple(name for name in (*others, *found) if name not in names and name != "units")
+    others = tuple(name for name in (*others, *variables) if name not in names and name != "units")
     return Table(names, [units.get(name, "") for name in names], values, others=others)
 
 
@@ -80,8 +80,10 @@ def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tup
     """Values by name, structs as dicts, and the names of what is not read."""
     names = {name: kind for name, _, kind in whosmat(path)}
     read = [name for name, kind in names.items() if wanted is None or name in wanted or kind == "struct"]
-    found = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
-    return {name: found[name] for name in read if name in found}, tuple(name for name in names if name not in read)
+    variables = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
+    return {name: variables[name] for name in read if name in variables}, tuple(
+        name for name in names if name not in read
+    )
 
 
 def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -102,18 +104,18 @@ def _members(group: Any, wanted: set[str] | None, others: list[str]) -> dict[str
     """
     import h5py
 
-    found: dict[str, Any] = {}
+    members: dict[str, Any] = {}
     for name, member in group.items():
         kind = member.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
         if isinstance(member, h5py.Group):
             if not name.startswith("#"):
-                found[name] = _members(member, wanted, others)
+                members[name] = _members(member, wanted, others)
         elif kind == "char":
-            found[name] = "" if "MATLAB_empty" in member.attrs else member[()].tobytes().decode("utf-16-le")
+            members[name] = "" if "MATLAB_empty" in member.attrs else member[()].tobytes().decode("utf-16-le")
         elif member.dtype.kind in "fiu" and "MATLAB_empty" not in member.attrs:
             if wanted is None or name in wanted:
-                found[name] = np.asarray(member)
+                members[name] = np.asarray(member)
             else:
                 others.append(name)
-    return found
+    return members

@@ -57,11 +57,11 @@ def read(path: Path, used: Collection[str] | None = None, groups: Mapping[str, i
     try:
         with MDF(path) as file:
             masters = set(file.masters_db.items())
-            places = {name: [one for one in at if one not in masters] for name, at in file.channels_db.items()}
+            places = {name: [place for place in at if place not in masters] for name, at in file.channels_db.items()}
             wanted = [name for name, at in places.items() if at and (used is None or name in used)]
             for name in wanted:
                 _check_group(path, name, groups.get(name), [group for group, _ in places[name]])
-            found = {
+            signals = {
                 name: [
                     (group, file.select([(name, group, index)], copy_master=False)[0])
                     for group, index in places[name]
@@ -76,15 +76,17 @@ def read(path: Path, used: Collection[str] | None = None, groups: Mapping[str, i
             raise
         raise InputError(str(path), f"is no MDF file: {fault}", "save it as MDF 4") from None
     channels, notes = [], []
-    for name, versions in found.items():
-        numeric = [one for one in (_numeric(name, group, signal) for group, signal in versions) if one is not None]
+    for name, versions in signals.items():
+        numeric = [
+            version for version in (_numeric(name, group, signal) for group, signal in versions) if version is not None
+        ]
         if numeric:
             channel, note = _chosen(path, name, numeric)
             channels.append(channel)
             notes += note
         elif used is not None:
             raise InputError(f"{path}: channel {name!r}", "holds no numbers", "record it as one number a sample")
-    others = tuple(name for name, at in places.items() if at and name not in [one.name for one in channels])
+    others = tuple(name for name, at in places.items() if at and name not in [channel.name for channel in channels])
     if not channels and used is None:
         raise InputError(str(path), "has no channel of numbers", "record inputs and sensors into it")
     if not channels:  # what is missing is told by who asked
@@ -138,11 +140,13 @@ def _chosen(path: Path, name: str, versions: list[_Channel]) -> tuple[_Channel, 
     InputError
         If they differ.
     """
-    varying = [one for one in versions if one.varies] or versions
-    best = max(varying, key=lambda one: len(one.time))
-    different = [one for one in varying if one is not best and not _same(best, one)]
+    varying = [version for version in versions if version.varies] or versions
+    best = max(varying, key=lambda version: len(version.time))
+    different = [version for version in varying if version is not best and not _same(best, version)]
     if different:
-        there = listed([str(one.group) for one in sorted([best, *different], key=lambda one: one.group)])
+        there = listed(
+            [str(version.group) for version in sorted([best, *different], key=lambda version: version.group)]
+        )
         raise InputError(
             f"{path}: channel {name!r}",
             f"has different values in the groups {there}",
@@ -182,7 +186,7 @@ def _table(channels: list[_Channel], notes: list[str], others: tuple[str, ...]) 
             "lines between samples",
             *notes,
         ]
-    names, units = ["time", *(one.name for one in channels)], ["s", *(one.unit for one in channels)]
+    names, units = ["time", *(channel.name for channel in channels)], ["s", *(channel.unit for channel in channels)]
     return Table(names, units, values, notes=tuple(notes), others=others)
 
 
