@@ -53,8 +53,8 @@ def replaced_package() -> str:
     """One line on a package of rigmatch that another distribution hides or has overwritten; empty if all is well."""
     here = Path(__file__).resolve().parent
     for package in PACKAGES:
-        found = find_spec(package)
-        place = Path(found.origin).resolve().parent if found and found.origin else None
+        specification = find_spec(package)
+        place = Path(specification.origin).resolve().parent if specification and specification.origin else None
         if place is None or place.parent != here or not _is_ours(package):
             return REPLACED.format(package=package, place=place or here)
     return ""

@@ -22,32 +22,32 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """
     from modelling.measurement.channels import read_channels
 
-    named, found = vars(arguments), dict[str, str]()
+    named, contents = vars(arguments), dict[str, str]()
     channels = None
     if named.get("channels"):
         channels = read_channels(arguments.channels)
-        found[arguments.channels] = f"a channel file: {', '.join(channels)}"
+        contents[arguments.channels] = f"a channel file: {', '.join(channels)}"
     if "model" in named:
         from modelling.model.files import load
 
         system = load(arguments.model)
-        found[arguments.model] = _model(system)
-        found |= _recordings(named, system, channels)
+        contents[arguments.model] = _model(system)
+        contents |= _recordings(named, system, channels)
     if "budget" in named:
         from matching.validity.budget.budget_file import read_budget
 
         budget = read_budget(arguments.budget)
-        found[arguments.budget] = (
+        contents[arguments.budget] = (
             f"a budget: {_counted(budget.measurands, 'measurand')}, {_counted(budget.inputs, 'input')}"
         )
     if arguments.command == "fidelity":
         from matching.validity.fidelity.case_file import read_case
 
         title, _ = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
-        found[arguments.case] = f"a fidelity case: {title}"
+        contents[arguments.case] = f"a fidelity case: {title}"
     elif "case" in named or "file" in named:
-        found |= _case_or_model(named, channels)
-    return {"checked": found}
+        contents |= _case_or_model(named, channels)
+    return {"checked": contents}
 
 
 def summary(result: dict[str, Any]) -> str:
@@ -85,16 +85,16 @@ def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[st
     from matching.diagnosis.loggers import read_loggers
 
     paths = [*named.get("recordings", ()), *(named[key] for key in ("recording", "holdout") if named.get(key))]
-    found = {}
+    contents = {}
     for path in paths:
         recording = read_loggers(path, system, channels)
         inputs, sensors = [part.name for part in system.inputs], recording.sensors(system)
         notes = "".join(f"; note: {note}" for note in recording.notes)
-        found[path] = (
+        contents[path] = (
             f"a recording: {len(recording.time)} samples over {recording.time[-1] - recording.time[0]:g} s, "
             f"inputs {', '.join(inputs) or 'none'}, sensors {', '.join(sensors) or 'none'}{notes}"
         )
-    return found
+    return contents
 
 
 def _model(system: System) -> str:

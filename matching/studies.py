@@ -31,7 +31,7 @@ _preparing = Lock()  # of the threads of a worker
 def run(
     work: Callable[[Any, Any], Any],
     prepare: Callable[[Any], Any],
-    given: Any,
+    shared: Any,
     chunks: Sequence[Any],
     executor: Executor,
     *,
@@ -64,28 +64,28 @@ def run(
     token = _token(content)
     keys = [json.dumps(chunk, sort_keys=True) for chunk in chunks]
     kept = [] if record is None else records.rows(record)
-    found = {row["chunk"]: row["result"] for row in kept if row["study"] == token}
-    open_chunks = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in found]
+    results = {row["chunk"]: row["result"] for row in kept if row["study"] == token}
+    open_chunks = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in results]
     done = len(keys) - len(open_chunks)
     if progress and done:
         progress(done, len(keys))
     to_do = [chunk for _, chunk in open_chunks]
-    for place, result in finished(work, prepare, given, to_do, executor, content=content, record=record):
+    for place, result in finished(work, prepare, shared, to_do, executor, content=content, record=record):
         key = open_chunks[place][0]
-        found[key] = result
+        results[key] = result
         if record is not None:
             records.append(record, {"study": token, "chunk": key, "result": result})
         done += 1
         if progress:
             progress(done, len(keys))
-    return [found[key] for key in keys]
+    return [results[key] for key in keys]
 
 
 # more than six parameters: the work, and how the study runs
 def finished(
     work: Callable[[Any, Any], Any],
     prepare: Callable[[Any], Any],
-    given: Any,
+    shared: Any,
     chunks: Sequence[Any],
     executor: Executor,
     *,
@@ -104,7 +104,7 @@ def finished(
         lost: BaseException | None = None
         try:
             for place, chunk in open_chunks.items():
-                waiting[executor.submit(_one, work, prepare, token, given, chunk)] = place
+                waiting[executor.submit(_one, work, prepare, token, shared, chunk)] = place
             for future in as_completed(waiting):
                 if future.cancelled() or isinstance(future.exception(), BrokenExecutor | CancelledError):
                     lost = CancelledError() if future.cancelled() else future.exception()
@@ -143,11 +143,11 @@ def _token(content: str) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-def _one(work: Callable[[Any, Any], Any], prepare: Callable[[Any], Any], token: str, given: Any, chunk: Any) -> Any:
+def _one(work: Callable[[Any, Any], Any], prepare: Callable[[Any], Any], token: str, shared: Any, chunk: Any) -> Any:
     """One chunk in a worker, which keeps what the last study needed."""
     with _preparing:
         if token not in _prepared:
             _prepared.clear()
-            _prepared[token] = prepare(given)
+            _prepared[token] = prepare(shared)
         prepared = _prepared[token]
     return work(prepared, chunk)

@@ -58,7 +58,7 @@ def diagnose(
     system = system_of(model)
     single = isinstance(recordings, str | PathLike | Recording)
     several = [recordings] if single else list(recordings)  # type: ignore[arg-type, list-item]
-    read = [recording_of(one, system, channels) for one in several]  # type: ignore[arg-type]
+    read = [recording_of(recording, system, channels) for recording in several]  # type: ignore[arg-type]
     judge = None if holdout is None else recording_of(holdout, system, channels)
     return run(system, read, judge, tell or (lambda _: None))
 

@@ -70,18 +70,18 @@ def _limits(entries: list[str]) -> dict[str, float]:
     from modelling.common.errors import InputError
     from modelling.units import to_si
 
-    found = {}
+    limits = {}
     for entry in entries:
         name, equals, value = entry.partition("=")
         if not equals:
             raise InputError(f"--limit {entry}", "is no pair", "write INPUT=TORQUE, e.g. motor_torque=150")
         try:
-            found[name] = float(value)
+            limits[name] = float(value)
         except ValueError:
-            found[name] = to_si(value, "N*m", f"--limit {entry}")
-        if not found[name] > 0:
+            limits[name] = to_si(value, "N*m", f"--limit {entry}")
+        if not limits[name] > 0:
             raise InputError(f"--limit {entry}", "is not possible", "a torque greater than 0 is needed")
-    return found
+    return limits
 
 
 def summary(result: dict[str, Any]) -> str:

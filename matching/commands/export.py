@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def summary(result: dict[str, Any]) -> str:
     """What was written, in a few lines."""
-    tuned = [one for one in result["parameters"] if one["tuned"]]
+    tuned = [parameter for parameter in result["parameters"] if parameter["tuned"]]
     where = f"binary for {result['platform']} and sources" if result["platform"] else "sources only"
     steps = (
         f"sample time {1e3 * result['communication_step']:.4g} ms, {result['states']} states, "
@@ -55,6 +55,6 @@ def summary(result: dict[str, Any]) -> str:
         f"inputs: {', '.join(result['inputs']) or 'none'}",
         f"outputs: {', '.join(result['outputs']) or 'none'}",
         f"{len(result['parameters'])} parameters, {len(tuned)} of them tuned"
-        + "".join(f"\n  {one['name']} = {one['value']:.6g} {one['unit']}" for one in tuned),
+        + "".join(f"\n  {parameter['name']} = {parameter['value']:.6g} {parameter['unit']}" for parameter in tuned),
     ]
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])

@@ -58,11 +58,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         executor_of(arguments.workers or cores(), arguments.scheduler) as executor,
         progress("map") as advance,
     ):
-        found = map_case(
+        study = map_case(
             case, x, y, executor, seed=arguments.seed, starts=arguments.starts, record=record, progress=advance
         )
-    result = found.to_dict()
-    drawn = map_figure(found)
+    result = study.to_dict()
+    drawn = map_figure(study)
     pictures = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
     written = write_results(arguments.out, "map.json", result, pictures)
     record.unlink(missing_ok=True)
@@ -73,14 +73,14 @@ def summary(result: dict[str, Any]) -> str:
     """The best point, how many match, and how many were improved from their neighbours' solutions."""
     from matching.report.common.wording import amount, number
 
-    points = [own for own in result["points"] if own["error"] is not None]
-    matched = [own for own in points if own["status"] == "matched"]
+    points = [point for point in result["points"] if point["error"] is not None]
+    matched = [point for point in points if point["status"] == "matched"]
     lines = [f"{len(matched)} of {len(result['points'])} points matched"]
     if points:
-        best = min(matched or points, key=lambda own: own["error"])
+        best = min(matched or points, key=lambda point: point["error"])
         place = ", ".join(f"{result[key]['name']} {amount(best[key], result[key]['unit'])}" for key in ("x", "y"))
         lines.append(f"least error {number(best['error'], 3)} at {place} ({best['status']})")
-    better = [own for own in points if own["objective"] != own["first"]]
+    better = [point for point in points if point["objective"] != point["first"]]
     if better:
         lines.append(f"{len(better)} points improved from their neighbours' solutions")
     return "\n".join(lines)

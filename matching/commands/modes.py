@@ -57,14 +57,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     system = load(arguments.model)
     try:
         changes = _changes(arguments.change, system)
-        found = damped_modes(system) if arguments.damped else modes(system)
-        result = found.to_dict()
-        if len(found) < len(found.coordinates) and not arguments.damped:
-            result["degrees_of_freedom"] = len(found.coordinates)
+        analysed = damped_modes(system) if arguments.damped else modes(system)
+        result = analysed.to_dict()
+        if len(analysed) < len(analysed.coordinates) and not arguments.damped:
+            result["degrees_of_freedom"] = len(analysed.coordinates)
         if arguments.reduced:
             result["reference"] = system.reference
             result["reduced"] = reduced_values(system)
-            at_reference = reduced(found, speed_ratios(system))
+            at_reference = reduced(analysed, speed_ratios(system))
             for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
                 entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
         if changes:
@@ -74,19 +74,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
     title = system.title or str(arguments.model)
     files: dict[str, str | bytes] = {
-        "modes.svg": image(energy_figure([Column(title, VEHICLE, found)])),
-        "energy_shares.svg": image(shares_figure(found, title)),
+        "modes.svg": image(energy_figure([Column(title, VEHICLE, analysed)])),
+        "energy_shares.svg": image(shares_figure(analysed, title)),
     }
     return write_results(arguments.out, "modes.json", result, files)
 
 
-def _changes(given: list[str], system: "System") -> dict[str, float]:
+def _changes(assignments: list[str], system: "System") -> dict[str, float]:
     """``NAME=VALUE`` with or without unit, as values in SI by name."""
     from modelling.common.errors import InputError, unknown
     from modelling.units import to_si
 
     changes = {}
-    for text in given:
+    for text in assignments:
         name, equals, value = text.partition("=")
         if not equals:
             raise InputError("--change", f"{text!r} has no '='", "write NAME=VALUE, e.g. inertias.motor.J=0.06")

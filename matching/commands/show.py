@@ -44,7 +44,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 def summary(result: dict[str, Any]) -> str:
     """What was drawn and written."""
     lines = [
-        f"{role}: {own['inertias']} inertias, {own['shafts']} shafts" + (f" ({own['title']})" if own["title"] else "")
-        for role, own in result["drawn"].items()
+        f"{role}: {counts['inertias']} inertias, {counts['shafts']} shafts"
+        + (f" ({counts['title']})" if counts["title"] else "")
+        for role, counts in result["drawn"].items()
     ]
     return "\n".join([*lines, f"written: {', '.join(result['files'])}"])

@@ -122,8 +122,8 @@ def summary(result: dict[str, Any]) -> str:
     lines = [
         f"{result['samples']} samples over {result['duration']:g} s simulated from {result['start']['from']} start"
     ]
-    for name, one in result["misfit"].items():
-        share = f" ({one['of_range']:.2%} of its range)" if one["of_range"] is not None else ""
-        lines.append(f"  {name}: root mean square of the difference {one['rms']:.4g} {one['unit']}{share}")
+    for name, error in result["misfit"].items():
+        share = f" ({error['of_range']:.2%} of its range)" if error["of_range"] is not None else ""
+        lines.append(f"  {name}: root mean square of the difference {error['rms']:.4g} {error['unit']}{share}")
     lines += [f"note: {note}" for note in result["notes"]]
     return "\n".join([*lines, f"written: {', '.join(result['files'])}"])

@@ -63,11 +63,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         executor_of(arguments.workers or cores(), arguments.scheduler) as executor,
         progress("tolerance") as advance,
     ):
-        found = tolerance(
+        study = tolerance(
             case, arguments.draws, executor, seed=arguments.seed, added=added, record=record, progress=advance
         )
-    result = found.to_dict()
-    written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": image(plot(found))})
+    result = study.to_dict()
+    written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": image(plot(study))})
     record.unlink(missing_ok=True)
     return written
 
@@ -79,11 +79,11 @@ def summary(result: dict[str, Any]) -> str:
     return lines(result)
 
 
-def _tolerance(given: str) -> tuple[str, float]:
+def _tolerance(assignment: str) -> tuple[str, float]:
     from modelling.common.errors import InputError
 
-    name, _, share = given.partition("=")
+    name, _, share = assignment.partition("=")
     try:
         return name.strip(), float(share)
     except ValueError:
-        raise InputError("--tolerance", f"{given!r} is no NAME=SHARE", "write e.g. loop.dead_time=0.2") from None
+        raise InputError("--tolerance", f"{assignment!r} is no NAME=SHARE", "write e.g. loop.dead_time=0.2") from None

@@ -82,8 +82,8 @@ def slider_range(quantity: Quantity) -> tuple[float, float] | None:
     return ends[0], ends[1]
 
 
-def _grid(found: Modes) -> np.ndarray:
-    elastic = found.frequencies[found.frequencies > 0]
+def _grid(modes: Modes) -> np.ndarray:
+    elastic = modes.frequencies[modes.frequencies > 0]
     low = BELOW * float(elastic[0]) if len(elastic) else BELOW
     high = ABOVE * float(elastic[-1]) if len(elastic) else 1 / BELOW
     return np.geomspace(low, min(high, low * 10**WIDEST_DECADES), FREQUENCIES)

@@ -20,8 +20,8 @@ def grid(content: Mapping[str, Any], key: str = "error") -> tuple[np.ndarray, np
         Of ``map.json``.
     """
     x, y = (np.array(content[axis]["values"]) for axis in ("x", "y"))
-    found = [np.nan if point[key] is None else point[key] for point in content["points"]]
-    return x, y, np.array(found, float).reshape(len(y), len(x))
+    values = [np.nan if point[key] is None else point[key] for point in content["points"]]
+    return x, y, np.array(values, float).reshape(len(y), len(x))
 
 
 def nearest_point(content: Mapping[str, Any], x: float, y: float) -> dict[str, Any]:

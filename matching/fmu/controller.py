@@ -63,5 +63,5 @@ def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settin
     lost = LOST_TORQUE * torque if torque < NO_LIMIT else NO_LIMIT
     return Settings(
         np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
-        np.array([own.torque_gain for own in loop.dynamometers]), unexpected,
+        np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
     )  # fmt: skip

@@ -40,11 +40,11 @@ def without_shared_delays(vehicle: System, rig: System) -> tuple[System, System,
 
 
 def _delays(system: System) -> dict[str, float]:
-    found: dict[str, float] = {}
+    delays: dict[str, float] = {}
     for effect in system.effects:
         if effect.law.only_delays:
-            found[effect.at] = found.get(effect.at, 0.0) + sum(quantity.value for _, quantity in effect.parameters)
-    return found
+            delays[effect.at] = delays.get(effect.at, 0.0) + sum(quantity.value for _, quantity in effect.parameters)
+    return delays
 
 
 def _without_delays(system: System) -> System:

@@ -13,7 +13,7 @@ MASSLESS = 1e-3  # of an inertia: what is left of it where it is taken out
 RIGID = 1e3  # times a stiffness: as good as no shaft at all
 
 
-def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, own: System) -> System:
+def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, simple: System) -> System:
     """The vehicle as far as the bed has it, and beyond the cut the user's residual vehicle ``own``.
 
     Raises
@@ -22,7 +22,7 @@ def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, own: Syste
         If ``own`` lacks an inertia where a cut ends, or names one that the bed has.
     """
     beyond = {part.name for system in residual.parts for part in system.inertias}
-    ends, names = [interface.vehicle_end for interface in residual.interfaces], {part.name for part in own.inertias}
+    ends, names = [interface.vehicle_end for interface in residual.interfaces], {part.name for part in simple.inertias}
     if missing := [name for name in ends if name not in names]:
         raise InputError(
             "inertias", f"lack {listed(missing)}", "the shafts of the cut end there, named as in the vehicle"
@@ -38,17 +38,17 @@ def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, own: Syste
     places |= {f"inputs.{part.name}" for part in inputs} | {f"sensors.{part.name}" for part in sensors}
     return replace(
         vehicle,
-        inertias=(*kept, *own.inertias),
-        shafts=(*shafts, *own.shafts),
-        gears=(*_within(vehicle.gears, near), *own.gears),
+        inertias=(*kept, *simple.inertias),
+        shafts=(*shafts, *simple.shafts),
+        gears=(*_within(vehicle.gears, near), *simple.gears),
         differentials=(
             *(part for part in vehicle.differentials if {part.cage, part.left, part.right} <= near),
-            *own.differentials,
+            *simple.differentials,
         ),
-        inputs=(*inputs, *own.inputs),
-        sensors=(*sensors, *(part for part in own.sensors if part.name not in {sensor.name for sensor in sensors})),
-        effects=(*(effect for effect in vehicle.effects if set(effect.places) <= places), *own.effects),
-        mirror=(*(pair for pair in vehicle.mirror if set(pair) <= near), *own.mirror),
+        inputs=(*inputs, *simple.inputs),
+        sensors=(*sensors, *(part for part in simple.sensors if part.name not in {sensor.name for sensor in sensors})),
+        effects=(*(effect for effect in vehicle.effects if set(effect.places) <= places), *simple.effects),
+        mirror=(*(pair for pair in vehicle.mirror if set(pair) <= near), *simple.mirror),
     )  # fmt: skip
 
 

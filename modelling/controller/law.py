@@ -120,19 +120,24 @@ def law_of_feed_forward(
     rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
     expected, through = feed_forward.C[rows], feed_forward.D[rows]
     fifo, size = k * delay, n + k * delay + len(feedback.A)
-    model, own = slice(0, n), slice(n + fifo, size)
+    model, of_feedback = slice(0, n), slice(n + fifo, size)
     B, D = feedback.B[:, :y] * signs, feedback.D[:, :y] * signs
     of_state, of_known = feed_forward.gains()
     K, Kw = np.zeros((k, size)), of_known - D @ through
     K[:, : n + fifo] = of_state
     K[:, model] -= D @ expected
-    K[:, own] = feedback.C
+    K[:, of_feedback] = feedback.C
     A, Bw, By, Bs = np.zeros((size, size)), np.zeros((size, w)), np.zeros((size, y)), np.zeros((size, k))
     A[model, model], Bw[model] = feed_forward.A, feed_forward.W
-    A[own, own], A[own, model], By[own], Bw[own] = feedback.A, -B @ expected, B, -B @ through
+    A[of_feedback, of_feedback], A[of_feedback, model], By[of_feedback], Bw[of_feedback] = (
+        feedback.A,
+        -B @ expected,
+        B,
+        -B @ through,
+    )
     # what the model is told: the command sent, less the part of the feedback
     part_x, part_w = np.zeros((k, size)), D @ through
-    part_x[:, own], part_x[:, model] = -feedback.C, D @ expected
+    part_x[:, of_feedback], part_x[:, model] = -feedback.C, D @ expected
     if delay:
         A[model, n : n + k] = feed_forward.B
         A[n : n + fifo - k, n + k : n + fifo] = np.eye(fifo - k)

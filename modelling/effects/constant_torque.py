@@ -35,7 +35,7 @@ class ConstantTorque(Kind):
 
     def same_as(self, at: str, system: Drivetrain) -> list[tuple[str, str]]:
         """An offset of each input on the inertia, with the opposite sign."""
-        return [(InputOffset.kind, f"inputs.{one.name}") for one in system.inputs if f"inertias.{one.on}" == at]
+        return [(InputOffset.kind, f"inputs.{part.name}") for part in system.inputs if f"inertias.{part.on}" == at]
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         largest = recorded.torque[at.split(".")[1]]

@@ -136,11 +136,11 @@ def _gapped(
     if law.gap is None:
         return _shared(law, elastic.xreplace({x: spring}), law.damping, rate)
     depth = sm.Abs(rate) * assembly.simulation(CONTACT_TIME) + _SMALLEST_DEPTH
-    zero, one, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
+    zero, unity, half = sm.Integer(0), sm.Integer(1), sm.Rational(1, 2)
     torque: list[sm.Expr] = []
-    for side, within in ((one, sm.Max), (-one, sm.Min)):
+    for side, within in ((unity, sm.Max), (-unity, sm.Min)):
         over = spring - side * law.gap / 2
-        damping = law.damping * sm.Max(zero, sm.Min(one, half + side * over / depth))
+        damping = law.damping * sm.Max(zero, sm.Min(unity, half + side * over / depth))
         torque.append(within(zero, _shared(law, elastic.xreplace({x: within(zero, over)}), damping, rate)))
     return sm.Add(*torque)
 

@@ -35,18 +35,18 @@ class Sign:
 def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
     """The sign of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates, M of inputs."""
     assembly = equations.assembly
-    found: dict[sm.Symbol, Sign] = {}
+    signs_by_symbol: dict[sm.Symbol, Sign] = {}
     for derivatives, symbols in enumerate((assembly.q, assembly.qd, assembly.qdd)):
         named = zip(symbols, assembly.coordinates, strict=True)
-        found |= {symbol: Sign(ANGLE, name, derivatives) for symbol, name in named}
+        signs_by_symbol |= {symbol: Sign(ANGLE, name, derivatives) for symbol, name in named}
     for name, symbol in assembly.parameters.items():
         parts = name.split(".")
         quantity, component = parts[-1], parts[1] if len(parts) > 2 else ""
-        found[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
-    found |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
-    found |= {symbol: Sign(STATE, name) for name, (symbol, _) in assembly.states.items()}
-    found |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
-    return found
+        signs_by_symbol[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
+    signs_by_symbol |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
+    signs_by_symbol |= {symbol: Sign(STATE, name) for name, (symbol, _) in assembly.states.items()}
+    signs_by_symbol |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
+    return signs_by_symbol
 
 
 def known_zeros(equations: Equations, system: System) -> dict[sm.Symbol, sm.Expr]:

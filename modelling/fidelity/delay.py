@@ -157,7 +157,7 @@ def refine(reference: np.ndarray, test: np.ndarray, start: float) -> _Fit | None
         if cutoff < 0.5 and len(reference) < 8 * _settling(cutoff):
             continue
         smoothed = _Smoothed.of(reference, test, cutoff)
-        fits = [fit for one in starts if (fit := _at_cutoff(smoothed, one)) is not None]
+        fits = [fit for start in starts if (fit := _at_cutoff(smoothed, start)) is not None]
         if fits:
             fit = min(fits, key=lambda fit: fit.unexplained)
             best = fit if best is None or fit.uncertainty < best.uncertainty else best

@@ -106,9 +106,9 @@ def response(
     rows = [_index(name, model.sensors) for name in sensors]
     columns = [_index(name, model.inputs) for name in inputs]
     s = 2j * np.pi * f
-    found = _transfer(linear, s, rows, columns)
+    transfer = _transfer(linear, s, rows, columns)
     delay = linear.sensor_delays[rows][:, None] + linear.input_delays[columns]
-    return Response(f, sensors, inputs, found * np.exp(-s[:, None, None] * delay))
+    return Response(f, sensors, inputs, transfer * np.exp(-s[:, None, None] * delay))
 
 
 def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:

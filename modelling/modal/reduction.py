@@ -65,12 +65,12 @@ def reduced_values(system: System, values: Mapping[str, float] | None = None) ->
     ratios = speed_ratios(system, values)
     model = compiled(system)
     p = dict(zip(model.parameters, model.vector(values), strict=True))
-    found = {}
+    at_reference = {}
     for name, value in p.items():
         place, _, key = name.rpartition(".")
         if key in ("J", "drag", "stiffness", "damping") and place in ratios and place.count(".") == 1:
-            found[name] = float(value / ratios[place] ** 2)
-    return found
+            at_reference[name] = float(value / ratios[place] ** 2)
+    return at_reference
 
 
 def reduced(modes: Modes, ratios: Mapping[str, float]) -> Modes:

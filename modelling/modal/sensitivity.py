@@ -51,17 +51,17 @@ def sensitivities(system: System, values: Mapping[str, float] | None = None) -> 
     """
     model = compiled(system)
     p = model.vector(values)
-    found = modes_of(model, p[None]).case(0)
-    squares = (2 * np.pi * found.frequencies) ** 2
+    undamped = modes_of(model, p[None]).case(0)
+    squares = (2 * np.pi * undamped.frequencies) ** 2
     x = reference_motion(model, p).state
-    energy = _gradient(model).map(len(found))
-    columns = np.tile(np.concatenate([x, p])[:, None], len(found))
-    gradient = energy(columns[: len(x)], columns[len(x) :], found.shapes, squares[None]).full().T
-    elastic = found.frequencies > 0
-    per_frequency = 8 * np.pi**2 * np.where(elastic, found.frequencies, 1.0) * found.modal_mass
+    energy = _gradient(model).map(len(undamped))
+    columns = np.tile(np.concatenate([x, p])[:, None], len(undamped))
+    gradient = energy(columns[: len(x)], columns[len(x) :], undamped.shapes, squares[None]).full().T
+    elastic = undamped.frequencies > 0
+    per_frequency = 8 * np.pi**2 * np.where(elastic, undamped.frequencies, 1.0) * undamped.modal_mass
     gradients = np.where(elastic[:, None], gradient / per_frequency[:, None], 0.0)
-    relative = gradients * p / np.where(elastic, found.frequencies, 1.0)[:, None]
-    return Sensitivities(tuple(model.parameters), gradients, relative, found)
+    relative = gradients * p / np.where(elastic, undamped.frequencies, 1.0)[:, None]
+    return Sensitivities(tuple(model.parameters), gradients, relative, undamped)
 
 
 def _gradient(model: Model) -> ca.Function:

@@ -32,7 +32,7 @@ def start_state(model: Model, p: np.ndarray, u: np.ndarray, start: Start) -> np.
     if isinstance(start, str) and start == "steady":
         return steady(model, p, u)
     x = np.zeros(len(model.states))
-    given: list[int] = []
+    fixed: list[int] = []
     if start is None or (isinstance(start, str) and start == "rest"):
         pass
     elif isinstance(start, str):
@@ -41,24 +41,26 @@ def start_state(model: Model, p: np.ndarray, u: np.ndarray, start: Start) -> np.
         for name, value in start.items():
             if name not in model.states:
                 raise unknown(name, model.states, "start")
-            given.append(model.states.index(name))
-            x[given[-1]] = value
+            fixed.append(model.states.index(name))
+            x[fixed[-1]] = value
     else:
         x = np.array(start, dtype=float).ravel()
         if len(x) != len(model.states):
             raise InputError("start", f"{len(x)} values", f"{len(model.states)} are needed: {listed(model.states)}")
-        given = list(range(len(x)))
+        fixed = list(range(len(x)))
     if not np.isfinite(x).all():
         raise InputError(
             "start", f"{model.states[int(np.argmin(np.isfinite(x)))]} is not finite", "write finite numbers"
         )
-    return _settled(model, p, u, x, given)
+    return _settled(model, p, u, x, fixed)
 
 
-def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, given: list[int]) -> np.ndarray:
+def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, fixed: list[int]) -> np.ndarray:
     """Lag states, as long as not given, where they would stay."""
-    settling = {own.name for own in model.system.effects if own.law.state is not None and own.law.state.settles}
-    lags = [i for i, name in enumerate(model.states) if name in settling and i not in given]
+    settling = {
+        effect.name for effect in model.system.effects if effect.law.state is not None and effect.law.state.settles
+    }
+    lags = [i for i, name in enumerate(model.states) if name in settling and i not in fixed]
     for _ in range(3 if lags else 0):  # lags may stand in a row
         rate = np.array(model.rates(x, u, p)).ravel()[lags]
         A = np.array(model.jacobians(x, u, p, 0.0)[0])[np.ix_(lags, lags)]

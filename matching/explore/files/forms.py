@@ -26,18 +26,18 @@ class Field:
 
 def fields(document: Document, tables: Mapping[str, Any] | None = None, above: Keys = ()) -> list[Field]:
     """Every single value of a file, in its order; lists of tables by their number."""
-    found: list[Field] = []
+    form: list[Field] = []
     for key, value in (document.content if tables is None else tables).items():
         keys = (*above, key)
         if isinstance(value, Mapping):
-            found += fields(document, value, keys)
+            form += fields(document, value, keys)
         elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
             for number, each in enumerate(value):
-                found += fields(document, each, (*keys, number))
+                form += fields(document, each, (*keys, number))
         elif isinstance(value, int | float | str) and not isinstance(value, bool) and key not in HIDDEN_TEXTS:
             table = " ".join(str(part + 1) if isinstance(part, int) else part for part in above)
-            found.append(Field(table, key, keys, f"{value:.10g}" if isinstance(value, float) else str(value)))
-    return found
+            form.append(Field(table, key, keys, f"{value:.10g}" if isinstance(value, float) else str(value)))
+    return form
 
 
 def set_field(document: Document, keys: Keys, text: str, check: Callable[[dict[str, Any]], Any]) -> Any:

@@ -89,14 +89,14 @@ class MeasurementTab:
         file, system = self.file, self.workspace.models[self.role.value].system
         self.workspace.recordings = [path, *(each for each in self.workspace.recordings if each != path)]
         self.message.say(f"{path.name}: {len(file.table.values)} samples, columns {', '.join(file.columns)}")
-        found = file.suggestions(system)
+        suggested = file.suggestions(system)
         self._choosers: dict[str, tuple[Any, Any]] = {}
         for wanted in wanted_channels(system):
             options = {NOT_RECORDED: ""} | {name: name for name in file.columns}
             label = f"{wanted.name.replace('_', ' ')} ({'input, ' if wanted.needed else ''}{wanted.kind})"
-            column = pn.widgets.Select(name=label, options=options, value=found[wanted.name].column, width=260)
+            column = pn.widgets.Select(name=label, options=options, value=suggested[wanted.name].column, width=260)
             unit = pn.widgets.TextInput(
-                name=f"unit of {wanted.name.replace('_', ' ')}", value=found[wanted.name].unit, width=150
+                name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=150
             )
             self._choosers[wanted.name] = column, unit
         self.channels[:] = [

@@ -82,11 +82,11 @@ class ModesTab:
         except InputError as error:
             self.message.say(str(error), wrong=True)
             return
-        found = self.trial.before.modes
-        self.bars = EnergyBars([spaced(name) for name in (*found.masses, *found.springs)])
+        modes = self.trial.before.modes
+        self.bars = EnergyBars([spaced(name) for name in (*modes.masses, *modes.springs)])
         self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
-        elastic = [place for place in range(len(found)) if found.frequencies[place] > 0]
-        numbers = {f"{place + 1}: {hertz(found[place].frequency)} Hz": place for place in range(len(found))}
+        elastic = [place for place in range(len(modes)) if modes.frequencies[place] > 0]
+        numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
         _offer(self.mode, numbers, elastic[0] if elastic else 0)
         _offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
         _offer(self.input, {part.name: part.name for part in document.system.inputs})

@@ -93,16 +93,16 @@ def validity(workspace: Workspace) -> Any:
         path, same = workspace.budget.path, uncertainty(str(workspace.budget.path), str(workspace.out / "uncertainty"))
 
         def judge_budget(content: dict[str, Any]) -> Any:
-            found = evaluate(budget_from_tables(content, str(path)))
-            return uncertainty_text(found), uncertainty_figure(found)
+            evaluated = evaluate(budget_from_tables(content, str(path)))
+            return uncertainty_text(evaluated), uncertainty_figure(evaluated)
 
         parts.append(EditedTable("Uncertainty budget", workspace.budget, same, judge_budget).panel())
     if workspace.fidelity is not None:
         case, same = workspace.fidelity.path, fidelity(str(workspace.fidelity.path), str(workspace.out / "fidelity"))
 
         def judge_fidelity(content: dict[str, Any]) -> Any:
-            found = xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED)
-            return fidelity_text(found), fidelity_figure(found)
+            judged = xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED)
+            return fidelity_text(judged), fidelity_figure(judged)
 
         parts.append(EditedTable("XiL fidelity", workspace.fidelity, same, judge_fidelity).panel())
     if not parts:

@@ -53,11 +53,11 @@ def measured_curves(recording: Recording, system: System) -> MeasuredCurves:
             step,
             high,
         )
-        found = response([spectrum], np.geomspace(low, high, POINTS))
+        responses = response([spectrum], np.geomspace(low, high, POINTS))
     except ValueError as error:
         raise InputError(recording.source, f"is too short: {error}", "record longer") from None
-    spread = np.sqrt(found.variances / 2)
-    return MeasuredCurves(found.frequencies, tuple(inputs), tuple(sensors), found.values, spread)
+    spread = np.sqrt(responses.variances / 2)
+    return MeasuredCurves(responses.frequencies, tuple(inputs), tuple(sensors), responses.values, spread)
 
 
 def _size(recording: Recording, name: str) -> float:

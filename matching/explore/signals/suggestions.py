@@ -71,13 +71,13 @@ def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggest
         ),
         key=lambda pair: -pair[0],
     )
-    found: dict[str, Suggestion] = {}
+    by_channel: dict[str, Suggestion] = {}
     used: set[str] = set()
     for likeness, wanted, column in pairs:
-        if likeness >= LEAST_LIKENESS and wanted.name not in found and column not in used:
-            found[wanted.name] = Suggestion(column, columns[column] or wanted.si, likeness)
+        if likeness >= LEAST_LIKENESS and wanted.name not in by_channel and column not in used:
+            by_channel[wanted.name] = Suggestion(column, columns[column] or wanted.si, likeness)
             used.add(column)
-    return {w.name: found.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
+    return {w.name: by_channel.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
 
 
 def time_column(columns: Sequence[str]) -> str:

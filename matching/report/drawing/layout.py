@@ -86,9 +86,11 @@ def layout(system: System) -> Layout:
 
 
 def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
-    found = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
-    found += [("gears", part.name, tuple(part.between)) for part in system.gears]
-    return found + [("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials]
+    connections = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
+    connections += [("gears", part.name, tuple(part.between)) for part in system.gears]
+    return connections + [
+        ("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials
+    ]
 
 
 def _lanes(roots: list[str], children: dict[str, list[str]], order: list[str]) -> dict[str, float]:

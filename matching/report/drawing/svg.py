@@ -97,12 +97,12 @@ def _energy(mode: Mode, part: str) -> float:
 
 def _words(picture: Picture, name: str, share: float) -> str:
     """What a reader who does not see the drawing is told of a part."""
-    table, _, own = name.partition(".")
+    table, _, part = name.partition(".")
     component = picture.drawing.system[name]
     quantities = [(key, getattr(component, key, None), unit) for key, unit in QUANTITY_UNITS.items()]
-    told = [f"{key} {amount(quantity.value, unit)}" for key, quantity, unit in quantities if quantity is not None]
+    amounts = [f"{key} {amount(quantity.value, unit)}" for key, quantity, unit in quantities if quantity is not None]
     energy = [f"{100 * share:.0f} % of the energy"] if share > LEAST_SHARE else []
-    return ", ".join([f"{WORDS[table]} {spaced(own)}", *told, *energy])
+    return ", ".join([f"{WORDS[table]} {spaced(part)}", *amounts, *energy])
 
 
 def _shape(shape: Stroke | Area | Label) -> dict[str, Any]:

@@ -63,8 +63,10 @@ def differential(axes: Axes, x: float, y: float) -> None:
     """The cage of an open differential."""
     corners = [(x - 0.22, y), (x, y + 0.22), (x + 0.22, y), (x, y - 0.22)]
     axes.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=3))
-    for one, other in (((-1, -1), (1, 1)), ((-1, 1), (1, -1))):
-        axes.plot([x + 0.09 * one[0], x + 0.09 * other[0]], [y + 0.09 * one[1], y + 0.09 * other[1]], zorder=4, **LINE)
+    for corner, other in (((-1, -1), (1, 1)), ((-1, 1), (1, -1))):
+        axes.plot(
+            [x + 0.09 * corner[0], x + 0.09 * other[0]], [y + 0.09 * corner[1], y + 0.09 * other[1]], zorder=4, **LINE
+        )
 
 
 def machine(axes: Axes, x: float, y: float, half: float, colour: str) -> None:

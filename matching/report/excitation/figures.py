@@ -40,10 +40,10 @@ def excitation(plan: ExcitationPlan) -> Figure:
         ax = fig.add_subplot(grid[count])
         rows = np.arange(len(expected))
         for share, colour, label in (("share_before", RIG, "now"), ("share_after", MATCHED, "expected after")):
-            values = np.maximum([getattr(one, share) for one in expected], SMALLEST_SHARE)
+            values = np.maximum([getattr(quantity, share) for quantity in expected], SMALLEST_SHARE)
             ax.plot(values, rows, "o", color=colour, label=label)
         ax.set_xscale("log")
-        ax.set_yticks(rows, [spaced(one.name) for one in expected])
+        ax.set_yticks(rows, [spaced(quantity.name) for quantity in expected])
         ax.invert_yaxis()
         ax.set_xlabel("part of the response error")
         ax.legend(loc="lower right")

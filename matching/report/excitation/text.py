@@ -14,8 +14,8 @@ def summary(result: Mapping[str, Any]) -> str:
     """What the recording is expected to tell, and what of the limits it uses."""
     error = result["response_error"]
     hold = ", ".join(
-        f"{name} {number(own['proportional'], 3)} N·m·s/rad and {number(own['integral'], 3)} N·m/rad"
-        for name, own in result["speed_hold"].items()
+        f"{name} {number(gains['proportional'], 3)} N·m·s/rad and {number(gains['integral'], 3)} N·m/rad"
+        for name, gains in result["speed_hold"].items()
     )
     lines = [
         f"excitation of {number(result['duration'], 3)} s about a rotor speed of {number(result['speed'], 3)} rad/s",
@@ -23,10 +23,10 @@ def summary(result: Mapping[str, Any]) -> str:
         f"response error from what is not known: {number(error['before'], 2)} now, "
         f"{number(error['after'], 2)} expected with what the recording tells",
     ]
-    for one in result["expected"][:NAMED]:
-        before, after = (number(one[f"standard_uncertainty_{when}"], 2) for when in ("before", "after"))
-        found = f"{one['name']}: {number(one['value'], 4)} ± {after} {unit(one['unit'])}".rstrip()
-        lines.append(f"{found} (known to ± {before})")
+    for quantity in result["expected"][:NAMED]:
+        before, after = (number(quantity[f"standard_uncertainty_{when}"], 2) for when in ("before", "after"))
+        line = f"{quantity['name']}: {number(quantity['value'], 4)} ± {after} {unit(quantity['unit'])}".rstrip()
+        lines.append(f"{line} (known to ± {before})")
     most = max(result["limits_used"], key=result["limits_used"].get)
     lines.append(
         f"limits: {result['beds']} beds within what is not known use at most {result['limits_used'][most]:.0%} of one "

@@ -11,14 +11,14 @@ from matching.report.common.wording import number, percent
 
 def in_time_lines(result: Mapping[str, Any]) -> list[str]:
     """Error of the bed as modelled and with everything wrong, and what an open lash does."""
-    found = result.get("in_time")
-    if not found or not found["rows"]:
+    in_time = result.get("in_time")
+    if not in_time or not in_time["rows"]:
         return []
-    first, last = found["rows"][0], found["rows"][-1]
-    lash = found["open_lash"]
+    first, last = in_time["rows"][0], in_time["rows"][-1]
+    lash = in_time["open_lash"]
     swinging = f"; open lash: {_lash(lash)}" if lash else ""
     return [
-        f"in time, {number(found['seconds'], 2)} s on beds that are not the model, largest error over range: as "
+        f"in time, {number(in_time['seconds'], 2)} s on beds that are not the model, largest error over range: as "
         f"modelled {_pair(first)}, {last['words']} {_pair(last)}{swinging}"
     ]
 

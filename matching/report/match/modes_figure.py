@@ -25,7 +25,7 @@ def columns(result: MatchResult) -> list[Column]:
     # modes of the feed-forward: what the matched rig shows for measured torques
     measured = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
     matched = [mode_of(entry) for entry in measured or result.matched_modes]
-    found = []
+    drawn = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
         ("Rig without control", RIG, result.rig_modes, [target.rig for target in result.targets]),
@@ -41,8 +41,8 @@ def columns(result: MatchResult) -> list[Column]:
         if not numbers:
             title += ", no target mode found: its first modes"
         if low:
-            found.append(Column(title, colour, low, numbers))
-    return found
+            drawn.append(Column(title, colour, low, numbers))
+    return drawn
 
 
 def mode_of(entry: dict[str, Any]) -> Mode:

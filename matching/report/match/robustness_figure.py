@@ -32,10 +32,10 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
         axes = fig.subplots()
         top = max([error, *(row.error for row in rows if row.error is not None and row.stable)]) * 1.25
         for place, name in enumerate(names):
-            own = sorted((row for row in rows if row.name == name), key=lambda row: row.off.startswith("+"))
-            step = 0.8 / len(own)
-            for k, row in enumerate(own):
-                at = place + (k - (len(own) - 1) / 2) * step
+            pair = sorted((row for row in rows if row.name == name), key=lambda row: row.off.startswith("+"))
+            step = 0.8 / len(pair)
+            for k, row in enumerate(pair):
+                at = place + (k - (len(pair) - 1) / 2) * step
                 unusable = not row.stable or row.error is None
                 reach = top if unusable or row.error is None else min(row.error, top)
                 axes.barh(

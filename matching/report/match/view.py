@@ -12,18 +12,18 @@ from modelling.common import display
 
 
 @display.plot.register
-def plot(found: MatchResult) -> Figure:
+def plot(result: MatchResult) -> Figure:
     """The overview figure of the report."""
-    return overview(found)
+    return overview(result)
 
 
 @display.text.register
-def said(found: MatchResult) -> str:
+def said(result: MatchResult) -> str:
     """One sentence, then the most important figures."""
-    return summary(content(found))
+    return summary(content(result))
 
 
 @display.html.register
-def html(found: MatchResult) -> str:
+def html(result: MatchResult) -> str:
     """The same for a notebook."""
-    return summary_html(found)
+    return summary_html(result)

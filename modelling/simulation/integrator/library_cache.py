@@ -65,15 +65,15 @@ def only_mine(path: Path) -> bool:
 
 def kept(key: str) -> Path | None:
     """The entry of a key if there is one that is whole; others are removed."""
-    found = None
+    library = None
     for place in dict.fromkeys((folder(), _folder_of_this_process())) if _KEPT_UNTIL_THE_END else (folder(),):
         for path in sorted(place.glob(f"{key}-*{SUFFIX}")):
-            if found is None and _is_whole(path):
-                found = path
-            elif found is None:
+            if library is None and _is_whole(path):
+                library = path
+            elif library is None:
                 with contextlib.suppress(OSError):
                     path.unlink()
-    return found
+    return library
 
 
 def keep(key: str, content: bytes) -> Path | None:

@@ -89,7 +89,7 @@ def run_all(
         _Prepared(task, made, code, constant, stop, states, readings, errors)
         for task, constant in zip(tasks, constants, strict=True)
     ]
-    runs = [one.run for one in prepared]
+    runs = [task.run for task in prepared]
     work = sum(task.step_count for task in tasks) * 4 * made.field.n_instructions()
     if threads > 1:
         pieces = -(-SHARES * threads // len(tasks))
@@ -100,7 +100,7 @@ def run_all(
         ends = [general.run(ctypes.byref(each)) for each in runs]
     if any(ends):
         raise MemoryError("the integrator found no memory")
-    return [one.results for one in prepared]
+    return [task.results for task in prepared]
 
 
 def _run_beside(general: ctypes.CDLL, runs: Sequence[_Run], stop: ctypes.c_int, threads: int) -> list[int]:
