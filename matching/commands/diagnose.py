@@ -52,14 +52,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             bar.set_description_str(f"{step:50.50}")
             bar.update()
 
-        diagnosis = diagnose(system, recordings, holdout, tell)
+        found = diagnose(system, recordings, holdout, tell)
         tell("report")
-        drawn = {name: image(figure) for name, figure in figures(diagnosis, system).items()}
-    result = content(diagnosis)
+        drawn = {name: image(figure) for name, figure in figures(found, system).items()}
+    result = content(found)
     units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"extended.toml": dumps(diagnosis.extended)}
+    files: dict[str, str | bytes] = {"extended.toml": dumps(found.extended)}
     files["report.html"] = page(result, system.title, units, drawn)
-    files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
+    files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
     return write_results(arguments.out, "diagnosis.json", result, files)
 
 

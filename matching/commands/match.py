@@ -53,17 +53,15 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     case = load_case(arguments.case)
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with steps("match") as tell:
-        matched = match(
+        found = match(
             case, arguments.seed, progress=tell, workers=arguments.workers or cores(), beds=arguments.beds, **effort
         )
-    made = provenance(matched.case, arguments.seed)
-    result = content(matched) | {"made_by": made.to_dict()}
-    drawn = {name: image(figure) for name, figure in figures(matched).items()}
-    files: dict[str, str | bytes] = {
-        "report.html": page(matched, drawn, made, moving_figures(matched), curve_data(matched))
-    }
-    files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
-    files |= case_files(matched.tuned)
+    made = provenance(found.case, arguments.seed)
+    result = content(found) | {"made_by": made.to_dict()}
+    drawn = {name: image(figure) for name, figure in figures(found).items()}
+    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, moving_figures(found), curve_data(found))}
+    files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
+    files |= case_files(found.tuned)
     written = write_results(arguments.out, "result.json", result, files)
     return written | {"report": str(Path(arguments.out) / "report.html")}
 

@@ -65,9 +65,9 @@ def _judged(
     from matching.report.common.style import image
     from modelling.common.output import write_results
 
-    verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
-    result = verification.to_dict()
-    drawn = {"responses": image(responses(verification))}
+    found = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
+    result = found.to_dict()
+    drawn = {"responses": image(responses(found))}
     files: dict[str, str | bytes] = {"report.html": page(result, drawn)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)

@@ -17,6 +17,13 @@ ROOMS_WITH_VAGUE_NAMES = (
     "matching.diagnosis",
     "matching.excitation",
     "matching.frequency",
+    "matching.commands.diagnose",
+    "matching.commands.match",
+    "matching.commands.verify",
+    "matching.report.bed_test.page",
+    "matching.report.diagnosis.sentences",
+    "matching.report.match",
+    "matching.report.responses",
 )
 
 

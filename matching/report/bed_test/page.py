@@ -31,15 +31,14 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
         "status": result["status"],
         "answer": answer(result),
         "band": result["band"],
-        "errors": [_row(error) for error in result["errors"]],
-        "functions": [_row(function) for function in result["functions"]],
+        "errors": [_row(one) for one in result["errors"]],
+        "functions": [_row(one) for one in result["functions"]],
         "modes": [
-            {"number": mode["vehicle_mode"], "words": mode_words(mode), "status": mode["status"]}
-            for mode in result["modes"]
+            {"number": one["vehicle_mode"], "words": mode_words(one), "status": one["status"]}
+            for one in result["modes"]
         ],
         "fidelity": [
-            {**fidelity, "total": with_uncertainty(fidelity["R_XiL"], fidelity["standard_uncertainty"])}
-            for fidelity in result["fidelity"]
+            {**one, "total": with_uncertainty(one["R_XiL"], one["standard_uncertainty"])} for one in result["fidelity"]
         ],
         "notes": result["notes"],
         "diagnosis": diagnosis,
@@ -49,5 +48,5 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
     return environment().get_template("bed_test.html").render(values)
 
 
-def _row(error: Mapping[str, Any]) -> dict[str, Any]:
-    return {**error, "value": with_uncertainty(error["error"], error["standard_uncertainty"])}
+def _row(one: Mapping[str, Any]) -> dict[str, Any]:
+    return {**one, "value": with_uncertainty(one["error"], one["standard_uncertainty"])}

@@ -142,7 +142,7 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{number(row['worst_ratio'], 3)} times the noise"
         )
     lines += [f"  {shape(curve)}" for curve in result.get("discrepancy", [])[:1]]
-    at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
+    at_bound = [name for name, own in result["parameters"].items() if "at the bound" in own.get("note", "")]
     if at_bound:
         lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
     unidentified = not_identifiable(result)

@@ -50,9 +50,9 @@ def figures(result: MatchResult) -> dict[str, Figure]:
         "responses": response_figure(result),
     }
     if shown := signals(result):
-        made["manoeuvre"] = trace_figure(shown, min(torque.at for torque in result.case.manoeuvre.values()))
+        made["manoeuvre"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
     if shown := in_time_signals(result):
-        made["in_time"] = trace_figure(shown, min(torque.at for torque in result.case.manoeuvre.values()))
+        made["in_time"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
     made["margin"] = margin_figure(result.tuned, modes)
     if max(len(system.inertias) for system in (result.case.vehicle, result.case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = case_figure(result.tuned)
