@@ -24,6 +24,10 @@ def register_provider(provider: Callable[[type], None]) -> None:
 class Displayed:
     """A result with a figure and a table."""
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        cls._repr_pretty_ = Displayed._repr_pretty_  # type: ignore[method-assign]  # IPython looks in the class first
+
     def plot(self) -> Any:
         """This result as a Matplotlib figure, without any global state."""
         return plot(self)
