@@ -56,7 +56,7 @@ def _header(controller: ExportedController) -> str:
 
 
 def _data(controller: ExportedController) -> str:
-    law, settings = controller.law, controller.settings
+    law, own = controller.law, controller.settings
     lines = [
         "/* numbers of the controller: each matrix row by row, without its zeros */",
         "typedef struct {",
@@ -83,8 +83,8 @@ def _data(controller: ExportedController) -> str:
         "torque_gain",
     )
     for part in (*per_dynamometer, "unexpected"):
-        lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")
-    lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
+        lines.append(f"    {{{', '.join(_real(value) for value in getattr(own, part))}}}, /* {part} */")
+    lines += [f"    {own.frozen_samples}, {own.life_samples}}};"]
     matrices = {
         "EXPECTED": law.E,
         "CORRECTION": law.L,

@@ -20,10 +20,10 @@ ROOMS_WITH_VAGUE_NAMES = (
     "matching.commands.diagnose",
     "matching.commands.match",
     "matching.commands.verify",
-    "matching.report.bed_test.page",
     "matching.report.diagnosis.sentences",
     "matching.report.match",
     "matching.report.responses",
+    "modelling.controller",
 )
 
 

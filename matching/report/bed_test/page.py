@@ -31,14 +31,15 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
         "status": result["status"],
         "answer": answer(result),
         "band": result["band"],
-        "errors": [_row(one) for one in result["errors"]],
-        "functions": [_row(one) for one in result["functions"]],
+        "errors": [_row(error) for error in result["errors"]],
+        "functions": [_row(function) for function in result["functions"]],
         "modes": [
-            {"number": one["vehicle_mode"], "words": mode_words(one), "status": one["status"]}
-            for one in result["modes"]
+            {"number": mode["vehicle_mode"], "words": mode_words(mode), "status": mode["status"]}
+            for mode in result["modes"]
         ],
         "fidelity": [
-            {**one, "total": with_uncertainty(one["R_XiL"], one["standard_uncertainty"])} for one in result["fidelity"]
+            {**fidelity, "total": with_uncertainty(fidelity["R_XiL"], fidelity["standard_uncertainty"])}
+            for fidelity in result["fidelity"]
         ],
         "notes": result["notes"],
         "diagnosis": diagnosis,
@@ -48,5 +49,5 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
     return environment().get_template("bed_test.html").render(values)
 
 
-def _row(one: Mapping[str, Any]) -> dict[str, Any]:
-    return {**one, "value": with_uncertainty(one["error"], one["standard_uncertainty"])}
+def _row(error: Mapping[str, Any]) -> dict[str, Any]:
+    return {**error, "value": with_uncertainty(error["error"], error["standard_uncertainty"])}

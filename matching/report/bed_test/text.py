@@ -19,8 +19,8 @@ def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence, with what is short or open."""
     parts = [MEANING[result["status"]]]
     for status, words in (("short", "Short"), ("undetermined", "Open")):
-        names = [f"{one['name']} torques" for one in result["errors"] if one["status"] == status]
-        names += [f"vehicle mode {one['vehicle_mode']}" for one in result["modes"] if one["status"] == status]
+        names = [f"{error['name']} torques" for error in result["errors"] if error["status"] == status]
+        names += [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == status]
         if names:
             parts.append(f"{words}: {', '.join(names)}.")
     return " ".join(parts)
@@ -36,16 +36,19 @@ def with_uncertainty(value: float | None, standard: float | None, digits: int = 
 def summary(result: Mapping[str, Any]) -> str:
     """At most twenty lines for a terminal."""
     lines = [f"{result['status']}: {answer(result)}"]
-    for one in result["errors"]:
+    for error in result["errors"]:
         lines.append(
-            f"response error to {one['name']} torques: {with_uncertainty(one['error'], one['standard_uncertainty'])}"
-            f" (predicted {number(one['predicted'], 3)}, on 95 % of drawn beds below {number(one['expected'], 3)}, "
-            f"allowed {number(one['allowed'], 3)}): {one['status']}"
+            f"response error to {error['name']} torques: "
+            f"{with_uncertainty(error['error'], error['standard_uncertainty'])}"
+            f" (predicted {number(error['predicted'], 3)}, on 95 % of drawn beds below {number(error['expected'], 3)}, "
+            f"allowed {number(error['allowed'], 3)}): {error['status']}"
         )
-    for one in result["modes"]:
-        lines.append(f"vehicle mode {one['vehicle_mode']}: {mode_words(one)}: {one['status']}")
-    for one in result["fidelity"]:
-        lines.append(f"R_XiL of {one['recording']}: {with_uncertainty(one['R_XiL'], one['standard_uncertainty'])}")
+    for mode in result["modes"]:
+        lines.append(f"vehicle mode {mode['vehicle_mode']}: {mode_words(mode)}: {mode['status']}")
+    for fidelity in result["fidelity"]:
+        lines.append(
+            f"R_XiL of {fidelity['recording']}: {with_uncertainty(fidelity['R_XiL'], fidelity['standard_uncertainty'])}"
+        )
     lines.append(f"uncertainties: k = {number(result['coverage_factor'])}, about 95 %")
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
 
@@ -53,8 +56,8 @@ def summary(result: Mapping[str, Any]) -> str:
 def interim(result: Mapping[str, Any]) -> str:
     """One line on what a recording shows that is still being written."""
     errors = [
-        f"{one['name']} torques {with_uncertainty(one['error'], one['standard_uncertainty'])}"
-        for one in result["errors"]
+        f"{error['name']} torques {with_uncertainty(error['error'], error['standard_uncertainty'])}"
+        for error in result["errors"]
     ]
     return f"so far {result['status']}: response error to {', '.join(errors)}"
 
@@ -62,14 +65,14 @@ def interim(result: Mapping[str, Any]) -> str:
 def mode_words(mode: Mapping[str, Any]) -> str:
     """Frequency and damping ratio of vehicle, prediction and bed."""
     parts = [f"vehicle {_pair(mode['vehicle'])}", f"predicted {_pair(mode['predicted'])}"]
-    own = mode["measured"]
-    if own is None:
+    measured = mode["measured"]
+    if measured is None:
         return ", ".join([*parts, "measured: does not show"])
     return ", ".join(
         [
             *parts,
-            f"measured {with_uncertainty(own['frequency'], own['frequency_uncertainty'], 4)} Hz, damping ratio "
-            f"{with_uncertainty(own['damping_ratio'], own['damping_uncertainty'])}",
+            f"measured {with_uncertainty(measured['frequency'], measured['frequency_uncertainty'], 4)} Hz, "
+            f"damping ratio {with_uncertainty(measured['damping_ratio'], measured['damping_uncertainty'])}",
         ]
     )
 

@@ -12,8 +12,8 @@ from matching.report.common.environment import environment
 def page(result: Mapping[str, Any]) -> str:
     """The content of ``commission.json`` as HTML."""
     rounds = [
-        {"number": one["round"], "lines": round_lines(one), "values": one.get("identification", {}).get("values")}
-        for one in result["rounds"]
+        {"number": entry["round"], "lines": round_lines(entry), "values": entry.get("identification", {}).get("values")}
+        for entry in result["rounds"]
     ]
     return (
         environment()
@@ -30,8 +30,8 @@ def gain(result: Mapping[str, Any]) -> float | None:
 
     Both are against the vehicle of the last round, which holds the specimen as it is known best.
     """
-    judged = [one.get("against_last_vehicle", one.get("verification")) for one in result["rounds"]]
-    errors = [one["errors"][0]["error"] for one in judged if one and one["errors"]]
+    judged = [entry.get("against_last_vehicle", entry.get("verification")) for entry in result["rounds"]]
+    errors = [verification["errors"][0]["error"] for verification in judged if verification and verification["errors"]]
     if len(errors) < 2 or errors[0] is None or not errors[-1]:
         return None
     return float(errors[0] / errors[-1])

@@ -19,8 +19,8 @@ MEANING = {
 def summary(result: Mapping[str, Any]) -> str:
     """The answer, then a few lines a round."""
     lines = [f"{result['status']}: {MEANING[result['status']]}", *ending(result)]
-    for one in result["rounds"]:
-        lines += [f"round {one['round']}: {line}" for line in round_lines(one)]
+    for entry in result["rounds"]:
+        lines += [f"round {entry['round']}: {line}" for line in round_lines(entry)]
     if result["waiting_for"]:
         lines.append(f"next: {result['waiting_for']}")
     return "\n".join(lines)
@@ -38,23 +38,30 @@ def ending(result: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def round_lines(one: Mapping[str, Any]) -> list[str]:
+def round_lines(entry: Mapping[str, Any]) -> list[str]:
     """What a round found, a sentence each."""
     lines = []
-    if "identification" in one:
-        found = one["identification"]
-        causes = ", ".join(f"{cause['kind']} at {cause['at']}" for cause in found["causes"]) or "no further cause"
-        lines.append(f"diagnosis {found['verdict']}: {causes}")
-        moved = sorted(found["values"], key=lambda own: -abs(own["after"] / own["before"] - 1) if own["before"] else 0)
+    if "identification" in entry:
+        identification = entry["identification"]
+        causes = (
+            ", ".join(f"{cause['kind']} at {cause['at']}" for cause in identification["causes"]) or "no further cause"
+        )
+        lines.append(f"diagnosis {identification['verdict']}: {causes}")
+        moved = sorted(
+            identification["values"],
+            key=lambda value: -abs(value["after"] / value["before"] - 1) if value["before"] else 0,
+        )
         lines.append(
             "moved most: "
-            + ", ".join(f"{own['name']} {number(own['before'], 4)} → {number(own['after'], 4)}" for own in moved[:4])
+            + ", ".join(
+                f"{value['name']} {number(value['before'], 4)} → {number(value['after'], 4)}" for value in moved[:4]
+            )
         )
-        lines += found["notes"]
-    if "match" in one:
-        lines.append(f"match {one['match']['status']}")
-    if "verification" in one:
-        proof = one["verification"]
+        lines += identification["notes"]
+    if "match" in entry:
+        lines.append(f"match {entry['match']['status']}")
+    if "verification" in entry:
+        proof = entry["verification"]
         for error in proof["errors"]:
             measured = with_uncertainty(error["error"], error["standard_uncertainty"])
             lines.append(
@@ -63,8 +70,8 @@ def round_lines(one: Mapping[str, Any]) -> list[str]:
             )
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
         lines += _fidelity(proof, "")
-    if "against_last_vehicle" in one:
-        same = one["against_last_vehicle"]
+    if "against_last_vehicle" in entry:
+        same = entry["against_last_vehicle"]
         for error in same["errors"]:
             measured = with_uncertainty(error["error"], error["standard_uncertainty"])
             lines.append(f"against the last round's vehicle: response error to {error['name']} torques {measured}")
@@ -74,5 +81,6 @@ def round_lines(one: Mapping[str, Any]) -> list[str]:
 
 def _fidelity(judged: Mapping[str, Any], against: str) -> list[str]:
     return [
-        f"R_XiL{against} {with_uncertainty(one['R_XiL'], one['standard_uncertainty'])}" for one in judged["fidelity"]
+        f"R_XiL{against} {with_uncertainty(fidelity['R_XiL'], fidelity['standard_uncertainty'])}"
+        for fidelity in judged["fidelity"]
     ]
