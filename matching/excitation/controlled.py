@@ -46,12 +46,12 @@ def controlled_beds(
     s, step = 2j * np.pi * frequencies, law.sample_time
     hold = (1 - np.exp(-s * step)) / (s * step)
     commands, outputs = [], []
-    for given in values:
-        one = bed.at(given)
-        C, D = bed.rows(one, given)
-        k, count = one.commands.shape[1], len(C)
-        H = transfer(one.A, np.hstack([one.commands, one.torques]), np.vstack([C, one.readings]), s)
-        H[:, :, :k] *= (hold * np.exp(-s * one.delay))[:, None, None]
+    for bed_values in values:
+        shifted = bed.at(bed_values)
+        C, D = bed.rows(shifted, bed_values)
+        k, count = shifted.commands.shape[1], len(C)
+        H = transfer(shifted.A, np.hstack([shifted.commands, shifted.torques]), np.vstack([C, shifted.readings]), s)
+        H[:, :, :k] *= (hold * np.exp(-s * shifted.delay))[:, None, None]
         H[:, :count] += D
         direct = np.zeros((*H.shape[:2], len(torques)), complex)
         asked = np.zeros((len(s), k, len(torques)), complex)

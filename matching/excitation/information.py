@@ -49,8 +49,8 @@ def information(bed: RecordedBed, box: Box, inputs: np.ndarray, step: float, low
 def line_information(bed: RecordedBed, box: Box, lines: np.ndarray, of_input: np.ndarray, count: int) -> np.ndarray:
     """Information (l, p, p) of ``count`` samples of a sine, mean square 1 (N·m)², at each line (l,) in Hz."""
     slopes = sensitivities(bed, box, lines)
-    own = slopes[:, np.arange(len(lines)), :, of_input]  # (l, p, y): NumPy puts the paired axis first
-    return count * np.real(np.einsum("lpy,lqy->lpq", own.conj(), own))
+    of_lines = slopes[:, np.arange(len(lines)), :, of_input]  # (l, p, y): NumPy puts the paired axis first
+    return count * np.real(np.einsum("lpy,lqy->lpq", of_lines.conj(), of_lines))
 
 
 def optimal_powers(lines: np.ndarray, of_input: np.ndarray, weights: np.ndarray, budget: np.ndarray) -> np.ndarray:
@@ -66,16 +66,16 @@ def optimal_powers(lines: np.ndarray, of_input: np.ndarray, weights: np.ndarray,
     weights : ndarray (p, p)
     """
     powers = np.zeros(len(lines))
-    for j, own in enumerate(budget):
+    for j, allowance in enumerate(budget):
         mine = of_input == j
-        powers[mine] = own / max(mine.sum(), 1)
+        powers[mine] = allowance / max(mine.sum(), 1)
     prior = PRIOR * np.eye(len(weights))
     for _ in range(ROUNDS):
         inverse = np.linalg.inv(prior + np.tensordot(powers, lines, 1))
         gain = np.einsum("pq,lqp->l", inverse @ weights @ inverse, lines)
-        for j, own in enumerate(budget):
+        for j, allowance in enumerate(budget):
             mine = of_input == j
             moved = powers[mine] * np.sqrt(np.maximum(gain[mine], 0.0))
             if moved.sum() > 0:
-                powers[mine] = own * moved / moved.sum()
+                powers[mine] = allowance * moved / moved.sum()
     return powers

@@ -65,27 +65,27 @@ class ExcitationLimits:
 
     def _shares(self, steady: tuple[np.ndarray, np.ndarray], moved: _Extremes, scale: float) -> dict[str, float]:
         case, limits = self.bed.case, self.bed.case.limits
-        highest, lowest = (steady[1] + scale * one for one in (moved.highest, moved.lowest))
+        highest, lowest = (steady[1] + scale * reading for reading in (moved.highest, moved.lowest))
         largest = np.maximum(np.abs(highest), np.abs(lowest)).max(axis=0)  # (y + 2s,)
         commands = np.maximum(
             np.abs(steady[0] + scale * moved.command[0]), np.abs(steady[0] + scale * moved.command[1])
         )
-        found = {"slowest rotor": float((1 - lowest[:, self._speed_rows].min() / self.speed) / (1 - SLOWEST))}
+        shares = {"slowest rotor": float((1 - lowest[:, self._speed_rows].min() / self.speed) / (1 - SLOWEST))}
         peaks = {"dynamometer_torque": commands.max(), "dynamometer_speed": largest[self._speed_rows].max()}
         if "dynamometer_power" in limits or case.torque_curve is not None:
             torques, speeds = steady[0] + scale * moved.commands, self.speed + scale * moved.speeds
             peaks["dynamometer_power"] = np.abs(torques * speeds).max()
             if case.torque_curve is not None:
-                found["dynamometer_torque_over_speed"] = case.torque_curve.used(torques, speeds)
-        found |= {name: float(peak / limits[name]) for name, peak in peaks.items() if name in limits}
+                shares["dynamometer_torque_over_speed"] = case.torque_curve.used(torques, speeds)
+        shares |= {name: float(peak / limits[name]) for name, peak in peaks.items() if name in limits}
         names = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in self.bed.shafts]
         for name, peak in zip(names, largest[len(self.bed.sensors) :], strict=True):
             if name in limits:
-                found[name] = float(peak / limits[name])
+                shares[name] = float(peak / limits[name])
         for name, peak, limit in zip(self.bed.inputs[commands.shape[1] :], moved.demand, self.demanded, strict=True):
             if limit > 0:
-                found[f"inputs.{name}"] = float(scale * peak / limit)
-        return found
+                shares[f"inputs.{name}"] = float(scale * peak / limit)
+        return shares
 
     def check_steady(self, steady: tuple[np.ndarray, np.ndarray], allowed: float) -> None:
         """The steady speed alone must hold every limit up to a share ``allowed``.
@@ -139,9 +139,9 @@ def demanded_limits(bed: RecordedBed, stated: Mapping[str, float]) -> np.ndarray
     for name in stated:
         if name not in names:
             raise InputError(f"--limit {name}", "is no input beside the dynamometers'", f"choose of {', '.join(names)}")
-    found = []
+    demands = []
     for name in names:
         manoeuvre = case.manoeuvre.get(name)
         peak = 0.0 if manoeuvre is None else float(np.abs(manoeuvre.torque(manoeuvre.time())).max())
-        found.append(stated.get(name, peak))
-    return np.array(found)
+        demands.append(stated.get(name, peak))
+    return np.array(demands)

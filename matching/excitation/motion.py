@@ -61,13 +61,13 @@ class ExcitedBeds:
     def __init__(self, bed: RecordedBed, values: Sequence[Mapping[str, float]], hold: SpeedHold):
         loop = bed.case.loop
         self._hold, self._step = hold, loop["sample_time"]
-        beds = [bed.at(one) for one in values]
-        sampled = [delayed_bed(one.A, one.commands, one.torques, one.delay, self._step) for one in beds]
+        beds = [bed.at(bed_values) for bed_values in values]
+        sampled = [delayed_bed(linear.A, linear.commands, linear.torques, linear.delay, self._step) for linear in beds]
         self._whole, self._new, self._old, self._torques = (
-            np.stack([getattr(one, name) for one in sampled]) for name in ("whole", "new", "old", "torques")
+            np.stack([getattr(delayed, name) for delayed in sampled]) for name in ("whole", "new", "old", "torques")
         )
-        self._delays = np.array([one.delay for one in sampled])
-        rows = [bed.rows(one, given) for one, given in zip(beds, values, strict=True)]
+        self._delays = np.array([linear.delay for linear in sampled])
+        rows = [bed.rows(linear, bed_values) for linear, bed_values in zip(beds, values, strict=True)]
         self._C, self._D = np.stack([C for C, _ in rows]), np.stack([D for _, D in rows])
         at = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in loop.dynamometers]
         self._speeds = at
@@ -76,12 +76,12 @@ class ExcitedBeds:
     def steady(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """Commands (b, k) and outputs (b, y + 2s) of the steady motion with every rotor at a speed, rad/s."""
         commands, outputs = [], []
-        for one, C in zip(self._continuous, self._C, strict=True):
-            n, k = one.commands.shape
-            equations = np.block([[one.A, one.commands], [C[self._speeds], np.zeros((k, k))]])
-            found = np.linalg.lstsq(equations, np.append(np.zeros(n), np.full(k, speed)), rcond=None)[0]
-            commands.append(found[n:])
-            outputs.append(C @ found[:n])
+        for linear, C in zip(self._continuous, self._C, strict=True):
+            n, k = linear.commands.shape
+            equations = np.block([[linear.A, linear.commands], [C[self._speeds], np.zeros((k, k))]])
+            solution = np.linalg.lstsq(equations, np.append(np.zeros(n), np.full(k, speed)), rcond=None)[0]
+            commands.append(solution[n:])
+            outputs.append(C @ solution[:n])
         return np.stack(commands), np.stack(outputs)
 
     def run(self, demands: np.ndarray) -> ExcitedMotion:

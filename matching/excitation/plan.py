@@ -168,22 +168,24 @@ def _signals(
 
 def _expected(case: Case, weights: np.ndarray, covariance: np.ndarray) -> tuple[Expected, ...]:
     """What matters most first."""
-    found = []
-    for one, weight, variance in zip(case.uncertainty.uncertain, np.diag(weights), np.diag(covariance), strict=True):
+    expected = []
+    for quantity, weight, variance in zip(
+        case.uncertainty.uncertain, np.diag(weights), np.diag(covariance), strict=True
+    ):
         before, after = 1 / np.sqrt(PRIOR), float(np.sqrt(variance))
-        name = one.name
+        name = quantity.name
         unit = "1"
         if name.startswith("rig."):
             unit = case.rig.units[name.removeprefix("rig.")]
         elif name.startswith("loop."):
             unit = case.loop.quantities[name.removeprefix("loop.")].unit
-        found.append(
+        expected.append(
             Expected(
-                name, one.value, unit, before * one.half_width, after * one.half_width,
+                name, quantity.value, unit, before * quantity.half_width, after * quantity.half_width,
                 float(np.sqrt(weight) * before), float(np.sqrt(weight) * after),
             )
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda one: -one.share_before))
+    return tuple(sorted(expected, key=lambda quantity: -quantity.share_before))
 
 
 def _notes(bed: RecordedBed, limits: ExcitationLimits) -> tuple[str, ...]:

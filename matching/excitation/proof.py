@@ -155,9 +155,9 @@ class _Shaping:
         """Factor that brings the excitation to the limits, and keeps it from what a watchdog takes for a fault."""
         motion, demands = self.motion(spectra, names)
         scale = self.limits.largest_scale(self.steady, motion, demands, 1 - FREE)
-        torques = [self.bed.sensors.index(own.torque_sensor) for own in self.case.loop.dynamometers]
+        torques = [self.bed.sensors.index(dynamometer.torque_sensor) for dynamometer in self.case.loop.dynamometers]
         answers = np.einsum("blye,le->bly", self.beds.outputs[:, :, torques], spectra)
-        moved = np.stack([self.wave(one, self.count) for one in answers])  # (b, t, k)
+        moved = np.stack([self.wave(spectrum, self.count) for spectrum in answers])  # (b, t, k)
         still = self.steady[1][:, None, torques]
         while scale > 0 and _seems_lost(still + scale * moved, self.settings):
             scale *= SMALLER
@@ -166,7 +166,9 @@ class _Shaping:
     def motion(self, spectra: np.ndarray, names: tuple[str, ...]) -> tuple[ExcitedMotion, np.ndarray]:
         """The beds' periodic motion and the demands (t, u), by the inputs of the recorded bed."""
         commands, outputs = (
-            np.stack([self.wave(np.einsum("lye,le->ly", one, spectra), self._coarse) for one in responses], axis=1)
+            np.stack(
+                [self.wave(np.einsum("lye,le->ly", of_bed, spectra), self._coarse) for of_bed in responses], axis=1
+            )
             for responses in (self.beds.commands, self.beds.outputs)
         )
         demands = np.zeros((self._coarse, len(self.bed.inputs)))
@@ -201,7 +203,7 @@ class _Shaping:
         outputs, total = np.abs(self.beds.outputs[0][:, :, e]) ** 2, np.zeros(len(self.lines))
         if "dynamometer_torque" in case.limits:
             total += (np.abs(self.beds.commands[0][:, :, e]) ** 2).sum(axis=1) / case.limits["dynamometer_torque"] ** 2
-        rotors = [bed.sensors.index(own.speed_sensor) for own in case.loop.dynamometers]
+        rotors = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
         total += outputs[:, rotors].sum(axis=1) / ((1 - SLOWEST) * self.limits.speed) ** 2
         limited = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in bed.shafts]
         for row, limit in enumerate(limited, len(bed.sensors)):
@@ -230,9 +232,9 @@ def _visible(
     names = list(dict.fromkeys(pair.input for pair in case.compared))
     inside = (frequencies >= case.band[0]) & (frequencies <= case.band[1])
     weights = np.where(inside, 1 / frequencies, 0.0)
-    found = {}
+    visible = {}
     for pair in case.compared:
         e, y = names.index(pair.input), bed.sensors.index(pair.sensor)
         variance = bed.noise[y] ** 2 / (np.abs(beds.outputs[0][:, y, e]) ** 2 * powers[:, e])
-        found[f"{pair.input} → {pair.sensor}"] = float(weights @ (variance < VISIBLE_VARIANCE) / weights.sum())
-    return found
+        visible[f"{pair.input} → {pair.sensor}"] = float(weights @ (variance < VISIBLE_VARIANCE) / weights.sum())
+    return visible

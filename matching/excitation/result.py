@@ -98,7 +98,7 @@ class ExcitationPlan(Displayed):
             "parts": [vars(part) for part in self.parts],
             "fitted_until": self.fitted_until,
             "response_error": {"before": self.error_before, "after": self.error_after},
-            "expected": [one.to_dict() for one in self.expected],
+            "expected": [quantity.to_dict() for quantity in self.expected],
             "limits_used": self.used,
             "margin": self.margin,
             "beds": self.beds,

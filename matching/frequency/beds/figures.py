@@ -143,9 +143,9 @@ class BedFigures:
         return self.largest_pole < 1 + neutral
 
 
-def bed_figures(beds: BedSet, controller: ObserverController, told: Sequence[str]) -> BedFigures:
+def bed_figures(beds: BedSet, controller: ObserverController, known: Sequence[str]) -> BedFigures:
     """Figures of every bed of a set."""
     acting = action(controller, beds.frequencies)
     size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
-    measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (told, ()))
+    measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (known, ()))
     return BedFigures(size, ratio, measured, unmeasured)

@@ -20,21 +20,21 @@ class Resolvent:
         """(z·I − A)⁻¹·B, (f, x, u), for z (f,) and B (x, u) or (f, x, u)."""
         x, u = B.shape[-2:]
         turned = np.moveaxis(np.broadcast_to(self.inverse @ B, (len(z), x, u)), 0, 1)
-        found = np.empty((x, len(z) * u), complex)
+        columns = np.empty((x, len(z) * u), complex)
         for i in reversed(range(x)):
-            above = turned[i] + (self.T[i, i + 1 :] @ found[i + 1 :]).reshape(len(z), u)
-            found[i] = (above / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.V @ found).reshape(x, len(z), u), 1, 0)
+            above = turned[i] + (self.T[i, i + 1 :] @ columns[i + 1 :]).reshape(len(z), u)
+            columns[i] = (above / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.V @ columns).reshape(x, len(z), u), 1, 0)
 
     def rows(self, z: np.ndarray, C: np.ndarray) -> np.ndarray:
         """C·(z·I − A)⁻¹, (f, k, x), for z (f,) and C (k, x)."""
         k, x = C.shape
         turned = C @ self.V
-        found = np.empty((x, len(z) * k), complex)
+        rows = np.empty((x, len(z) * k), complex)
         for i in range(x):
-            before = turned[:, i] + (self.T[:i, i] @ found[:i]).reshape(len(z), k)
-            found[i] = (before / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.inverse.T @ found).reshape(x, len(z), k), 0, 2)
+            before = turned[:, i] + (self.T[:i, i] @ rows[:i]).reshape(len(z), k)
+            rows[i] = (before / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.inverse.T @ rows).reshape(x, len(z), k), 0, 2)
 
 
 def resolvent(A: np.ndarray) -> Resolvent:

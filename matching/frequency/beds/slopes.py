@@ -95,11 +95,11 @@ def error_slopes(beds: BedSet, acting: Action, slopes: ActionSlopes, share: np.n
     at_command = back @ pull  # (b, f, k, i)
     readings = beds.held @ commands + driven.read  # (b, f, y, i)
     of_readings = (at_command @ np.swapaxes(readings, 2, 3)).sum(axis=0)
-    found = np.einsum("wfky,fky->w", slopes.of_readings, of_readings)
+    slope = np.einsum("wfky,fky->w", slopes.of_readings, of_readings)
     at_known = at_command.sum(axis=0)
     for column, known in driven.known.items():
-        found = found + np.einsum("wfk,fk->w", slopes.of_known[..., known], at_known[..., column])
-    return found.real
+        slope = slope + np.einsum("wfk,fk->w", slopes.of_known[..., known], at_known[..., column])
+    return slope.real
 
 
 def pole_slopes(beds: SampledBeds, controller: ObserverController, gains: GainSlopes, poles: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ class Demands:
 
     def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[tuple[str, str, float, float]]:
         """Limits that the manoeuvre takes more than a part of: (dynamometer, limit, demand, allowed), worst first."""
-        found = []
+        broken = []
         for chain in self.chains:
             demands = {}
             for shaft, before in chain.shafts:
@@ -92,19 +92,21 @@ class Demands:
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
             for name, demand in demands.items():
                 if name in self.limits and demand > self.limits[name] * part:
-                    found.append((chain.dynamometer, name, demand, self.limits[name]))
-        return sorted(found, key=lambda one: one[3] / one[2])
+                    broken.append((chain.dynamometer, name, demand, self.limits[name]))
+        return sorted(broken, key=lambda demand: demand[3] / demand[2])
 
     def quantities(self, limit: str) -> set[str]:
         """Names of the quantities of the rig that decide what the manoeuvre takes of a limit."""
-        found: set[str] = set()
+        names: set[str] = set()
         for chain in self.chains:
             behind: dict[str, tuple[str, ...]] = dict.fromkeys(self._at_the_rotor(chain), chain.inertias)
-            behind |= {f"shafts.{shaft}.{what}": own for shaft, own in chain.shafts for what in ("torque", "twist")}
-            found |= {f"rig.inertias.{name}.J" for name in behind.get(limit, ())}
+            behind |= {
+                f"shafts.{shaft}.{what}": inertias for shaft, inertias in chain.shafts for what in ("torque", "twist")
+            }
+            names |= {f"rig.inertias.{name}.J" for name in behind.get(limit, ())}
             if limit in behind and limit.endswith(".twist"):
-                found.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
-        return found
+                names.add(f"rig.{limit.removesuffix('.twist')}.stiffness")
+        return names
 
     def _at_the_rotor(self, chain: DynamometerChain) -> dict[str, np.ndarray | float]:
         """What the dynamometer's torque (t,) is multiplied by for each limit on it."""
@@ -138,11 +140,11 @@ def demands(case: Case, points: int = 400) -> Demands:
     inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
     inputs |= {name: driven.torque(time) for name, driven in case.manoeuvre.items() if name in inputs}
     inputs = {name: torque + inputs[name] for name, torque in torques_of(case.vehicle).items()}
-    cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
+    cuts = {interface.shaft: interface for interface in case.residual_vehicle.interfaces}
     watched: list[Sensor] = []
-    for name, own in cuts.items():
+    for name, interface in cuts.items():
         watched.append(Sensor(f"cut_{name}_torque", "torque", name))
-        watched += [Sensor(f"cut_{name}_{what}", what, own.vehicle_end) for what in ("speed", "acceleration")]
+        watched += [Sensor(f"cut_{name}_{what}", what, interface.vehicle_end) for what in ("speed", "acceleration")]
     vehicle = replace(case.vehicle, sensors=(*case.vehicle.sensors, *watched))
     start = None if vehicle.operating_point is None else operating_motion(vehicle).state
     readings = simulate(vehicle, time, inputs, start=start).readings
@@ -168,7 +170,7 @@ def _path(
     """Shafts from the cut to the rotor, each with the inertias passed before it, and all inertias up to the rotor."""
     joints: list[Shaft] = [part for part in case.rig.shafts if part.name != without]
     paths: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [(start, (), (start,))]
-    seen = {start}
+    reached = {start}
     while paths:
         here, shafts, passed = paths.pop(0)
         if here == end:
@@ -176,7 +178,7 @@ def _path(
         for joint in joints:
             if here in joint.between:
                 other = joint.between[1 - joint.between.index(here)]
-                if other not in seen:
-                    seen.add(other)
+                if other not in reached:
+                    reached.add(other)
                     paths.append((other, (*shafts, joint.name), (*passed, other)))
     return (), (start, end)

@@ -86,14 +86,14 @@ def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
     on_rig = {part.name for part in rig.inertias}
     inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in on_rig}
     joints = [part.between for part in vehicle.shafts] + [part.between for part in vehicle.gears]
-    found, left = [], set(inertia)
+    carried, left = [], set(inertia)
     while left:
         group = {next(name for name in inertia if name in left)}
         while grown := {end for ends in joints if set(ends) & group for end in ends if end in inertia} - group:
             group |= grown
         left -= group
-        found.append(max(group, key=lambda name: inertia[name]))
-    return found
+        carried.append(max(group, key=lambda name: inertia[name]))
+    return carried
 
 
 def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict[str, float], dict[str, float]]:

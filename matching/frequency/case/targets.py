@@ -36,7 +36,7 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
         If the vehicle has no such mode, or it is rigid or overdamped.
     """
     plain, damped = modes(case.vehicle), damped_modes(case.vehicle)
-    found = []
+    pairs = []
     for number, target in enumerate(case.targets, 1):
         where = f"{case.path}: targets[{number}].mode"
         if target.mode > len(plain):
@@ -56,20 +56,20 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
                 f"mode {target.mode} ({wanted.frequency:.3g} Hz) is overdamped in the vehicle",
                 "name a mode that swings",
             )
-        found.append((wanted, best))
-    return found
+        pairs.append((wanted, best))
+    return pairs
 
 
-def goals(case: Case, found: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
+def goals(case: Case, pairs: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
     """Eigenvalue wanted and pattern of the interface speeds for every target; one whose interfaces rest has none.
 
     Dynamometers without torque have no loop and so no eigenpair of one: then the responses alone lead the way.
     """
     if case.loop.torqueless and not any(move.name.startswith("loop.") for move in case.moves):
         return ()
-    cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
+    cuts = {interface.shaft: interface for interface in case.residual_vehicle.interfaces}
     made = []
-    for plain, damped in found:
+    for plain, damped in pairs:
         pattern = np.array(
             [
                 np.real(plain.shape.get(f"inertias.{cuts[dyno.follows].vehicle_end}", 0.0))

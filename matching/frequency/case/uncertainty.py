@@ -51,8 +51,8 @@ class Box:
     def at(self, position: np.ndarray) -> dict[str, float]:
         """Values by name at a position (p,) in the box, each coordinate from −1 to 1."""
         return {
-            one.name: max(one.value + one.half_width * float(x), 0.0)
-            for one, x in zip(self.uncertain, position, strict=True)
+            quantity.name: max(quantity.value + quantity.half_width * float(x), 0.0)
+            for quantity, x in zip(self.uncertain, position, strict=True)
         }
 
     def draw(self, count: int, seed: int) -> np.ndarray:
@@ -68,7 +68,7 @@ class Box:
 
     def without(self, *kinds: str) -> Box:
         """The same box with what begins with one of ``kinds`` known exactly."""
-        return Box(tuple(one for one in self.uncertain if not one.name.startswith(kinds)))
+        return Box(tuple(quantity for quantity in self.uncertain if not quantity.name.startswith(kinds)))
 
 
 def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: str) -> Box:
@@ -83,7 +83,7 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
     if not isinstance(table, dict):
         raise InputError(f"{where}: uncertainty", "is no table", 'write "rig.inertias.*.J" = 0.05 under [uncertainty]')
     known = _known(rig, loop)
-    found: dict[str, Uncertain] = {}
+    by_name: dict[str, Uncertain] = {}
     for key, value in {**DEFAULT, **table}.items():
         names = _fitting(key, known)
         if not names:
@@ -95,27 +95,27 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
             raise InputError(f"{where}: uncertainty.{key!r}", f"{share:g} is not possible", "0 ≤ value < 1 is needed")
         for name in names:
             half_width = share if name == "loop.dead_time" else share * abs(known[name])
-            found[name] = Uncertain(name, known[name], half_width)
+            by_name[name] = Uncertain(name, known[name], half_width)
     for dynamometer in loop.dynamometers:
         name = f"sensors.{dynamometer.torque_sensor}.gain"
-        found.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
-    return Box(tuple(one for one in found.values() if one.half_width > 0))
+        by_name.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
+    return Box(tuple(quantity for quantity in by_name.values() if quantity.half_width > 0))
 
 
 def uncertainty_table(box: Box, rig: System, loop: Loop) -> dict[str, float]:
     """``[uncertainty]`` of a case file with every quantity by its own name: what is not in the box is 0 there."""
-    widths = {one.name: one for one in box.uncertain}
+    widths = {quantity.name: quantity for quantity in box.uncertain}
     table = {}
     for name, value in _known(rig, loop).items():
-        one = widths.get(name)
-        if one is None:
+        width = widths.get(name)
+        if width is None:
             defaults = any(name in _fitting(key, {name: value}) for key in DEFAULT)
-            if defaults or name in {f"sensors.{own.torque_sensor}.gain" for own in loop.dynamometers}:
+            if defaults or name in {f"sensors.{dynamometer.torque_sensor}.gain" for dynamometer in loop.dynamometers}:
                 table[name] = 0.0
         elif name == "loop.dead_time":
-            table[name] = one.half_width
-        elif one.value:
-            table[name] = min(one.half_width / abs(one.value), LARGEST_SHARE)
+            table[name] = width.half_width
+        elif width.value:
+            table[name] = min(width.half_width / abs(width.value), LARGEST_SHARE)
     return table
 
 

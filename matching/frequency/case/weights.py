@@ -35,26 +35,28 @@ def shares_of(case: Case, vehicle: Modes, rig_modes: list[Mode | None]) -> np.nd
 def counterparts(case: Case) -> list[Mode | None]:
     """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
     vehicle, rig = modes(case.vehicle), modes(case.rig)
-    shared = [part.name for part in case.rig.inertias if part.name in {own.name for own in case.vehicle.inertias}]
-    found: list[Mode | None] = []
+    shared = [
+        part.name for part in case.rig.inertias if part.name in {inertia.name for inertia in case.vehicle.inertias}
+    ]
+    counterpart_modes: list[Mode | None] = []
     for target in case.targets:
         wanted = vehicle[target.mode - 1]
         shape = np.array([[wanted.shape.get(f"inertias.{name}", 0.0)] for name in shared])
         elastic = [mode for mode in rig if mode.frequency > 0 and mode.symmetry == wanted.symmetry]
         if not elastic:
-            found.append(None)
+            counterpart_modes.append(None)
             continue
         if np.abs(shape).max(initial=0.0) < 1e-6:  # it leaves the shared part at rest: the lowest of its symmetry
-            found.append(elastic[0])
+            counterpart_modes.append(elastic[0])
             continue
         likeness = [
             float(mac(shape, np.array([[mode.shape.get(f"inertias.{name}", 0.0)] for name in shared]))[0, 0])
             for mode in elastic
         ]
-        found.append(
+        counterpart_modes.append(
             elastic[int(np.argmax(np.array(likeness) > 0.8)) if max(likeness) > 0.8 else int(np.argmax(likeness))]
         )
-    return found
+    return counterpart_modes
 
 
 def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) -> float:

@@ -50,8 +50,8 @@ def acting(case: Case, run: BedRun) -> dict[str, np.ndarray]:
     on_rig, wrong = {part.name for part in case.rig.inputs}, run.imperfection
     time = np.arange(len(next(iter(run.torques.values())))) * case.loop["sample_time"]
     return {
-        name: wrong.demand_factor * np.interp(time - wrong.demand_late, time, own) if name in on_rig else own
-        for name, own in run.torques.items()
+        name: wrong.demand_factor * np.interp(time - wrong.demand_late, time, torque) if name in on_rig else torque
+        for name, torque in run.torques.items()
     }
 
 
@@ -88,7 +88,7 @@ def bed_motions(
     systems = [flawed(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
     drives = _stacked([acting(case, run) for run in runs], beds.drives)
-    told = _stacked([_told(case, run) for run in runs], law.known)
+    measured = _stacked([_told(case, run) for run in runs], law.known)
     poor, of_law = _sensing(case, law, runs, seed), [beds.model.sensors.index(name) for name in law.sensors]
     flanges = [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers]
     chosen = [beds.model.sensors.index(name) for name in sensors]
@@ -103,7 +103,7 @@ def bed_motions(
         read[k] = readings[chosen]
         true = readings[of_law]
         true[flanges] = beds.lagged(x)
-        y, w = poor.read(true), told[k]
+        y, w = poor.read(true), measured[k]
         corrected = state + law.L @ (y - law.E @ state)
         u = np.clip(law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit - trim, limit - trim)
         state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ u
@@ -122,14 +122,14 @@ def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
         values.get("loop.inverter_lag", loop["inverter_lag"]),
         values.get("loop.torque_sensor_lag", loop["torque_sensor_lag"]),
         loop.command_delay(values.get("loop.dead_time")),
-        tuple(values.get(f"dynamometers.{own.name}.torque_gain", 1.0) for own in loop.dynamometers),
+        tuple(values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) for dynamometer in loop.dynamometers),
     )
 
 
 def _told(case: Case, run: BedRun) -> dict[str, np.ndarray]:
     """Torques as the controller is told them; those that it is not told are 0 for it."""
     on_rig = {part.name for part in case.rig.inputs}
-    return {name: own * (name not in on_rig or name in run.known) for name, own in run.torques.items()}
+    return {name: torque * (name not in on_rig or name in run.known) for name, torque in run.torques.items()}
 
 
 def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> PoorSensors:
@@ -142,8 +142,8 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
 def _stacked(torques: Sequence[Mapping[str, np.ndarray]], names: Sequence[str]) -> np.ndarray:
     """(t, d, b)."""
     count = len(next(iter(torques[0].values())))
-    found = np.zeros((count, len(names), len(torques)))
+    stack = np.zeros((count, len(names), len(torques)))
     for i, name in enumerate(names):
-        for j, one in enumerate(torques):
-            found[:, i, j] = one.get(name, 0.0)
-    return found
+        for j, by_name in enumerate(torques):
+            stack[:, i, j] = by_name.get(name, 0.0)
+    return stack

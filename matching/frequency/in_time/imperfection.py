@@ -106,13 +106,13 @@ def _heavier(case: Case) -> list[Imperfection]:
     """The inertia that the first input other than a dynamometer's acts on, 5 % heavier."""
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     on = [part.on for part in case.rig.inputs if part.name not in driven][:1]
-    found = []
+    heavier = []
     for name in on:
-        own = f"inertias.{name}.J"
-        both = {own, mirror_image(own, case.rig)}
-        values = {f"rig.{one}": case.rig.parameters[one].value * HEAVIER for one in both}
-        found.append(Imperfection(f"inertia of {name.replace('_', ' ')} 5 % higher", values))
-    return found
+        quantity = f"inertias.{name}.J"
+        both = {quantity, mirror_image(quantity, case.rig)}
+        values = {f"rig.{inertia}": case.rig.parameters[inertia].value * HEAVIER for inertia in both}
+        heavier.append(Imperfection(f"inertia of {name.replace('_', ' ')} 5 % higher", values))
+    return heavier
 
 
 def flawed(system: System, imperfection: Imperfection, case: Case) -> System:

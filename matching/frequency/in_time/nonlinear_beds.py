@@ -57,7 +57,7 @@ class NonlinearBeds:
         p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
         rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
         if hardware:
-            rate = max(rate, *(0.5 / min(own.inverter_lag, own.torque_sensor_lag) for own in hardware))
+            rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
         self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
         for row in p:
             _sharpen(self.model, row, self.pieces / step)
@@ -65,9 +65,9 @@ class NonlinearBeds:
         names = list(self.model.inputs)
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
         self.drives = [name for name in names if name not in driven]
-        self._weights = [arrivals(own.delay, step, self.pieces) for own in hardware]
+        self._weights = [arrivals(bed.delay, step, self.pieces) for bed in hardware]
         self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
-        of_bed = [[own.inverter_lag, own.torque_sensor_lag, *own.torque_gains] for own in hardware]
+        of_bed = [[bed.inverter_lag, bed.torque_sensor_lag, *bed.torque_gains] for bed in hardware]
         parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
         count = len(systems)
         sample, readings = self._functions(k, driven, step)

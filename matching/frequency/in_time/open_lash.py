@@ -57,7 +57,7 @@ def lash_runs(
     length = len(next(iter(torques.values())))
     time = np.arange(length) * case.loop["sample_time"]
     size = float(np.abs(torques.get(inputs[0], np.zeros(1))).max()) or float(
-        max(np.abs(own).max() for own in torques.values())
+        max(np.abs(torque).max() for torque in torques.values())
     )
     pulse = {inputs[0]: size * ((time >= PULSE_S[0]) & (time < PULSE_S[1]))}
     gaps = np.random.default_rng(seed).uniform(*LASHES_RAD, count)

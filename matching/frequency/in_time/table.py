@@ -122,28 +122,28 @@ def truth_in_time(
         If an imperfect vehicle has no operating point or cannot be simulated.
     """
     count = min(len(next(iter(torques.values()))), lead + round(WATCHED_S / law.sample_time) + 1)
-    torques = {name: own[:count] for name, own in torques.items()}
+    torques = {name: torque[:count] for name, torque in torques.items()}
     sensors = tuple(dict.fromkeys(pair.sensor for pair in case.compared))
     cuts = cut_torque_sensors(case)
     alone = vehicle_motions(case, [BedRun(Imperfection(""), torques)], cuts)[0]
     rows = imperfections(case, float(np.abs(alone).max(initial=0.0)), seed)
     known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
     lashed = lash_runs(case, torques, known, seed)
-    runs = [BedRun(row, torques, told) for row in rows for told in (known, ())]
+    runs = [BedRun(row, torques, measured) for row in rows for measured in (known, ())]
     read = (*sensors, *(name for name in cuts if name not in sensors))
     of_vehicles, of_beds = _simulated(case, law, [*runs, *lashed], read, seed)
-    found = [
+    results = [
         TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
         for i, row in enumerate(rows)
     ]
     every = [i for i, row in enumerate(rows) if row.words == EVERYTHING]
-    worst = max(every, key=lambda i: found[i].largest())
+    worst = max(every, key=lambda i: results[i].largest())
     time = (np.arange(count) - lead) * law.sample_time
     signals = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
     traces = None
     if len(signals) == 3:
-        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, own.T, strict=True)) for own in signals))
-    kept = [found[i] for i in range(len(rows)) if i not in every or i == worst]
+        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, signal.T, strict=True)) for signal in signals))
+    kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
     at, first = [read.index(name) for name in cuts], len(runs)
     lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
     return TruthInTime(sensors, tuple(kept), lash, float(time[-1]), "", traces)

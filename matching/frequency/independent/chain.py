@@ -163,14 +163,14 @@ class Chain:
     def shaft(self, name: str, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Complex stiffness (f,) of a shaft, on its second end's side, and its twist (nodes,) for unit angles."""
         effects = self._on_shaft.get(name, {})
-        own = self._value[f"shafts.{name}.stiffness"] + s * self._value[f"shafts.{name}.damping"]
+        stiffness = self._value[f"shafts.{name}.stiffness"] + s * self._value[f"shafts.{name}.damping"]
         parallel = sum(_PARALLEL[kind](p) for kind, p in effects.items() if kind in _PARALLEL)
         if "slip" in effects:  # spring and damper in series with a further damper
             series = s * effects["slip"]["coefficient"]
             if parallel:
                 raise NotCovered(f"slip beside another effect at shafts.{name}")
-            own = own * series / (own + series)
-        return own + parallel, self._twist(name)
+            stiffness = stiffness * series / (stiffness + series)
+        return stiffness + parallel, self._twist(name)
 
     def drive(self, inputs: list[str]) -> np.ndarray:
         """Generalised torques (n, u) of unit torques at inputs of the system."""

@@ -46,17 +46,17 @@ class IndependentCheck:
         if self.not_covered:
             return []
         assert self.modulus_margin is not None
-        found = []
+        differences = []
         if (self.unstable_poles == 0) != stable:
-            found.append(f"{self.unstable_poles} closed-loop poles in the right half plane by dynamic stiffness")
+            differences.append(f"{self.unstable_poles} closed-loop poles in the right half plane by dynamic stiffness")
         if stable and abs(self.modulus_margin - modulus_margin) > MARGIN_TOLERANCE:
-            found.append(
+            differences.append(
                 f"a modulus margin of {self.modulus_margin:.4f} by dynamic stiffness, {modulus_margin:.4f} here"
             )
         for name, difference in (("vehicle", self.vehicle_difference), ("controlled rig", self.rig_difference)):
             if difference is not None and not difference <= RESPONSE_TOLERANCE:
-                found.append(f"responses of the {name} that differ by {difference:.2g} by dynamic stiffness")
-        return found
+                differences.append(f"responses of the {name} that differ by {difference:.2g} by dynamic stiffness")
+        return differences
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -105,9 +105,9 @@ def _margin(loop: IndependentLoop) -> tuple[float, float]:
     inner = np.flatnonzero((sizes[1:-1] <= sizes[:-2]) & (sizes[1:-1] <= sizes[2:])) + 1
     best = float(sizes.min()), float(grid[np.argmin(sizes)])
     for i in inner[np.argsort(sizes[inner])][:8]:
-        found = scipy.optimize.minimize_scalar(
+        minimum = scipy.optimize.minimize_scalar(
             lambda f: float(least(np.array([f]))[0]), bounds=(grid[i - 1], grid[i + 1]), method="bounded",
             options={"xatol": 1e-7 * grid[i]},
         )  # fmt: skip
-        best = min(best, (float(found.fun), float(found.x)))
+        best = min(best, (float(minimum.fun), float(minimum.x)))
     return best

@@ -90,10 +90,10 @@ class IndependentLoop:
     def measured(self, j: int, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lagged flange torque into the rotor and rotor angle (f, n), (n,) of a dynamometer, for unit coordinates."""
         dynamometer = self.case.loop.dynamometers[j]
-        rotor = next(own.on for own in self.case.rig.inputs if own.name == dynamometer.torque_input)
-        flange = next(own.of for own in self.case.rig.sensors if own.name == dynamometer.torque_sensor)
-        shaft = next(own for own in self.case.rig.shafts if own.name == flange)
-        speed_of = next(own.of for own in self.case.rig.sensors if own.name == dynamometer.speed_sensor)
+        rotor = next(part.on for part in self.case.rig.inputs if part.name == dynamometer.torque_input)
+        flange = next(part.of for part in self.case.rig.sensors if part.name == dynamometer.torque_sensor)
+        shaft = next(part for part in self.case.rig.shafts if part.name == flange)
+        speed_of = next(part.of for part in self.case.rig.sensors if part.name == dynamometer.speed_sensor)
         torque = self.rig.reading(dynamometer.torque_sensor, s) * torque_into(self.case.rig, shaft, rotor)
         lag = 1 / (1 + s * self.case.loop["torque_sensor_lag"])
         return lag[:, None] * torque, self.rig.unit(speed_of) @ self.rig.basis
@@ -101,7 +101,7 @@ class IndependentLoop:
     def interface(self, j: int) -> tuple[int, str]:
         """Which part of the residual vehicle a dynamometer stands for, and the inertia that it follows."""
         followed = self.case.loop.dynamometers[j].follows
-        shaft = next(own for own in self.case.vehicle.shafts if own.name == followed)
+        shaft = next(part for part in self.case.vehicle.shafts if part.name == followed)
         for at, part in enumerate(self.vehicle):
             for end in shaft.between:
                 if end in part.nodes:
@@ -147,7 +147,7 @@ class IndependentLoop:
         plant = np.linalg.solve(
             self.rig.stiffness(s),
             np.broadcast_to(
-                self.rig.drive([own.torque_input for own in self.case.loop.dynamometers]).astype(complex),
+                self.rig.drive([each.torque_input for each in self.case.loop.dynamometers]).astype(complex),
                 (len(s), self.rig.basis.shape[1], k),
             ),
         )
@@ -165,25 +165,25 @@ class IndependentLoop:
     def _followed(self, s: np.ndarray) -> np.ndarray:
         """Reference angles (f, k, k) of the residual vehicle for flange torques."""
         k = len(self.case.loop.dynamometers)
-        found = np.zeros((len(s), k, k), complex)
+        followed = np.zeros((len(s), k, k), complex)
         for at, part in enumerate(self.vehicle):
             mine = [j for j in range(k) if self.interface(j)[0] == at]
             ends = np.array([part.unit(self.interface(j)[1]) @ part.basis for j in mine])
             torques = np.broadcast_to(ends.T.astype(complex), (len(s), *ends.T.shape))
-            found[np.ix_(range(len(s)), mine, mine)] = ends @ np.linalg.solve(part.stiffness(s), torques)
-        return found
+            followed[np.ix_(range(len(s)), mine, mine)] = ends @ np.linalg.solve(part.stiffness(s), torques)
+        return followed
 
     def response(self, s: np.ndarray, source: str, sensor: str) -> np.ndarray:
         """What a sensor of the rig reads (f,) for a torque that the controller does not measure."""
         W = self.matrix(s)
         load = np.zeros((len(s), W.shape[1], 1), complex)
         n = self.rig.basis.shape[1]
-        if source in {own.name for own in self.case.rig.inputs}:
+        if source in {part.name for part in self.case.rig.inputs}:
             load[:, :n] = self.rig.drive([source])
         else:
             starts = np.cumsum([n, *(part.basis.shape[1] for part in self.vehicle)])
             for part, first, last in zip(self.vehicle, starts[:-1], starts[1:], strict=True):
-                if source in {own.name for own in part.system.inputs}:
+                if source in {driven.name for driven in part.system.inputs}:
                     load[:, first:last] = part.drive([source])
         motion = np.linalg.solve(W, load)[:, :n]
         return (self.rig.reading(sensor, s)[:, None] @ motion)[:, 0, 0]
@@ -191,9 +191,9 @@ class IndependentLoop:
 
 def torque_into(system: System, shaft: Shaft, rotor: str) -> float:
     """Torque into the side of a shaft where ``rotor`` hangs, for 1 N·m that the shaft transmits."""
-    joined = [set(own.between) for own in system.shafts if own.name != shaft.name]
-    joined += [set(own.between) for own in system.gears]
-    joined += [{own.cage, own.left, own.right} for own in system.differentials]
+    joined = [set(other.between) for other in system.shafts if other.name != shaft.name]
+    joined += [set(gear.between) for gear in system.gears]
+    joined += [{differential.cage, differential.left, differential.right} for differential in system.differentials]
     side = {rotor}
     for _ in system.inertias:
         side |= {end for ends in joined if ends & side for end in ends}

@@ -20,7 +20,10 @@ def control_law(parts: Parts) -> ControlLaw:
     case, loop = parts.case, parts.case.loop
     reference = cut(case.emulated_vehicle, case.rig)
     k = len(loop.dynamometers)
-    sensors = (*(own.torque_sensor for own in loop.dynamometers), *(own.speed_sensor for own in loop.dynamometers))
+    sensors = (
+        *(dynamometer.torque_sensor for dynamometer in loop.dynamometers),
+        *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
+    )
     signs = np.concatenate([parts.toward, np.ones(k)])
     observer = loop.structure.observer(case.rig, reference, loop)
     if observer is not None:

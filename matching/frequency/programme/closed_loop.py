@@ -85,10 +85,12 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     """
     systems = {"rig": [case.rig], "residual_vehicle": case.residual_vehicle.parts}
     values: list[tuple[str, float]] = []
-    for prefix, own in systems.items():
-        models = [compiled(system) for system in own]
+    for prefix, parts in systems.items():
+        models = [compiled(system) for system in parts]
         values += [
-            (f"{prefix}.{name}", value) for one in models for name, value in zip(one.parameters, one.p0, strict=True)
+            (f"{prefix}.{name}", value)
+            for model in models
+            for name, value in zip(model.parameters, model.p0, strict=True)
         ]
     values += [(f"loop.{name}", value) for name, value in case.loop.values.items()]
     names = tuple(name for name, _ in values)
@@ -108,8 +110,8 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
         tuple(groups),
     )
     kept = np.array([values[names.index(group[0])][1] for group in groups])
-    given = np.array([values[i][1] for i in structure.still])
-    return ClosedLoopFunctions(tuple(group[0] for group in groups), kept, given, _expressions(structure))
+    fixed_values = np.array([values[i][1] for i in structure.still])
+    return ClosedLoopFunctions(tuple(group[0] for group in groups), kept, fixed_values, _expressions(structure))
 
 
 @lru_cache(maxsize=16)

@@ -145,9 +145,9 @@ class FeedbackLoop:
 
 def sensor_sign(rig: System, dyno: Dynamometer) -> float:
     """Torque that drives the rotor for a reading of 1 N·m: +1 for a rotor at the flange's second end, else −1/ratio."""
-    sensor = next(own for own in rig.sensors if own.name == dyno.torque_sensor)
-    flange: Shaft = next(own for own in rig.shafts if own.name == sensor.of)
-    rotor = next(own.on for own in rig.inputs if own.name == dyno.torque_input)
+    sensor = next(part for part in rig.sensors if part.name == dyno.torque_sensor)
+    flange: Shaft = next(part for part in rig.shafts if part.name == sensor.of)
+    rotor = next(part.on for part in rig.inputs if part.name == dyno.torque_input)
     reached, todo = {rotor}, [rotor]
     links: list[Shaft | Gear] = [*rig.shafts, *rig.gears]
     joints = [part.between for part in links if part.name != flange.name]

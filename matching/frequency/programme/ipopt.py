@@ -49,8 +49,8 @@ def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
     KeyboardInterrupt
         On Ctrl-C, which the solver itself takes for an ordinary end.
     """
-    found: dict[str, ca.DM] = solver(**start_and_bounds)
+    solution: dict[str, ca.DM] = solver(**start_and_bounds)
     raise_if_asked()
     if solver.stats()["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt
-    return found
+    return solution

@@ -103,20 +103,20 @@ def eigenpair(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> Term:
     the vector's real and imaginary parts, normalised by patternᵀx = 1.
     """
     k = round(loop.difference.numel_out(0) ** 0.5)
-    own, goal = ca.SX.sym("pair", 2 + 2 * k), ca.SX.sym("goal", 2 + k)
-    x_re, x_im, pattern = own[2 : 2 + k], own[2 + k :], goal[2:]
-    re, im = _at(loop.difference, own[:2] * goal[0], p, fixed)
+    pair, goal = ca.SX.sym("pair", 2 + 2 * k), ca.SX.sym("goal", 2 + k)
+    x_re, x_im, pattern = pair[2 : 2 + k], pair[2 + k :], goal[2:]
+    re, im = _at(loop.difference, pair[:2] * goal[0], p, fixed)
     D_re, D_im = ca.reshape(re, k, k).T, ca.reshape(im, k, k).T
     scale = 1 / (1 + ca.sqrt(ca.sumsqr(re) + ca.sumsqr(im)))
-    natural = ca.sqrt(own[0] ** 2 + own[1] ** 2)
+    natural = ca.sqrt(pair[0] ** 2 + pair[1] ** 2)
     rows: Any = ca.vertcat(
         (D_re @ x_re - D_im @ x_im) * scale,
         (D_re @ x_im + D_im @ x_re) * scale,
         pattern.T @ x_re - 1,
         pattern.T @ x_im,
-        (natural - 1) ** 2 + (-own[0] / natural - goal[1]) ** 2,
+        (natural - 1) ** 2 + (-pair[0] / natural - goal[1]) ** 2,
     )
-    return Term(goal, ca.vertcat(free, own), fixed, rows)
+    return Term(goal, ca.vertcat(free, pair), fixed, rows)
 
 
 def _at(function: ca.Function, s: ca.SX, p: ca.SX, fixed: ca.SX) -> Any:

@@ -37,7 +37,7 @@ class ObservedBed(ComparedBed):
         rig = self.parts.free
         free = self._picked(rig.response(2j * np.pi * f), rig.space.outputs, rig.space.inputs)
         bed, acting = bed_set(self.case, [{}], f), action(self.controller, f)
-        matched, unmeasured = (controlled(bed, acting, told)[0] for told in (self.case.loop.measured, ()))
+        matched, unmeasured = (controlled(bed, acting, measured)[0] for measured in (self.case.loop.measured, ()))
         return Responses(f, self.pairs, self.of_vehicle(f), free, matched, unmeasured)
 
     def held(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -73,8 +73,13 @@ class _Squares:
 
     @classmethod
     def of(cls, bed: ComparedBed, frequencies: np.ndarray) -> _Squares:
-        found = bed.at(frequencies)
-        return cls(*(log_squares(one, found.vehicle) for one in (found.rig, found.matched, found.unmeasured)))
+        compared = bed.at(frequencies)
+        return cls(
+            *(
+                log_squares(controlled, compared.vehicle)
+                for controlled in (compared.rig, compared.matched, compared.unmeasured)
+            )
+        )
 
 
 def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
@@ -103,7 +108,9 @@ def figures_of(bed: ComparedBed) -> ErrorFigures:
     """Response errors over the band of a bed's case."""
     nodes = nodes_of(bed)
     squares = _Squares.of(bed, nodes.frequencies)
-    before, after, unmeasured = (nodes.root_mean(one) for one in (squares.before, squares.after, squares.unmeasured))
+    before, after, unmeasured = (
+        nodes.root_mean(values) for values in (squares.before, squares.after, squares.unmeasured)
+    )
     path = ~np.isnan(before)
     functions = tuple(
         FunctionError(
@@ -131,8 +138,8 @@ def nodes_of(bed: ComparedBed) -> BandNodes:
     """Nodes over the band of a bed's case at which the errors of every compared function have converged."""
 
     def squares(frequencies: np.ndarray) -> np.ndarray:
-        found = _Squares.of(bed, frequencies)
-        together = np.hstack([found.before, found.after, found.unmeasured])
+        at_nodes = _Squares.of(bed, frequencies)
+        together = np.hstack([at_nodes.before, at_nodes.after, at_nodes.unmeasured])
         return together[:, ~np.isnan(together[0])]
 
     return converged_nodes(bed.case.band, squares, _breaks(bed))

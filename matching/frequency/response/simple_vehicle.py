@@ -73,13 +73,13 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
         other = responses(without_part(case.vehicle, place), case, frequencies)
         nearest, _ = _fitted(fitted, case, frequencies, other)
         lacking.append((place, error_of(nearest, case, frequencies, other)))
-    found = SimpleVehicle(
+    nearness = SimpleVehicle(
         error_of(simple, case, frequencies, wanted),
         error_of(fitted, case, frequencies, wanted),
         {name: (simple.parameters[name].value, fitted.parameters[name].value) for name in names},
         tuple(sorted(lacking, key=lambda row: row[1])),
     )
-    return replace(case, simple_vehicle=fitted, residual_vehicle=cut(fitted, case.rig)), found
+    return replace(case, simple_vehicle=fitted, residual_vehicle=cut(fitted, case.rig)), nearness
 
 
 def _fitted(
@@ -87,7 +87,7 @@ def _fitted(
 ) -> tuple[System, list[str]]:  # fmt: skip
     """The vehicle with its ranges beyond the cut fitted to responses (f, h), and their names; mirror images alike."""
     beyond = {name for system in cut(simple, case.rig).parts for name in system.parameters}
-    ranged = {name: own for name, own in simple.uncertain.items() if name in beyond and own.value > 0}
+    ranged = {name: quantity for name, quantity in simple.uncertain.items() if name in beyond and quantity.value > 0}
     order = list(ranged)
     names = [name for i, name in enumerate(order) if mirror_image(name, simple) not in order[:i]]
     if not names:

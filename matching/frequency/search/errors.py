@@ -62,8 +62,8 @@ def estimator_bound(case: Case) -> float | None:
     and commands that cost nothing; no bed but the one as planned counts. None where the design has no solution.
     """
     on_rig = {part.name for part in case.rig.inputs}
-    ranges = [np.ptp(own.torque(own.time())) for own in case.manoeuvre.values()]
-    driving = [np.ptp(own.torque(own.time())) for name, own in case.manoeuvre.items() if name in on_rig]
+    ranges = [np.ptp(torque.torque(torque.time())) for torque in case.manoeuvre.values()]
+    driving = [np.ptp(torque.torque(torque.time())) for name, torque in case.manoeuvre.items() if name in on_rig]
     structure, size = Observer(), float(max(driving or ranges))
     weights = {name: quantity.lower for name, quantity in structure.quantities.items()}
     weights |= {name: 1.0 for name in weights if name.endswith(("sensor_noise", "speed_noise"))}
@@ -82,5 +82,5 @@ def curves_of(bed: ComparedBed) -> Curves:
     case = bed.case
     top = min(3 * case.band[1], 0.45 / case.loop["sample_time"])
     f = np.geomspace(case.band[0] / 2, max(top, case.band[1]), CURVE_POINTS)
-    found = bed.at(f)
-    return Curves(f, found.vehicle, found.rig, found.matched, found.unmeasured)
+    compared = bed.at(f)
+    return Curves(f, compared.vehicle, compared.rig, compared.matched, compared.unmeasured)

@@ -35,9 +35,9 @@ def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
     optimiser's end, from the best corner of the bounds, is the least.
     """
     v = ca.MX.sym("v", len(moves))
-    own = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
-    own |= {name: ca.MX(unscaled(v[i], move)) for i, move in enumerate(moves) for name in move.together}
-    rows = ca.vertcat(*(row for row, _ in asked.constraints(own)))
+    symbols = {f"rig.{name}": ca.MX(quantity.value) for name, quantity in case.rig.parameters.items()}
+    symbols |= {name: ca.MX(unscaled(v[i], move)) for i, move in enumerate(moves) for name in move.together}
+    rows = ca.vertcat(*(row for row, _ in asked.constraints(symbols)))
     if not moves or rows.is_empty():
         return []
     used = [i for i, does in enumerate(ca.which_depends(rows, v, 1, False)) if does]
@@ -53,8 +53,8 @@ def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
     quiet: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": {"print_level": 0, "sb": "yes"}}
     solver = ca.nlpsol("least", "ipopt", {"x": ca.vertcat(v, t), "f": t, "g": rows - t}, quiet)
     x0 = [*best, float(worst(best))]
-    found = solved(solver, x0=x0, lbx=[*np.zeros(len(moves)), 0], ubx=[*np.ones(len(moves)), np.inf], ubg=0)
-    end = np.clip(found["x"].full().ravel()[:-1], 0, 1)
+    solution = solved(solver, x0=x0, lbx=[*np.zeros(len(moves)), 0], ubx=[*np.ones(len(moves)), np.inf], ubg=0)
+    end = np.clip(solution["x"].full().ravel()[:-1], 0, 1)
     best = min((best, end), key=lambda x: float(worst(x)))
     if float(worst(best)) <= 1:
         return []
@@ -103,10 +103,10 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
     winding = encirclements(parts)
     if winding.unstable or not winding.clear or winding.modulus_margin < case.limits["modulus_margin"]:
         return False
-    found = feedback_modes(parts)
-    inertia = {f"inertias.{own.name}": own.J.value for own in case.vehicle.inertias}
+    loop_modes = feedback_modes(parts)
+    inertia = {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias}
     for target, (plain, wanted) in zip(case.targets, targets, strict=True):
-        best = match_mode(plain, found, inertia)
+        best = match_mode(plain, loop_modes, inertia)
         if (
             best is None
             or abs(best[0].frequency / wanted.frequency - 1) > target.frequency_tolerance

@@ -27,32 +27,32 @@ _WORDS = {
 
 
 def limits(
-    question: Question, found: VerifiedSolution, targets: Sequence[TargetResult], relaxed: Relaxations
+    question: Question, solution: VerifiedSolution, targets: Sequence[TargetResult], relaxed: Relaxations
 ) -> list[str]:
     """Sentences on what stands in the way; none if the match is good.
 
     What is said to help is what ``relaxed`` holds, which was solved.
     """
-    case, checked, asked = question.case, found.checked, question.demands
+    case, checked, asked = question.case, solution.checked, question.demands
     shared = differing_components(case)
-    said = [*shared, *_beyond(found.beyond, relaxed)]
-    said += _loop(found, case)
+    said = [*shared, *_beyond(solution.beyond, relaxed)]
+    said += _loop(solution, case)
     missed = [target for target in targets if not target.met]
     said += [_missed(case, target) for target in missed]
     if missed:
         said += _mechanics(question, missed)
         said += _delay(question, missed, relaxed)
-    told = {name for _, name, _, _ in found.beyond}
-    said += [_violation(own) for own in checked.violations if own.limit not in told]
-    told |= {own.limit for own in checked.violations}
-    asking = asked.broken({f"rig.{name}": own.value for name, own in found.tuned.rig.parameters.items()})
-    said += [_asks(*one) for one in _worst(asking) if one[1] not in told]
+    mentioned = {name for _, name, _, _ in solution.beyond}
+    said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
+    mentioned |= {violation.limit for violation in checked.violations}
+    asking = asked.broken({f"rig.{name}": quantity.value for name, quantity in solution.tuned.rig.parameters.items()})
+    said += [_asks(*demand) for demand in _worst(asking) if demand[1] not in mentioned]
     return said if len(said) > len(shared) else []
 
 
-def _loop(found: VerifiedSolution, case: Case) -> list[str]:
+def _loop(verified: VerifiedSolution, case: Case) -> list[str]:
     """What is wrong with the loop as a whole."""
-    said, checked, solution = [], found.checked, found.solution
+    said, checked, solution = [], verified.checked, verified.solution
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         starts = f"none of {len(solution.starts)} starts ended in a stable loop within the bounds"
@@ -123,15 +123,18 @@ def _missed(case: Case, target: TargetResult) -> str:
     return words + f"; the simulation shows {target.identified:.3f} Hz with {target.identified_damping:.3f}"
 
 
-def _violation(own: Violation) -> str:
-    if own.limit == "modulus_margin":
-        return f"the modulus margin is {own.value:.2f}, {own.allowed:.2f} is wanted"
-    if own.limit == "damping_ratio":
-        return f"the least damped {own.where} has a damping ratio of {own.value:.4f}, {own.allowed:g} is wanted"
-    value, allowed = (_with_unit(own.limit, one) for one in (own.value, own.allowed))
-    what = f"{_WORDS[own.limit][0]} " if own.limit in _WORDS else ""
-    ratio = f"{own.value / own.allowed:.2f} times the limit"
-    return f"{own.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
+def _violation(violation: Violation) -> str:
+    if violation.limit == "modulus_margin":
+        return f"the modulus margin is {violation.value:.2f}, {violation.allowed:.2f} is wanted"
+    if violation.limit == "damping_ratio":
+        least = f"{violation.value:.4f}, {violation.allowed:g} is wanted"
+        return f"the least damped {violation.where} has a damping ratio of {least}"
+    value, allowed = (
+        _with_unit(violation.limit, number_in_si) for number_in_si in (violation.value, violation.allowed)
+    )
+    what = f"{_WORDS[violation.limit][0]} " if violation.limit in _WORDS else ""
+    ratio = f"{violation.value / violation.allowed:.2f} times the limit"
+    return f"{violation.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
 
 
 def _mechanics(question: Question, missed: Sequence[TargetResult]) -> list[str]:
@@ -140,7 +143,7 @@ def _mechanics(question: Question, missed: Sequence[TargetResult]) -> list[str]:
     if any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
-    found = []
+    sentences = []
     for target in missed:
         mode = on_rig[number[target.vehicle_mode]]
         if mode is None:
@@ -166,11 +169,11 @@ def _mechanics(question: Question, missed: Sequence[TargetResult]) -> list[str]:
         elif parts:
             parts[-1] += ", and no inertia behind the cuts, however large, does it alone"
         if parts:
-            found.append(
+            sentences.append(
                 f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; "
                 "a residual vehicle model has to supply the inertia"
             )
-    return found
+    return sentences
 
 
 def _plain(value: float) -> str:
@@ -180,15 +183,15 @@ def _plain(value: float) -> str:
 
 def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float, high: float) -> float | None:
     """Common factor on quantities of the rig that brings its lowest elastic mode of one symmetry to a frequency."""
-    own = {name: case.rig.parameters[name].value for name in names}
+    inertias = {name: case.rig.parameters[name].value for name in names}
 
     def off(exponent: float) -> float:
-        found = modes(case.rig, {name: value * 10**exponent for name, value in own.items()})
-        lowest = next(each.frequency for each in found if each.frequency > 0 and each.symmetry == mode.symmetry)
+        with_change = modes(case.rig, {name: value * 10**exponent for name, value in inertias.items()})
+        lowest = next(each.frequency for each in with_change if each.frequency > 0 and each.symmetry == mode.symmetry)
         return lowest - wanted
 
     ends = np.log10(low), np.log10(high)
-    if not own or off(ends[0]) * off(ends[1]) > 0:
+    if not inertias or off(ends[0]) * off(ends[1]) > 0:
         return None
     return float(10 ** scipy.optimize.brentq(off, *ends, xtol=1e-6))
 

@@ -65,17 +65,17 @@ def opened_lashes(case: Case, traces: Traces | None) -> list[str]:
     """A sentence for every loaded lash that the simulated manoeuvre opens."""
     if traces is None or case.rig.operating_point is None:
         return []
-    found = []
+    opened = []
     for place in case.rig.free_plays:
         torque = traces.absolute(f"{place}.torque")
         closed = torque * np.sign(torque[0]) > 0
         if not closed.all():
             first = traces.time[int(np.argmin(closed))]
-            found.append(
+            opened.append(
                 f"the manoeuvre opens the lash of {place} after {first:.3g} s: the controller's models have it closed, "
                 "vehicle and rig are simulated with it"
             )
-    return found
+    return opened
 
 
 def _shaft_torques(system: System) -> dict[str, float]:

@@ -38,16 +38,16 @@ class Relaxations:
     structure: str = ""
 
 
-def relaxations(question: Question, found: VerifiedSolution, targets: Sequence[TargetResult]) -> Relaxations:
+def relaxations(question: Question, solution: VerifiedSolution, targets: Sequence[TargetResult]) -> Relaxations:
     """Try what may help: larger limits where no setting keeps them, a shorter dead time, measured torques."""
     case, missed = question.case, any(not target.met for target in targets)
-    by_feedback = not case.loop.structure.has_feed_forward and not case.loop.torqueless and found.solution.feasible
+    by_feedback = not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.solution.feasible
     if not missed or not by_feedback:
-        return Relaxations(limits=_larger_limits(question, found))
-    trial = shorter_dead_times(found.task, found.solution, question.targets)
-    if trial is not None and trial.sufficient is not None and not _with_dead_time(question, found, trial.sufficient):
+        return Relaxations(limits=_larger_limits(question, solution))
+    trial = shorter_dead_times(solution.task, solution.solution, question.targets)
+    if trial is not None and trial.sufficient is not None and not _with_dead_time(question, solution, trial.sufficient):
         trial = DeadTimeTrial(trial.shortest, None)
-    return Relaxations(trial, _larger_limits(question, found), _with_feed_forward(question, found))
+    return Relaxations(trial, _larger_limits(question, solution), _with_feed_forward(question, solution))
 
 
 def _meets_all(question: Question, tuned: Case) -> bool:
@@ -58,28 +58,28 @@ def _meets_all(question: Question, tuned: Case) -> bool:
     )  # fmt: skip
 
 
-def _larger_limits(question: Question, found: VerifiedSolution) -> dict[str, float]:
+def _larger_limits(question: Question, solution: VerifiedSolution) -> dict[str, float]:
     """Limits that no setting keeps, as large as their least demand; none where the targets are missed even so."""
     least: dict[str, float] = {}
-    for _, limit, demand, _ in found.beyond:
+    for _, limit, demand, _ in solution.beyond:
         least[limit] = max(LIMIT_RESERVE * demand, least.get(limit, 0.0))
     if not least:
         return {}
     case = replace(question.case, limits={**question.case.limits, **least})
     demands = replace(question.demands, limits={**question.demands.limits, **least})
-    solved = warm(task_of(replace(question, case=case, demands=demands), found.task.moves), found.solution)
+    solved = warm(task_of(replace(question, case=case, demands=demands), solution.task.moves), solution.solution)
     return least if solved is not None and _meets_all(question, apply(case, solved.values)) else {}
 
 
-def _with_dead_time(question: Question, found: VerifiedSolution, dead_time: float) -> bool:
+def _with_dead_time(question: Question, solution: VerifiedSolution, dead_time: float) -> bool:
     case = replace(question.case, loop=question.case.loop.with_values({"dead_time": dead_time}))
-    solved = warm(replace(found.task, case=case), found.solution)
+    solved = warm(replace(solution.task, case=case), solution.solution)
     return solved is not None and _meets_all(question, apply(case, solved.values))
 
 
-def _with_feed_forward(question: Question, found: VerifiedSolution) -> str:
+def _with_feed_forward(question: Question, solution: VerifiedSolution) -> str:
     """The structure with a feed-forward, if the same values meet the targets with it."""
     driven = {dynamometer.torque_input for dynamometer in question.case.loop.dynamometers}
     measured = tuple(part.name for part in question.case.rig.inputs if part.name not in driven)
-    loop = replace(found.tuned.loop, structure=ModelBased(), measured=measured)
-    return ModelBased.name if _meets_all(question, replace(found.tuned, loop=loop)) else ""
+    loop = replace(solution.tuned.loop, structure=ModelBased(), measured=measured)
+    return ModelBased.name if _meets_all(question, replace(solution.tuned, loop=loop)) else ""

@@ -45,7 +45,11 @@ def solve_and_verify(question: Question, effort: SearchEffort) -> VerifiedSoluti
     """
     first, asked = _verified(question, effort), question.demands
     effort.tell("verification")
-    over = {own.limit: own.value / own.allowed for own in first.checked.violations if asked.quantities(own.limit)}
+    over = {
+        violation.limit: violation.value / violation.allowed
+        for violation in first.checked.violations
+        if asked.quantities(violation.limit)
+    }
     if first.beyond or not first.checked.stable or not over or len(over) < len(first.checked.violations):
         return first
     drawn_in = {name: asked.limits[name] / (LIMIT_RESERVE * excess) for name, excess in over.items()}

@@ -46,9 +46,9 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
     What IPOPT itself reports is not used. ``extra``: frequencies in Hz at which the margin is to hold beside the grid.
     """
     p, bounds = problem.extra(extra), {"lbg": problem.g_lower, "ubg": problem.g_upper}
-    found = solved(problem.solver, x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
+    solution = solved(problem.solver, x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
     floating_point.restore()  # the solver's libraries may leave it changed
-    x = np.clip(found["x"].full().ravel(), problem.lower, problem.upper)
+    x = np.clip(solution["x"].full().ravel(), problem.lower, problem.upper)
     f, g = (part.full().ravel() for part in problem.objective(x, p))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):
         return None
@@ -58,5 +58,5 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
 
 def check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
     """Modulus margin, where (Hz), and stability of decisions (v,), by the Nyquist criterion on the exact loop."""
-    found = encirclements(parts_of(apply(problem.case, problem.values(v))))
-    return found.modulus_margin, found.margin_frequency, found.unstable == 0 and found.clear
+    winding = encirclements(parts_of(apply(problem.case, problem.values(v))))
+    return winding.modulus_margin, winding.margin_frequency, winding.unstable == 0 and winding.clear

@@ -18,16 +18,16 @@ FREQUENCIES_AROUND = (
 
 def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
     """The best end that can be made to hold the margin between the grid as well; the best of all if none can."""
-    found: list[Solution] = []
+    candidates: list[Solution] = []
     last = -np.inf
     for end in sorted(ends, key=lambda end: end.objective):
         if end.objective <= last + AGREEMENT * abs(last):  # the one before again
             continue
         last = end.objective
-        found.append(finish(task, end, starts))
-        if found[-1].holds or len(found) == ENDS_FINISHED:
+        candidates.append(finish(task, end, starts))
+        if candidates[-1].holds or len(candidates) == ENDS_FINISHED:
             break
-    return next((one for one in found if one.holds), found[0])
+    return next((candidate for candidate in candidates if candidate.holds), candidates[0])
 
 
 def finish(task: TuningTask, best: End, starts: tuple[float | None, ...]) -> Solution:

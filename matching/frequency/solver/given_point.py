@@ -23,17 +23,17 @@ def given_end(problem: Problem) -> End | None:
     return next(stable_ends(replace(problem, lower=lower, upper=upper), [v]), None)
 
 
-def from_given(problem: Problem, given: End) -> End | None:
+def from_given(problem: Problem, point: End) -> End | None:
     """The local search from the case's own values."""
-    return next(stable_ends(problem, [given.v]), None)
+    return next(stable_ends(problem, [point.v]), None)
 
 
-def never_worse(task: TuningTask, solution: Solution, given: End | None) -> Solution:
+def never_worse(task: TuningTask, solution: Solution, point: End | None) -> Solution:
     """The solution, or the given point where that keeps the margin and is better, or the solution does not keep it."""
-    if given is None or given.margin < task.case.limits["modulus_margin"]:
+    if point is None or point.margin < task.case.limits["modulus_margin"]:
         return solution
-    if solution.holds and solution.objective <= given.objective:
+    if solution.holds and solution.objective <= point.objective:
         return solution
     values = {name: move.start for move in task.moves for name in move.together}
-    pairs = tuple(np.asarray(given.v)[len(task.moves) :].tolist())
-    return Solution(values, given.objective, solution.starts, True, True, (), pairs)
+    pairs = tuple(np.asarray(point.v)[len(task.moves) :].tolist())
+    return Solution(values, point.objective, solution.starts, True, True, (), pairs)

@@ -56,7 +56,7 @@ def solve(
     if near is not None:
         return _from(task, near)
     problem = task.build()
-    given = given_end(problem)
+    point = given_end(problem)
     continued = 0
     if task.objective.tracks_modes and not task.case.loop.torqueless:
         continued = min(CONTINUED_STARTS, starts)
@@ -66,27 +66,27 @@ def solve(
         ends.append(end)
         if progress:
             progress(f"start {len(ends)} of {starts + continued} at most")
-        if _agree(task, ends, min(AGREEING_STARTS, starts), given):
+        if _agree(task, ends, min(AGREEING_STARTS, starts), point):
             break
     plain.close()  # ends the processes at work on starts that are no longer needed
     objectives = tuple(None if end is None else end.objective for end in ends)
     kept = [end for end in ends if end]
-    if given and (end := from_given(problem, given)):
+    if point and (end := from_given(problem, point)):
         kept.append(end)
     if kept and not task.case.loop.torqueless:
         kept.append(improved(task, problem, min(kept, key=lambda end: end.objective), seed))
     if not kept:
         nothing = Solution(problem.values(start(problem, None)), float("nan"), objectives, False, False)
-        return never_worse(task, nothing, given)
-    return never_worse(task, first_that_holds(task, kept, objectives), given)
+        return never_worse(task, nothing, point)
+    return never_worse(task, first_that_holds(task, kept, objectives), point)
 
 
-def _agree(task: TuningTask, ends: list[End | None], enough: int, given: End | None) -> bool:
+def _agree(task: TuningTask, ends: list[End | None], enough: int, point: End | None) -> bool:
     """Whether enough ends agree on the best of them, and that is no worse than the given point."""
     best = min((end for end in ends if end), key=lambda end: end.objective, default=None)
     if best is None or not follows_targets(task, best):
         return False
-    if given is not None and best.objective > given.objective * (1 + AGREEMENT):
+    if point is not None and best.objective > point.objective * (1 + AGREEMENT):
         return False
     agreeing = sum(end.objective <= best.objective * (1 + AGREEMENT) for end in ends if end)
     # plain starts that fail say little about those by continuation, which come after them
@@ -129,14 +129,14 @@ def _one(problem: Problem, seed: int, number: int) -> End | None:
 def _from(task: TuningTask, near: Near) -> Solution:
     """The best end from the solutions of like cases, with their eigenpairs and with those on their targets."""
     problem = task.build()
-    begins = [start_at(problem, values, own) for values, pairs in near.solutions for own in (pairs, ())]
+    begins = [start_at(problem, values, start_pairs) for values, pairs in near.solutions for start_pairs in (pairs, ())]
     ends = list(stable_ends(problem, begins))
     if not any(near.beaten_by(end.objective) for end in ends):
         raise NoBetter
-    found = first_that_holds(task, ends, tuple(end.objective for end in ends))
-    if not near.beaten_by(found.objective):
+    solution = first_that_holds(task, ends, tuple(end.objective for end in ends))
+    if not near.beaten_by(solution.objective):
         raise NoBetter
-    return found
+    return solution
 
 
 def warm(task: TuningTask, near: Solution) -> Solution | None:

@@ -26,13 +26,13 @@ def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
     names, pairs = [move.name for move in problem.moves], [np.zeros(0)]
     loop = np.array([name.startswith("loop.") for name in names], bool)
     gentle = np.array([0.4 if "gain" in name or "time" in name else 0.3 for name in names])
-    own = np.array([scaled(move.start, move) for move in problem.moves])
+    point = np.array([scaled(move.start, move) for move in problem.moves])
     for goal in problem.goals:
         s, pattern = goal.eigenvalue / abs(goal.eigenvalue), goal.pattern / np.linalg.norm(goal.pattern)
         pairs += [np.array([s.real, s.imag]), pattern, 0 * pattern]
 
     def begin(part: np.ndarray | float, shift: np.ndarray | float) -> np.ndarray:
-        moves = np.where(loop, gentle * part, own + shift)
+        moves = np.where(loop, gentle * part, point + shift)
         return np.concatenate([np.clip(moves, 0.01, 0.99), *pairs])
 
     def merit(v: np.ndarray) -> float:
@@ -41,17 +41,17 @@ def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
 
     if random is None:
         return begin(0.5, 0.0)
-    drawn = (begin(random.random(len(own)), 0.2 * random.normal(size=len(own))) for _ in range(DRAWN_FOR_A_START))
+    drawn = (begin(random.random(len(point)), 0.2 * random.normal(size=len(point))) for _ in range(DRAWN_FOR_A_START))
     return min(drawn, key=merit)
 
 
 def start_at(problem: Problem, values: Mapping[str, float], pairs: Sequence[float] = ()) -> np.ndarray:
     """A start (v,) at values by name (SI), eigenpairs as passed or on their targets."""
     begin = start(problem, None)
-    own = [scaled(values[move.name], move) for move in problem.moves]
-    begin[: len(own)] = np.clip(own, 0.01, 0.99)
-    if len(pairs) == len(begin) - len(own):
-        begin[len(own) :] = pairs
+    point = [scaled(values[move.name], move) for move in problem.moves]
+    begin[: len(point)] = np.clip(point, 0.01, 0.99)
+    if len(pairs) == len(begin) - len(point):
+        begin[len(point) :] = pairs
     return begin
 
 

@@ -91,20 +91,20 @@ class FidelityObjective(Objective):
             smooth = SmoothFidelity(self.time, references, self.case.band[1])
             tests = {name: signals[name] for name in references}
             total = total + WEIGHTS[domain] / weight * smooth.loss(tests)
-            for name, own in references.items():
-                off = ca.sumsqr(tests[name] - own) / len(own) / np.ptp(own) ** 2
+            for name, reference in references.items():
+                off = ca.sumsqr(tests[name] - reference) / len(reference) / np.ptp(reference) ** 2
                 total = total + DEVIATION_WEIGHT / len(references) / len(self.domains) * ca.log1p(off)
         return total
 
     def signals(self, re: Any, im: Any) -> dict[str, Any]:
         """Every signal (t,) from responses (h, f), CasADi."""
-        found: dict[str, Any] = {}
+        by_signal: dict[str, Any] = {}
         for h, pair in enumerate(self.case.compared):
             drive = self.drives[list(self.case.manoeuvre).index(pair.input)]
             weighted = self.kernel * drive
             part = ca.mtimes(ca.DM(weighted.real), re[h, :].T) - ca.mtimes(ca.DM(weighted.imag), im[h, :].T)
-            found[pair.sensor] = found[pair.sensor] + part if pair.sensor in found else part
-        return found
+            by_signal[pair.sensor] = by_signal[pair.sensor] + part if pair.sensor in by_signal else part
+        return by_signal
 
 
 @dataclass(frozen=True)
@@ -156,19 +156,19 @@ def _prepared(case: Case) -> FidelityObjective:
         If vehicle or rig cannot be made linear.
     """
     parts = parts_of(case)
-    cuts = [sensor(own.shaft) for own in parts.cuts for sensor in (shaft_torque, interface_speed)]
+    cuts = [sensor(interface.shaft) for interface in parts.cuts for sensor in (shaft_torque, interface_speed)]
     behind = list(on_emulated_side(case.vehicle, parts))
     vehicle = body(watched(case.vehicle, parts.cuts, rig_side=False))
     top, step = case.band[1], case.loop["sample_time"]
-    window = min(LONGEST_WINDOW, max(own.duration for own in case.manoeuvre.values()))
+    window = min(LONGEST_WINDOW, max(torque.duration for torque in case.manoeuvre.values()))
     period = 2 * window
     f = np.arange(1, int(1.5 * top * period) + 1) / period
     s = WRAP_AROUND_DAMPING / period + 2j * np.pi * np.concatenate([[0.0], f])
     taper = np.where(s.imag <= 2 * np.pi * top, 1.0, 0.5 + 0.5 * np.cos(np.pi * (s.imag / (2 * np.pi * top) - 1) / 0.5))
     fine = np.arange(0, period, step)
     drives = np.array([
-        taper * (np.exp(-np.outer(s, fine)) @ (own.torque(fine) - own.torque(np.zeros(1))[0])) * step
-        for own in case.manoeuvre.values()
+        taper * (np.exp(-np.outer(s, fine)) @ (torque.torque(fine) - torque.torque(np.zeros(1))[0])) * step
+        for torque in case.manoeuvre.values()
     ])  # fmt: skip
     time = np.arange(0, window, 1 / (SAMPLES_A_PERIOD * top))
     kernel = np.exp(np.outer(time, s)) * np.where(s.imag == 0, 1.0, 2.0) / period
@@ -177,7 +177,7 @@ def _prepared(case: Case) -> FidelityObjective:
     for domain, names in (("system_dynamics", cuts), ("residual_vehicle_model", behind)):
         for name in names:
             row = responses[:, vehicle.space.outputs.index(name), :]
-            total = sum(row[:, vehicle.space.inputs.index(own)] * drives[i] for i, own in enumerate(case.manoeuvre))
+            total = sum(row[:, vehicle.space.inputs.index(name)] * drives[i] for i, name in enumerate(case.manoeuvre))
             reference = (kernel @ total).real
             if np.ptp(reference) > LARGEST_AT_REST:
                 domains.setdefault(domain, {})[name] = reference
