@@ -1,6 +1,8 @@
 """`rigmatch diagnose`: find what a model lacks, from recordings."""
 
 import argparse
+import threading
+from importlib import import_module
 from typing import Any
 
 HELP = """Fits the model to recordings, shows where it fails, names the cause and its place, and writes the extended
@@ -35,13 +37,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.arguments import watched
     from matching.diagnosis.diagnosis import diagnose
     from matching.diagnosis.loggers import read_loggers
-    from matching.report.common.style import image
-    from matching.report.diagnosis.figures import figures
-    from matching.report.diagnosis.page import content, page
     from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
     from modelling.model.files import dumps, load
 
+    threading.Thread(target=_load_figures, daemon=True).start()
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
     recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
@@ -54,6 +54,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
         found = diagnose(system, recordings, holdout, tell)
         tell("report")
+        from matching.report.common.style import image
+        from matching.report.diagnosis.figures import figures
+        from matching.report.diagnosis.page import content, page
+
         drawn = {name: image(figure) for name, figure in figures(found, system).items()}
     result = content(found)
     units = {sensor.name: sensor.unit for sensor in system.sensors}
@@ -61,6 +65,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     files["report.html"] = page(result, system.title, units, drawn)
     files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
     return write_results(arguments.out, "diagnosis.json", result, files)
+
+
+def _load_figures() -> None:
+    """Load what the fits need late and what draws, while they simulate in compiled code on the other core."""
+    for module in ("scipy.signal", "matching.report.diagnosis.figures", "matching.report.diagnosis.page"):
+        import_module(module)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from matching.diagnosis.candidates.backlash_one_flank import bounded_below
+from matching.diagnosis.candidates.backlash_one_flank import as_late_as_contact, bounded_below
 from matching.diagnosis.candidates.extend import extended_system
 from matching.diagnosis.candidates.motion import simulated_motion
 from matching.diagnosis.candidates.short_windows import window_uncertainties
@@ -27,6 +27,7 @@ from matching.diagnosis.fitting.holdout import (
     holdout_residuals,
     rms_by_sensor,
 )
+from matching.diagnosis.fitting.influence import correlated_uncertainties
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import at_least, discretisation_shift, estimates
 from matching.diagnosis.identify_causes import best_without, identify_causes
@@ -90,10 +91,11 @@ def diagnose(
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict = _verdict(final, after)
-    values = widened(estimates(final.fit, discretisation_shift(final.fit)), fits)
+    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
+    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
     if _rattles(final):
         values = at_least(values, window_uncertainties(final.fit))
-    values = bounded_below(values, final.fit, final.causes)
+    values = bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
     judged = [
         JudgedCause(cause, own, best_without(state, index))
         for index, (cause, own) in enumerate(zip(final.causes, identified.rated, strict=True))

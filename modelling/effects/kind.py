@@ -85,6 +85,8 @@ class Kind:
         A zero that may differ between recordings: a recording that is not fitted gets its own, with its start state.
     is_clock : bool
         Its only parameter is by how many s the clock of a logger, whose channels share it, is late.
+    arrays : tuple of str
+        Keys that files write as lists; their values are the parameters ``key_1``, ``key_2``, ….
     zero_mean : tuple of str
         Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
     """
@@ -106,6 +108,7 @@ class Kind:
     only_delays: ClassVar[bool] = False
     zero_of_recording: ClassVar[bool] = False
     is_clock: ClassVar[bool] = False
+    arrays: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
@@ -168,6 +171,15 @@ class Kind:
     def possible(self, parameters: Mapping[str, float]) -> bool:
         """Whether parameters within their bounds make sense together."""
         return True
+
+    @property
+    def file_keys(self) -> list[str]:
+        """Keys of its parameters in model files."""
+        return [*self.arrays, *(key for key in self.parameters if key.rpartition("_")[0] not in self.arrays)]
+
+    def fault(self, at: str, values: Mapping[str, float]) -> str:
+        """What is wrong with parameters (SI) of a model file that are each within their bounds; empty if nothing."""
+        return ""
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
         """The same effect with its parameters in their usual range, e.g. a phase within ±π."""

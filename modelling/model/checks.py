@@ -178,6 +178,8 @@ def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
                 f"{value:g} is not possible",
                 f"{parameter.lower:g} … {parameter.upper:g} is needed",
             )
+    if fault := kind.fault(effect.at, {key: quantity.value for key, quantity in quantities.items()}):
+        raise InputError(f"{where} ({effect.kind})", fault, "see docs/files.md")
 
 
 def _connected(system: Components, inertias: Collection[str]) -> None:

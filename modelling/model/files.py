@@ -11,7 +11,7 @@ import tomli_w
 
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import check_keys, read_toml, text, title
-from modelling.effects import EFFECTS
+from modelling.effects import EFFECTS, Kind
 from modelling.effects.place import place_in_file, shared_place
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
@@ -148,14 +148,39 @@ def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]
     if kind not in places_by_kind:
         places_by_kind[kind] = dict.fromkeys(law.places(base))
     at = _effect_place(table, places_by_kind[kind], place)
-    parameters = {key: value for key, value in table.items() if key not in ("kind", "at")}
+    parameters = _separate({key: value for key, value in table.items() if key not in ("kind", "at")}, law, place)
     for key in parameters:
         if key not in law.parameters:
-            raise unknown(key, list(law.parameters), f"{place} ({kind})")
+            raise unknown(key, law.file_keys, f"{place} ({kind})")
     quantities = (
         (key, quantity(value, law.unit(key, at, base), f"{place}.{key}")) for key, value in parameters.items()
     )
     return Effect(kind, at, tuple(quantities))
+
+
+def _separate(values: Mapping[str, Any], law: Kind, place: str) -> dict[str, Any]:
+    """Values by key, those of a list each by itself: ``key_1``, ``key_2``, …."""
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        if key not in law.arrays:
+            out[key] = value
+        elif isinstance(value, list):
+            out |= {f"{key}_{i}": element for i, element in enumerate(value, 1)}
+        else:
+            raise InputError(f"{place}.{key}", "is no list", f"write {key} = [first, second, …]")
+    return out
+
+
+def _joined(effect: Effect) -> dict[str, Any]:
+    """The parameters of an effect as a file writes them."""
+    out: dict[str, Any] = {}
+    for key, value in effect.parameters:
+        array, _, number = key.rpartition("_")
+        if array in effect.law.arrays and number.isdecimal():
+            out.setdefault(array, []).append(_written(value))
+        else:
+            out[key] = _written(value)
+    return out
 
 
 def _effect_place(table: dict, possible: Collection[str], place: str) -> str:
@@ -243,9 +268,7 @@ def to_dict(system: System) -> dict[str, Any]:
         data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
     if system.effects:
         data["effects"] = [
-            {"kind": effect.kind, "at": place_in_file(effect.at)}
-            | {key: _written(value) for key, value in effect.parameters}
-            for effect in system.effects
+            {"kind": effect.kind, "at": place_in_file(effect.at)} | _joined(effect) for effect in system.effects
         ]
     return data
 

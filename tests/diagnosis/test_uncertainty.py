@@ -1,10 +1,15 @@
 """Uncertainties against linear least squares with a known covariance."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis.linear import KnownProblem, fit_at
 from scipy.signal import lfilter
 
+from matching.diagnosis.candidates import backlash_one_flank
+from matching.diagnosis.candidates.cause import Cause
+from matching.diagnosis.fitting.influence import correlated_uncertainties
 from matching.diagnosis.fitting.uncertainty import (
     Estimate,
     at_least,
@@ -128,3 +133,41 @@ def test_estimates_are_no_more_certain_than_windows_have_them() -> None:
     widened = at_least(found, {"a": 1e-5, "b": 0.1})
     assert [own.standard_uncertainty for own in widened.values()] == [1e-5, 0.5, 0.1]
     assert [own.value for own in widened.values()] == [1.0, 2.0, 3.0]
+
+
+def test_errors_that_two_sensors_share_over_time_count_once() -> None:
+    """A mean of n values of AR(1) noise, read twice: variance of the process times (1 + m)/(1 − m) over n."""
+    count, memory = 40_000, 0.8
+    error = lfilter([1], [1, -memory], np.random.default_rng(4).standard_normal(count))
+    problem = KnownProblem({"a": FREE}, lambda v: np.repeat(error - v[0], 2), sensors=2)
+    fit = fit_at(problem, np.array([error.mean()]), -np.ones((2 * count, 1)))
+    process = 1 / (1 - memory**2)
+    expected = np.sqrt(process * (1 + memory) / (1 - memory) / count)
+    assert correlated_uncertainties(fit)["a"] == pytest.approx(expected, rel=0.1)
+    assert np.sqrt(covariance(fit)[0, 0]) < 0.2 * expected  # as independent white noise of size 1
+
+
+def test_a_parameter_is_at_least_as_uncertain_as_stated_but_never_more_than_its_range() -> None:
+    fit = straight(((1.0, 4.0), FREE))
+    found = estimates(fit, least={"a": 10.0, "b": 0.7})
+    assert found["a"].standard_uncertainty == pytest.approx(3 / np.sqrt(12))
+    assert found["a"].note == "not identifiable: the data do not narrow its range"
+    assert found["b"].standard_uncertainty == 0.7
+
+
+def test_a_gap_is_known_no_better_than_the_time_of_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A twist that crosses a gap of 0.02 rad with 2 rad/s, sampled at 1 kHz: 2 rad/s over 10 µs."""
+    time = np.linspace(0.0, 0.1, 101)
+    twist = 0.05 * np.sign(np.sin(100 * time + 0.1))
+    twist[50:61] = np.linspace(-0.0099, 0.0099, 11)
+    rate = np.where(np.abs(twist) < 0.01, 2.0, 300.0)
+    motion = SimpleNamespace(twist={"link": twist}, twist_rate={"link": rate})
+    monkeypatch.setattr(backlash_one_flank, "simulated_motion", lambda fit: motion)
+    fit = SimpleNamespace(problem=SimpleNamespace(data=SimpleNamespace(sampling_interval=1e-3)))
+    cause = Cause("backlash", "shafts.link", ("gap",))
+    name = "shafts.link.backlash.gap"
+    found = backlash_one_flank.as_late_as_contact(
+        {name: Estimate(0.02, 1.5e-5), "other": Estimate(1.0, 0.1)}, fit, [cause]
+    )
+    assert found[name].standard_uncertainty == pytest.approx(2.5e-5)
+    assert found["other"] == Estimate(1.0, 0.1)

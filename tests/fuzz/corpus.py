@@ -108,7 +108,10 @@ def _every_effect() -> bytes:
             for key, parameter in law.parameters.items()
             if not parameter.optional
         }
-        data["effects"].append({"kind": kind, "at": place_in_file(places[n % len(places)])} | values)
+        at = place_in_file(places[n % len(places)])
+        if law.arrays:
+            at, values = f"shafts.s{n}", {"twist": [-0.1, 0.0, 0.1], "torque": [-1.0, 0.0, 2.0]}
+        data["effects"].append({"kind": kind, "at": at} | values)
     return tomli_w.dumps(data).encode()
 
 

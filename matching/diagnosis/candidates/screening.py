@@ -21,6 +21,7 @@ from modelling.effects.place import members
 from modelling.model.system import System
 
 WORTHWHILE, WORTHWHILE_SHARE = 100.0, 0.5  # decrease of χ², absolute and of a kind's best, to look at nearby guesses
+HOPEFUL_SHARE = 0.1  # of the best of all kinds: nearby guesses gain a few times as much, not ten times
 TOGETHER = 16  # guesses that are projected at once
 DEPENDENT = 1e-6  # of a signature's length: what is left by others that take its place
 VALUE_STEP = 1e-3  # relative, of the differences by a known quantity
@@ -150,6 +151,7 @@ class Screening:
         """
         system = system or self.system
         present = {(effect.kind, place) for effect in system.effects for place in effect.places}
+        by_kind: dict[str, list[ScreenedCandidate]] = {}
         for kind, effect in EFFECTS.items():
             places = [
                 at
@@ -158,14 +160,17 @@ class Screening:
                 and not (effect.replaces_quantity and system.parameters[at].uncertain)
             ]
             guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))
-            screened = list(self._screened(kind, guesses))
-            yield from screened
+            by_kind[kind] = list(self._screened(kind, guesses))
+            yield from by_kind[kind]
+        hopeful = HOPEFUL_SHARE * max((one.reduction for some in by_kind.values() for one in some), default=0.0)
+        for kind, screened in by_kind.items():
             best: dict[str, ScreenedCandidate] = {}
             for candidate in sorted(screened, key=lambda one: -one.reduction):
                 best.setdefault(candidate.at, candidate)
             largest = max((candidate.reduction for candidate in best.values()), default=0.0)
-            good = [c for c in best.values() if c.reduction > max(WORTHWHILE, WORTHWHILE_SHARE * largest)]
-            nearby = ((c.at, guess) for c in good for guess in effect.nearby(self.motion, c.at, c.parameters))
+            least = max(WORTHWHILE, WORTHWHILE_SHARE * largest, hopeful)
+            good = [c for c in best.values() if c.reduction > least]
+            nearby = ((c.at, guess) for c in good for guess in EFFECTS[kind].nearby(self.motion, c.at, c.parameters))
             yield from self._screened(kind, nearby)
 
     def _screened(self, kind: str, guesses: Iterable[tuple[str, Guess]]) -> Iterator[ScreenedCandidate]:

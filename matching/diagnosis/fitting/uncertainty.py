@@ -44,19 +44,23 @@ def inflation(fit: Fit) -> float:
     return worst
 
 
-def estimates(fit: Fit, shift: np.ndarray | None = None) -> dict[str, Estimate]:
+def estimates(
+    fit: Fit, shift: np.ndarray | None = None, least: Mapping[str, float] | None = None
+) -> dict[str, Estimate]:
     """Values and standard uncertainties of the free parameters, from the Jacobian at the end.
 
     Parameters
     ----------
     shift : ndarray (v,), optional
         How finer steps of the integration move the variables (:func:`discretisation_shift`); added in quadrature.
+    least : dict of str to float, optional
+        Standard uncertainties that are at least so large, SI by name.
     """
     width, at_bound = _ranges(fit)
     sigma = np.sqrt(np.diag(covariance(fit, inflation(fit))))
     out = {}
     for i, name in enumerate(fit.problem.free):
-        uncertainty, notes = float(sigma[i]), []
+        uncertainty, notes = max(float(sigma[i]), (least or {}).get(name, 0.0)), []
         uniform = float(width[i]) / np.sqrt(12)
         if at_bound[i]:
             notes.append("at the bound of its range")
