@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
-    holdout: Recording | File | None = None, *, channels: File | None = None, tell: Callable[[str], None] | None = None,
+    holdout: Recording | File | None = None, *, channels: File | None = None, keep_rest: bool = False,
+    tell: Callable[[str], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
 
@@ -32,6 +33,8 @@ def diagnose(
         Is never fitted and judges the result; by default the last 30 % of the recordings.
     channels : path, optional
         A file that says what the channels are called in the recordings.
+    keep_rest : bool
+        Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
     tell : callable, optional
         Is called with a line of text at every step.
 
@@ -60,7 +63,7 @@ def diagnose(
     several = [recordings] if single else list(recordings)  # type: ignore[arg-type, list-item]
     read = [recording_of(recording, system, channels) for recording in several]  # type: ignore[arg-type]
     judge = None if holdout is None else recording_of(holdout, system, channels)
-    return run(system, read, judge, tell or (lambda _: None))
+    return run(system, read, judge, tell or (lambda _: None), keep_rest)
 
 
 def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:

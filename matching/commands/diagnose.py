@@ -27,6 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--holdout", metavar="RECORDING", help="a recording that is not fitted but used to judge the result"
     )
     parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recordings (TOML)")
+    parser.add_argument(
+        "--keep-rest", action="store_true",
+        help="keep the torque that no cause explains as a table in the extended model, if unseen data gain by it",
+    )  # fmt: skip
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
 
@@ -52,7 +56,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             bar.set_description_str(f"{step:50.50}")
             bar.update()
 
-        found = diagnose(system, recordings, holdout, tell)
+        found = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
         tell("report")
         from matching.report.common.style import image
         from matching.report.diagnosis.figures import figures

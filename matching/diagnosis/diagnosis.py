@@ -36,8 +36,10 @@ from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.state import SearchState
+from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.discrepancy import discrepancy_curves
 from matching.diagnosis.verdict.errors import errors_by_sensor, pooled_errors, remaining_errors, residual_once
+from matching.diagnosis.verdict.kept_table import KeptTable, kept_table
 from matching.diagnosis.verdict.named_causes import (
     JudgedCause,
     named_causes,
@@ -57,6 +59,7 @@ def diagnose(
     recordings: Sequence[Recording],
     holdout: Recording | None = None,
     progress: Progress = lambda _: None,
+    keep_rest: bool = False,
 ) -> Diagnosis:
     """Find out what a model lacks against recordings of the system.
 
@@ -69,6 +72,8 @@ def diagnose(
         Judges all fits and is not fitted; without it the last 30 % of every recording.
     progress : callable
         Is given the name of each step.
+    keep_rest : bool
+        Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
 
     Raises
     ------
@@ -103,14 +108,23 @@ def diagnose(
     models = [ModelResiduals(judge.segments(one.fit), r) for one, r in zip((base, final), residuals, strict=True)]
     unseen = holdout_data(train.noise, models[0], models[1])
     explained, rest = verdict == "explained", remaining_errors(final)
+    curves = discrepancy_curves(final) if rest else []
+    kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
     return Diagnosis(
         verdict, named_causes(system, final, values, judged, explained),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
         errors_by_sensor(system, base, final, before, after), pooled_errors(whole, before, after),
         fidelity(system, unseen), refitted_candidates(judged), identified.fitted, rest,
-        discrepancy_curves(final) if rest else [], recording_to_tell_rivals(final, judged, explained), notes,
-        extended_system(stated, final.causes, final.fit.values), _plot_data(state, final, unseen),
+        curves, recording_to_tell_rivals(final, judged, explained), notes,
+        _extended(stated, final, kept), _plot_data(state, final, unseen), kept,
     )  # fmt: skip
+
+
+def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> System:
+    """The stated system with the causes, and with a table of what they leave where one is kept."""
+    if kept is None:
+        return extended_system(stated, final.causes, final.fit.values)
+    return extended_system(stated.with_effects(kept.effect), final.causes, kept.values)
 
 
 def _data(

@@ -102,7 +102,7 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
         if not unseen.earns_place(state.best, rest):
             state.best = rest
             del state.rivals[index : index + 1]
-    if len(state.best.causes) == 1 and state.best is not state.with_one_cause[0]:
+    if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
         others = [one for one in state.with_one_cause if one.places != state.best.places]
         state.rivals = [[state.best, *others]]
 

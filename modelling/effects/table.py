@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from sympy import Abs, Expr, Symbol
@@ -62,11 +62,26 @@ class Table(Kind):
         yield from ()
 
 
+def table_parameters(axis: str, points: Sequence[float], torques: Sequence[float]) -> dict[str, float]:
+    """Parameters of a table over ``speed``, ``angle`` or ``twist``, SI by key.
+
+    Points that are as good as equal are left out, and further ones beyond ``MOST_POINTS``.
+    """
+    kept: list[tuple[float, float]] = []
+    for point, torque in zip(points, torques, strict=True):
+        if not kept or point > kept[-1][0]:
+            kept.append((point, torque))
+    kept = kept[:MOST_POINTS]
+    values = {f"{axis}_{i}": point for i, (point, _) in enumerate(kept, 1)}
+    return values | {f"torque_{i}": torque for i, (_, torque) in enumerate(kept, 1)}
+
+
 def _points(p: Symbols) -> tuple[str, list[Symbol], list[Symbol]]:
     """Name of the axis, its points and the torques there."""
     axis = next(key for key in AXES if f"{key}_1" in p)
     count = sum(key.startswith("torque_") for key in p)
-    return axis, *([p[f"{key}_{i}"] for i in range(1, count + 1)] for key in (axis, "torque"))
+    points, torques = ([p[f"{key}_{i}"] for i in range(1, count + 1)] for key in (axis, "torque"))
+    return axis, points, torques
 
 
 def _between(x: Expr, points: list[Symbol], torques: list[Symbol]) -> Expr:

@@ -1,16 +1,22 @@
 """The torque that no cause explains, as a curve, against the torque that made the data."""
 
+import tomllib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from matching.diagnosis.candidates.cause import ExtendedModel
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.holdout import OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.discrepancy import discrepancy_curves
+from matching.diagnosis.verdict.kept_table import kept_table
 from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
-from modelling.model.files import from_dict
+from modelling.model.files import dumps, from_dict
 
 NOISE, AMPLITUDE, PERIOD = 0.002, 0.02, 2.0  # rad, N·m, rad
 TIME = np.arange(3000) * 2e-3
@@ -64,3 +70,22 @@ def test_figure_names_place_variable_and_share(curves):
     assert axes.get_xlabel() == "Angle of arm in rad"
     assert axes.get_ylabel() == "Unexplained on arm in N·m"
     assert axes.get_title() == f"takes {100 * curves[0].share:.0f} % of the rest"
+
+
+def test_a_curve_is_kept_as_a_table_where_unseen_data_gain(curves):
+    """The second half of the recording is unseen; the equation that made it has the hidden torque in it."""
+    whole = hypothesis(AMPLITUDE)
+    (segment,) = whole.fit.problem.data.segments
+    first, second = (
+        FitData((segment.part(*part),), whole.fit.problem.data.noise) for part in ((0, 1500), (1500, len(TIME)))
+    )
+    fit = solve(*base_problem(whole.model.base, first))
+    final = Hypothesis(ExtendedModel(whole.model.base, (), dict(fit.problem.bounds), fit.values), fit)
+    kept = kept_table(final, curves, UnseenData(OtherRecordings(second)))
+    assert (kept.effect.at, kept.over) == ("inertias.arm", "angle")
+    assert kept.nrmse_after < 0.5 * kept.nrmse_before
+    extended = whole.model.base.with_values(kept.values).with_effects(kept.effect)
+    assert from_dict(tomllib.loads(dumps(extended))) == extended
+    assert kept_table(final, [replace(curves[0], repeats=0.1)], UnseenData(OtherRecordings(second))) is None
+    wrong = replace(curves[0], torque=-curves[0].torque)
+    assert kept_table(final, [wrong], UnseenData(OtherRecordings(second))) is None

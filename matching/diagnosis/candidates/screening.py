@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -35,6 +35,7 @@ class ScreenedCandidate:
     at: str
     parameters: dict[str, float]
     reduction: float
+    guess: Guess | None = field(default=None, repr=False, compare=False)
 
 
 class Screening:
@@ -178,9 +179,9 @@ class Screening:
         rest = iter(guesses)
         while some := list(islice(rest, TOGETHER)):
             reductions = self.reductions([guess for _, guess in some])
-            for (at, _), (reduction, parameters) in zip(some, reductions, strict=True):
+            for (at, guess), (reduction, parameters) in zip(some, reductions, strict=True):
                 if parameters is not None and reduction > 0:
-                    yield ScreenedCandidate(kind, at, parameters, reduction)
+                    yield ScreenedCandidate(kind, at, parameters, reduction, guess)
 
     def reductions(self, guesses: Sequence[Guess]) -> list[tuple[float, dict[str, float] | None]]:
         """How much each guess lowers χ² at its best amplitudes, and its parameters then (None: no such effect).

@@ -12,8 +12,9 @@ from matching.diagnosis.candidates.recorded import recorded_range
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained, with_balanced_sensors
+from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
-from matching.diagnosis.search.refinement import RefitBudget
+from matching.diagnosis.search.refinement import RefitBudget, with_sharper_friction_near_best
 from matching.diagnosis.search.refit_candidates import (
     FULL_PLAN,
     Progress,
@@ -78,7 +79,11 @@ def search_causes(
         grown = _grow(beam, screenings, state.noise_threshold, budget, progress)
         if state.best is base:
             state.with_one_cause = grown
+        elif len(state.best.causes) == 1 and not (grown and at_noise(grown[0])):
+            grown = _with_pairs(base, screenings.of(base), grown, budget, progress)
         grown = _from_first_accepted(state, grown, unseen)
+        if not grown and state.best is base and not at_noise(base):  # none alone, but perhaps two together
+            grown = _from_first_accepted(state, _with_pairs(base, screenings.of(base), [], budget, progress), unseen)
         if not grown:
             break
         state.best = grown[0]
@@ -124,6 +129,15 @@ def _grow(
         if grown and at_noise(grown[0]):
             break
     return distinct(sorted(grown, key=lambda one: one.cost))
+
+
+def _with_pairs(
+    base: Hypothesis, node: _Node, grown: list[Hypothesis], budget: RefitBudget, progress: Progress
+) -> list[Hypothesis]:
+    """Hypotheses with two causes, best first, and pairs that hide each other from a search for one at a time."""
+    progress("pairs of causes")
+    pairs = fitted_pairs(base, screened_pairs(node.screening, node.candidates), grown, budget)
+    return distinct(sorted([*grown, *with_sharper_friction_near_best(pairs)], key=lambda one: one.cost))
 
 
 def _worthwhile(state: SearchState, child: Hypothesis) -> bool:

@@ -122,6 +122,8 @@ def refitted_over_windows(
             continue
         if again is not None and again.fit.cost < one.fit.cost:
             out[out.index(one)] = again
+            if at_noise(again):  # nothing is left for the others to explain better
+                break
     return sorted(out, key=lambda one: one.cost)
 
 

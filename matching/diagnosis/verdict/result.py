@@ -12,6 +12,7 @@ from matching.diagnosis.data.holdout_residuals import HoldoutData
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.verdict.causes import Candidate, FittedCandidate, NamedCause, estimate_to_dict, finite
 from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
+from matching.diagnosis.verdict.kept_table import KeptTable
 from modelling.common.display import Displayed
 from modelling.effects.first_guess import FittedMotion
 from modelling.effects.place import place_in_file, place_in_words
@@ -133,6 +134,8 @@ class Diagnosis(Displayed):
     notes : list of str
     extended : System
     plot_data : PlotData
+    kept : KeptTable or None
+        The curve of ``discrepancy`` that the extended model keeps.
     """
 
     verdict: str
@@ -150,6 +153,7 @@ class Diagnosis(Displayed):
     notes: list[str]
     extended: System = field(repr=False)
     plot_data: PlotData = field(repr=False)
+    kept: KeptTable | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -161,7 +165,8 @@ class Diagnosis(Displayed):
             "extended_model": "extended.toml",
             "parameters": {name: estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
             "rest": [one.to_dict() for one in self.rest],
-            "discrepancy": [one.to_dict() for one in self.discrepancy], "notes": self.notes,
+            "discrepancy": [one.to_dict() for one in self.discrepancy],
+            "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:

@@ -142,6 +142,12 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{number(row['worst_ratio'], 3)} times the noise"
         )
     lines += [f"  {shape(curve)}" for curve in result.get("discrepancy", [])[:1]]
+    if kept := result.get("kept_discrepancy"):
+        before, after = percent(kept["nrmse_before"]), percent(kept["nrmse_after"])
+        lines.append(
+            f"  the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
+            f"held-out data falls from {before} to {after} of the sensors' ranges"
+        )
     at_bound = [name for name, own in result["parameters"].items() if "at the bound" in own.get("note", "")]
     if at_bound:
         lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
