@@ -37,6 +37,7 @@ from matching.diagnosis.search.profile_likelihood import equivalent_fits, widene
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.search.unseen_data import UnseenData
+from matching.diagnosis.verdict.closed_loop import closed_loop_notes
 from matching.diagnosis.verdict.discrepancy import discrepancy_curves
 from matching.diagnosis.verdict.errors import errors_by_sensor, pooled_errors, remaining_errors, residual_once
 from matching.diagnosis.verdict.kept_table import KeptTable, kept_table
@@ -92,7 +93,7 @@ def diagnose(
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
     judge, restarted = _predictable(final, judge)
-    notes += restarted
+    notes += restarted + closed_loop_notes(final)
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict = _verdict(final, after)
