@@ -27,7 +27,6 @@ from matching.diagnosis.fitting.holdout import (
     holdout_residuals,
     rms_by_sensor,
 )
-from matching.diagnosis.fitting.influence import correlated_uncertainties
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import at_least, discretisation_shift, estimates
 from matching.diagnosis.identify_causes import best_without, identify_causes
@@ -35,11 +34,13 @@ from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
 from matching.diagnosis.search.refit_candidates import Progress
+from matching.diagnosis.search.remembered import RememberedHoldout
 from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.closed_loop import closed_loop_notes
 from matching.diagnosis.verdict.discrepancy import discrepancy_curves
 from matching.diagnosis.verdict.errors import errors_by_sensor, pooled_errors, remaining_errors, residual_once
+from matching.diagnosis.verdict.influence import correlated_uncertainties
 from matching.diagnosis.verdict.kept_table import KeptTable, kept_table
 from matching.diagnosis.verdict.named_causes import (
     JudgedCause,
@@ -85,14 +86,15 @@ def diagnose(
         check_speed_units(system, recording)
     stated, system = system, with_clocks(system, [*recordings, *([holdout] if holdout else [])])
     whole, train, judge, notes = _data(system, recordings, holdout)
+    remembered = RememberedHoldout(judge)
     progress("base model")
     compile_models([system])
-    identified = identify_causes(system, solve(*base_problem(system, train)), judge, progress)
+    identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
     state = identified.state
     fits = equivalent_fits(state.best.fit, state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
-    judge, restarted = _predictable(final, judge)
+    judge, restarted = _predictable(final, judge, remembered)
     notes += restarted + closed_loop_notes(final)
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
@@ -146,16 +148,16 @@ def _rattles(hypothesis: Hypothesis) -> bool:
     return any(effect.law.abrupt for effect in hypothesis.fit.problem.system.effects)
 
 
-def _predictable(final: Hypothesis, judge: Holdout) -> tuple[Holdout, list[str]]:
+def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldout) -> tuple[Holdout, list[str]]:
     """Held-out data as far as a model predicts them, and notes.
 
     Where a shaft rattles and the free continuation of the fit loses the way: windows with start states of their own.
     """
     if not (isinstance(judge, RestOfRecordings) and at_noise(final) and _rattles(final)):
-        return judge, []
-    errors = rms_by_sensor(holdout_residuals(judge.simulate(final.fit)))
+        return remembered, []
+    errors = rms_by_sensor(holdout_residuals(remembered.simulate(final.fit)))
     if np.nanmax(errors, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO:
-        return judge, []
+        return remembered, []
     note = f"held-out data are simulated in windows of {RESTART_SECONDS:g} s: rattling forgets where it began"
     return RestartedRest(judge.whole, judge.counts), [note]
 

@@ -17,6 +17,7 @@ from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
 from matching.diagnosis.search.refinement import with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress
+from matching.diagnosis.search.remembered import RememberedHoldout
 from matching.diagnosis.search.search_window import first_readings, search_window
 from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.search.unseen_data import UnseenData
@@ -52,7 +53,7 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     window = search_window(base)
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
-        judge = OtherRecordings(first_readings(holdout.data))
+        judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data)))
         identified = _search_and_rate(system, _solved_as(base, system, window), judge, progress)
         state = identified.state
         progress("all data")

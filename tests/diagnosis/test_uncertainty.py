@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from matching.diagnosis.candidates import backlash_one_flank
 from matching.diagnosis.candidates.cause import Cause
-from matching.diagnosis.fitting.influence import correlated_uncertainties
 from matching.diagnosis.fitting.uncertainty import (
     Estimate,
     at_least,
@@ -18,6 +17,7 @@ from matching.diagnosis.fitting.uncertainty import (
     estimates,
     inflation,
 )
+from matching.diagnosis.verdict.influence import correlated_uncertainties
 
 J = np.random.default_rng(1).standard_normal((200, 2)) * [30.0, 0.2]
 
