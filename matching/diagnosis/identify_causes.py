@@ -31,7 +31,8 @@ from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
 from modelling.model.system import System
 
-FAR_FROM_NOISE = 100.0  # times the noise; an error of that size is first of all one of the model
+FAR_FROM_NOISE = 100.0  # times the noise, of a base model: a search by noise weights alone is not even begun
+LEFT_BY_MODEL = 3.0  # times the noise, of the best hypothesis: more than a noise that is stated too small
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,28 @@ class IdentifiedCauses:
 def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
+    Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
+    searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
+    better. With one sensor there is nothing to weigh: the error of its free simulation is what counts.
+    """
+    several = (base.problem.data.readings_by_sensor > 0).sum() > 1
+    if several and _largest_error(base) > FAR_FROM_NOISE:
+        return _identify(system, iteratively_reweighted(base), holdout, progress)
+    identified = _identify(system, base, holdout, progress)
+    if not several or at_noise(identified.state.best) or _largest_error(identified.state.best.fit) < LEFT_BY_MODEL:
+        return identified
+    progress("sensors weighted by what the model leaves")
+    balanced = _identify(system, iteratively_reweighted(base), holdout, progress)
+    better = UnseenData(holdout).earns_place(balanced.state.best, identified.state.best)
+    return balanced if better else identified
+
+
+def _identify(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+    """Causes with their rivals, sensors weighted as in the base fit.
+
     Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
     the residual of all data is not noise though that of the window is, they are searched for in all data.
     """
-    base = _balanced_if_far_from_noise(base)
     window = search_window(base)
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
@@ -64,15 +83,10 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     return _search_and_rate(system, base, holdout, progress)
 
 
-def _balanced_if_far_from_noise(base: Fit) -> Fit:
-    """A base fit whose sensors are weighted by what it leaves of them, where that is far more than noise.
-
-    With one sensor there is nothing to weigh: the error of its free simulation is what counts.
-    """
-    count = base.problem.data.readings_by_sensor
-    squares = np.sum([np.sum(part**2, axis=0) for part in base.by_sensor()], axis=0)
-    far = np.sqrt(squares / np.maximum(count, 1)).max(initial=0.0) > FAR_FROM_NOISE
-    return iteratively_reweighted(base) if far and (count > 0).sum() > 1 else base
+def _largest_error(fit: Fit) -> float:
+    """Root mean square error of the sensor with the largest one, in times its noise."""
+    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
+    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
 
 
 def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
