@@ -102,6 +102,8 @@ def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Prog
     if not at_noise(state.best):
         _drop_without_gain_unseen(state, unseen)
     state.best = final_fit(state.best)
+    if not state.best.causes:
+        state.base = state.best
     _drop_not_needed(state)
     rated = []
     for index in range(len(state.best.causes)):

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from matching.diagnosis.data import holdout_fidelity
 from matching.diagnosis.data.holdout_fidelity import DRIVABILITY_HZ, fidelity
 from matching.diagnosis.data.holdout_residuals import ModelResiduals, holdout_data
 from matching.diagnosis.data.segments import Segment
+from modelling.fidelity.assess import assess_signal
 from modelling.model.files import from_dict
 
 SYSTEM = from_dict({
@@ -104,3 +106,17 @@ def test_nothing_measured_gives_none() -> None:
         fidelity(SYSTEM, holdout_data(NOISE, ModelResiduals([segment], residual), ModelResiduals([segment], residual)))
         is None
     )
+
+
+def test_a_model_that_nothing_was_added_to_is_assessed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    scatter = 0.01 * np.random.default_rng(3).standard_normal(len(TIME))
+    segment = Segment(TIME, np.zeros((len(TIME), 0)), np.column_stack([motion(TIME) + scatter] * 2), "r.csv")
+    model = ModelResiduals([segment], [np.column_stack([scatter, scatter]) / NOISE])
+    names = []
+    monkeypatch.setattr(
+        holdout_fidelity, "assess_signal", lambda name, *given: names.append(name) or assess_signal(name, *given)
+    )
+    found = fidelity(SYSTEM, holdout_data(NOISE, model, model))
+    assert names == ["speed", "still"]
+    assert found is not None
+    assert found.before == found.after
