@@ -17,7 +17,7 @@ from matching.diagnosis.data.holdout_split import split_holdout
 from matching.diagnosis.data.preparation import prepare_data
 from matching.diagnosis.data.segments import FitData
 from matching.diagnosis.fitting.batch_simulation import compile_models
-from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import (
     RESTART_SECONDS,
     Holdout,
@@ -28,7 +28,7 @@ from matching.diagnosis.fitting.holdout import (
     rms_by_sensor,
 )
 from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.uncertainty import at_least, discretisation_shift, estimates
+from matching.diagnosis.fitting.uncertainty import Estimate, at_least, discretisation_shift, estimates
 from matching.diagnosis.identify_causes import best_without, identify_causes
 from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
@@ -99,11 +99,7 @@ def diagnose(
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict = _verdict(final, after)
-    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
-    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
-    if _rattles(final):
-        values = at_least(values, window_uncertainties(final.fit))
-    values = bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
+    values = _estimates(final, fits)
     judged = [
         JudgedCause(cause, own, best_without(state, index))
         for index, (cause, own) in enumerate(zip(final.causes, identified.rated, strict=True))
@@ -121,6 +117,15 @@ def diagnose(
         curves, recording_to_tell_rivals(final, judged, explained), notes,
         _extended(stated, final, kept), _plot_data(state, final, unseen), kept,
     )  # fmt: skip
+
+
+def _estimates(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
+    """All fitted parameters by name; ``fits`` are equivalent to the final one, which comes first."""
+    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
+    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
+    if _rattles(final):
+        values = at_least(values, window_uncertainties(final.fit))
+    return bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
 
 
 def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> System:

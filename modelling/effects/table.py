@@ -15,7 +15,7 @@ MOST_POINTS = 33
 AXES = {"speed": "rad/s", "angle": "rad", "twist": "rad"}
 
 
-class Table(Kind):
+class TorqueTable(Kind):
     """``torque`` over one of ``speed``, ``angle`` (inertia) or ``twist`` (shaft), linear between the points.
 
     It is constant beyond them. On an inertia it acts in positive direction; a shaft transmits it besides its spring.

@@ -11,7 +11,7 @@ from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.search.refinement import FIT_ERRORS
 from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
-from modelling.effects.table import AXES, Table, table_parameters
+from modelling.effects.table import AXES, TorqueTable, table_parameters
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 
@@ -50,7 +50,7 @@ class KeptTable:
 def table_effect(curve: DiscrepancyCurve) -> Effect:
     """A curve over speed, angle or twist as an effect."""
     parameters = table_parameters(curve.over, curve.grid.tolist(), curve.torque.tolist())
-    return Effect(Table.kind, curve.at, tuple((key, Quantity(value)) for key, value in parameters.items()))
+    return Effect(TorqueTable.kind, curve.at, tuple((key, Quantity(value)) for key, value in parameters.items()))
 
 
 def kept_table(final: Hypothesis, curves: Sequence[DiscrepancyCurve], unseen: UnseenData) -> KeptTable | None:
