@@ -90,15 +90,15 @@ def diagnose(
     progress("base model")
     compile_models([system])
     identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
-    state = identified.state
-    fits = equivalent_fits(state.best.fit, state.best.causes)
+    state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
     judge, restarted = _predictable(final, judge, remembered)
     notes += restarted + closed_loop_notes(final)
     residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
-    verdict = _verdict(final, after)
+    verdict, rest = _verdict(final, after), remaining_errors(final)
+    explained = verdict == "explained"
     values = _estimates(final, fits)
     judged = [
         JudgedCause(cause, own, best_without(state, index))
@@ -106,7 +106,6 @@ def diagnose(
     ]
     models = [ModelResiduals(judge.segments(one.fit), r) for one, r in zip((base, final), residuals, strict=True)]
     unseen = holdout_data(train.noise, models[0], models[1])
-    explained, rest = verdict == "explained", remaining_errors(final)
     curves = discrepancy_curves(final) if rest else []
     kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
     return Diagnosis(
