@@ -8,7 +8,8 @@ from structure.imports import modules
 from modelling.effects import EFFECTS
 
 # text that is also the name of something else
-ALSO_SOMETHING_ELSE = {"dead_time"}  # a quantity of the control loop, ``loop.dead_time``
+# a quantity of the control loop, ``loop.dead_time``; any table, of a file or a result
+ALSO_SOMETHING_ELSE = {"dead_time", "table"}
 # laws of the second opinion, which cannot be the same ones
 WRITTEN_AGAIN = ("matching.frequency.independent.chain", "matching.frequency.independent.steady")
 
