@@ -63,3 +63,11 @@ def test_the_candidate_that_was_promised_most_of_gets_windows_if_its_fit_does_no
     kept = replace(broken, fit=hypothesis(4.5).fit)  # 4500 of 8000
     assert in_local_minimum(parent, [kept, near, far]) == [kept, near]
     assert in_local_minimum(parent, [hypothesis(1.0), near])[1:] == []  # more than three times the best
+
+
+def test_further_causes_far_from_the_noise_get_windows_only_where_a_promise_is_not_kept() -> None:
+    parent, kept, near = hypothesis(90.0), hypothesis(50.0, screened=1000.0), hypothesis(60.0)
+    assert in_local_minimum(parent, [kept, near]) == []
+    broken = hypothesis(120.0, screened=80_000.0)
+    assert in_local_minimum(parent, [kept, near, broken]) == [broken]
+    assert in_local_minimum(hypothesis(12.0), [hypothesis(5.0), hypothesis(6.0)]) != []  # 2.2 times the noise

@@ -7,7 +7,7 @@ import pytest
 
 from matching.diagnosis.candidates.balance import torque_balance
 from matching.diagnosis.candidates.noise_threshold import NoiseDraws, best_of
-from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.candidates.torque_response import without_effects
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.fitting.batch_simulation import simulate_readings
@@ -186,3 +186,21 @@ def test_readings_that_tell_no_motion_are_refused_in_one_line(drive):
     values = {name: quantity.value for name, quantity in drive.parameters.items()}
     with pytest.raises(InputError, match="made: no motion of the model's inertias follows from its readings"):
         torque_balance(replace(fit, problem=absurd), without_effects(drive), values, 5.0)
+
+
+@pytest.mark.parametrize(("best_of_all", "refined"), [(1000.0, True), (10_000.0, False)])
+def test_nearby_guesses_are_made_only_of_kinds_that_may_come_to_matter(screen, monkeypatch, best_of_all, refined):
+    """A ripple that takes 500 beside a friction that takes 1000, or 10 000."""
+    reductions = {"torque_ripple": 500.0, "coulomb_friction": best_of_all}
+
+    def screened(kind, guesses):
+        if kind in reductions and list(guesses):
+            yield ScreenedCandidate(kind, "inertias.load", {}, reductions[kind])
+
+    nearby = []
+    monkeypatch.setattr(screen, "_screened", screened)
+    monkeypatch.setattr(EFFECTS["torque_ripple"], "nearby", lambda motion, at, best: nearby.append(at) or [])
+    monkeypatch.setattr(EFFECTS["torque_ripple"], "guesses", lambda motion, at: ["a guess"])
+    monkeypatch.setattr(EFFECTS["torque_ripple"], "shared_guesses", lambda motion, at: ["a guess"])
+    list(screen.candidates())
+    assert nearby == (["inertias.load"] if refined else [])

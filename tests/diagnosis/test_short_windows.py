@@ -13,6 +13,7 @@ from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import estimates
+from matching.diagnosis.search import refinement
 from modelling.model.files import from_dict
 
 TIME = np.arange(400) * 5e-3
@@ -85,3 +86,21 @@ def test_held_out_rest_begins_again_every_second(fit):
     residuals = holdout_residuals(RestartedRest(data, [280]).simulate(fit))
     assert sum(len(part) for part in residuals) == 120
     assert rms_by_sensor(residuals) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("reached", "tried"), [(True, ["first"]), (False, ["first", "second"])])
+def test_no_further_windows_once_one_hypothesis_is_at_the_noise(monkeypatch, reached, tried):
+    problem = SimpleNamespace(states=lambda v: [np.zeros((3, 1))], model=SimpleNamespace(states=["speed"]))
+    parent = SimpleNamespace(fit=SimpleNamespace(problem=problem, v=None))
+    screening = SimpleNamespace(balance=SimpleNamespace(added_to=lambda names, states: states))
+    first, second, better = (
+        SimpleNamespace(causes=name, fit=SimpleNamespace(cost=cost), cost=cost)
+        for name, cost in (("first", 5.0), ("second", 6.0), ("better", 1.0))
+    )
+    made = []
+    monkeypatch.setattr(refinement, "in_local_minimum", lambda *_: [first, second])
+    monkeypatch.setattr(refinement, "_from_windows", lambda _, one, __: made.append(one.causes) or better)
+    monkeypatch.setattr(refinement, "at_noise", lambda one: reached)
+    found = refinement.refitted_over_windows(parent, [first, second], screening, set(), refinement.RefitBudget())
+    assert made == tried
+    assert found[0] is better

@@ -18,6 +18,7 @@ from modelling.effects import EFFECTS
 
 NEAR_BEST, NEAR_RATIO = 4, 2.0  # hypotheses that get a second look, and up to how many times the best's χ²
 WINDOWED_BEST, WINDOWED_RATIO = 2, 3.0  # the same for fits over short windows, which take many times as long
+FAR_FROM_NOISE = 3.0  # root mean square of the residual in times the noise
 NEAR_NOISE = 1.2  # mean square of the residual in times the noise
 WIDER_GAP = 1.6  # times the fitted one
 KEPT_PROMISE = 0.5  # of the decrease of χ² that the screening promised
@@ -132,9 +133,12 @@ def in_local_minimum(parent: Hypothesis, hypotheses: Sequence[Hypothesis]) -> li
 
     These are the best few, which another start may improve, and before them the one that the screening promised most
     of, if its fit does not keep half of that: rattling in backlash forgets where it began, so that a long simulation
-    fits worse with the right cause than without it.
+    fits worse with the right cause than without it. Of further causes that leave far more than noise only that one:
+    other starts of the best few take most of the time of a search that never comes to the noise.
     """
     near = [one for one in hypotheses[:WINDOWED_BEST] if one.fit.cost <= WINDOWED_RATIO * hypotheses[0].fit.cost]
+    if parent.causes and hypotheses[0].misfit > FAR_FROM_NOISE:
+        near = []
     promised = max(hypotheses, key=lambda one: one.screened)
     kept = parent.fit.cost - promised.fit.cost
     return near if kept > KEPT_PROMISE * promised.screened or promised in near else [promised, *near]
