@@ -199,3 +199,19 @@ def test_several_sensors_have_a_pooled_figure_and_the_worst_of_them() -> None:
         "sensors falls from 70.00 % to 9.00 % of their range; that of the worst sensor b rises from 25 to 30 times "
         "the noise on held-out data, and an unexplained error remains."
     )
+
+
+@pytest.mark.parametrize("causes", [True, False])
+def test_candidates_in_no_causes_place_stand_on_the_page_with_the_reason(result: dict, causes: bool) -> None:
+    """A page of several causes, or of none, has candidates that were fitted alone and compete with no cause."""
+    alone = {
+        "kind": "sensor_gain", "at": ["sensors.a", "sensors.b"], "instead_of": None, "misfit": 47.11,
+        "misfit_holdout": None, "chi_square": 1.0, "confidence": 0.0, "not_taken": "worse_unseen",
+    }  # fmt: skip
+    kept = {} if causes else {"causes": [], "verdict": "unexplained"}
+    candidates = [*(result["candidates"] if causes else []), alone]
+    text = page(result | kept | {"candidates": candidates}, "", {"wheel_speed": "rad/s"}, {})
+    row = next(line for line in text.split("<tr>") if "47.11" in line)
+    assert "sensors.a and sensors.b" in row
+    assert "held-out data are met worse with it" in row
+    assert "No candidate was worth a fit" not in text

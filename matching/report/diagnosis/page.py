@@ -18,6 +18,15 @@ MEANING = {
     "unexplained": "More than noise remains. The named causes explain part of it; no known effect explains the rest "
     "well enough, so treat the values of the causes with care.",
 }
+REASONS = {
+    "": "taken",
+    "not_better": "takes no more than noise would",
+    "not_physical": "its values are not physical",
+    "beyond_recording": "its values lie beyond what was recorded",
+    "worse_unseen": "held-out data are met worse with it",
+    "at_bound": "it ends at the bound of its range",
+    "rival": "another explains more",
+}
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 
 
@@ -54,7 +63,8 @@ def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images
         "fidelity": _fidelity(result["fidelity"]) if result["fidelity"] else None,
         "rest": result["rest"],
         "shapes": [shape(curve) for curve in result.get("discrepancy", [])],
-        "rivals": _rivals(result["candidates"]),
+        "rivals": _rivals([row for row in result["candidates"] if row["instead_of"]]),
+        "not_taken": _not_taken([row for row in result["candidates"] if not row["instead_of"]]),
         "quantities": [
             {"name": name, "value": measured(estimate), "note": estimate.get("note", "")}
             for name, estimate in result["parameters"].items()
@@ -135,6 +145,14 @@ def _rivals(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
             )
         out.append({"cause": cause, "rows": table, "words": words})
     return out
+
+
+def _not_taken(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Candidates that were fitted by themselves and stand in no cause's place, with the reason in words."""
+    return [
+        row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "reason": REASONS[row["not_taken"] or ""]}
+        for row in candidates
+    ]
 
 
 def _label(candidate: Mapping[str, Any]) -> str:
