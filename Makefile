@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long docs fuzz mutants faults bench campaign campaign-hard lock clean figures explore
+.PHONY: help run test test-long docs fuzz mutants faults bench campaign campaign-hard campaign-beds lock clean figures explore
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -65,6 +65,9 @@ campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many mad
 
 campaign-hard: .venv/run.stamp  ## set up, then the second campaign: model error, wrong noise, three effects, closed loop
 	$(BIN)/python -m tests.campaign --hard --cases 300
+
+campaign-beds: .venv/test.stamp  ## set up, then the campaign of beds: drawn beds from first model to verified match
+	$(BIN)/python -m tests.campaign.beds
 
 figures: .venv/test.stamp  ## set up, then make the generated files of this repository anew (half an hour)
 	$(BIN)/python docs/figures.py $(FIGURES)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 HELP = """Judge recordings of the controlled bed: frequency responses with their uncertainty, the response error,
 frequency and damping of the target modes, and R_XiL, each beside vehicle and prediction. The answer is as_predicted,
 short or undetermined. CASE is the directory that rigmatch match wrote, or a case file. A recording holds the compared
-torques and sensors by name, and lasts four periods of the lowest frequency of the band or more."""
+torques and sensors by name, and lasts four periods of the lowest frequency of the band or more. Where the bed falls
+short and the recording holds the torque commands as well, a diagnosis of it says why."""
 EXAMPLES = (
     "rigmatch verify out/road_to_rig sweep.mf4 --out out/verify",
     "rigmatch verify out/road_to_rig running.csv --follow 10 --out out/verify",
@@ -57,9 +58,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 def _judged(
     arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None, recordings: Sequence[str | Path]
 ) -> dict[str, Any]:
-    """Judge recordings, or copies of those on the command line, and write files."""
+    """Judge recordings, or copies of those on the command line, and write files; diagnose them where they are short."""
+    from matching.arguments import steps
     from matching.bed_test.judge import judge
     from matching.bed_test.recorded import read_recordings
+    from matching.commissioning.why_short import why_short
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
     from matching.report.common.style import image
@@ -67,6 +70,10 @@ def _judged(
 
     found = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
     result = found.to_dict()
+    if arguments.follow is None:  # nobody at the bed waits for minutes
+        with steps("verify") as tell:
+            reason = why_short(case, found, recordings, channels, tell)
+        result["diagnosis"] = None if reason is None else reason.to_dict()
     drawn = {"responses": image(responses(found))}
     files: dict[str, str | bytes] = {"report.html": page(result, drawn)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}

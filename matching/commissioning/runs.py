@@ -57,6 +57,8 @@ def proof_recording(  # bed and controller are both stepped: one more than six
     at = [bed.sensors.index(name) for name in law.sensors]
     torques = np.vstack([np.zeros((before, len(wanted.inputs))), wanted.torques])
     readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
+    driven = [own.torque_input for own in case.loop.dynamometers]
+    sent = np.zeros((len(torques), k))
     bed.begin(speed)
     for i, torque in enumerate(torques):
         now = dict(zip(wanted.inputs, torque, strict=True))
@@ -68,8 +70,10 @@ def proof_recording(  # bed and controller are both stepped: one more than six
                 "bed", f"{(i - before) * step:.3f} s after the start the controller gave up: {FAULTS[answer.fault]}",
                 "look at the recording, limits and watchdogs",
             )  # fmt: skip
-        bed.step(np.concatenate([answer.commands, [now.get(name, 0.0) for name in drives]]), step)
-    return _csv(case, bed, step, held_as_linear(torques)[before:], readings[before:], wanted.inputs)
+        sent[i] = answer.commands
+        bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
+    held = held_as_linear(np.hstack([torques, sent]))[before:]
+    return _csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
 
 
 def _csv(

@@ -64,4 +64,13 @@ def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settin
     return Settings(
         np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
         np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
+        np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
     )  # fmt: skip
+
+
+def _curve(case: Case) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds (p,), rad/s, and largest torques (p,), N·m, of the case's curve; one point without any limit else."""
+    curve = case.torque_curve
+    if curve is None:
+        return np.zeros(1), np.full(1, NO_LIMIT)
+    return np.array(curve.speeds), np.array(curve.torques)

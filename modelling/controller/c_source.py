@@ -28,7 +28,16 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w = len(controller.law.A), len(controller.law.known)
-    reals = 6 * k + y + x + 2 * y + (w + 1) + 4 * k + fixed.REMEMBERED_SAMPLES * k
+    reals = (
+        7 * k
+        + 2 * len(controller.settings.curve_speeds)
+        + y
+        + x
+        + 2 * y
+        + (w + 1)
+        + 4 * k
+        + fixed.REMEMBERED_SAMPLES * k
+    )
     return 8 * reals + 4 * 10
 
 
@@ -50,6 +59,7 @@ def _header(controller: ExportedController) -> str:
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
             remembered=fixed.REMEMBERED_SAMPLES,
+            curve=len(controller.settings.curve_speeds),
         )
         + "\n"
     )
@@ -68,6 +78,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_TURNING {_real(fixed.TURNING)} /* rad/s */",
         f"#define CONTROLLER_GONE {_real(fixed.GONE)}",
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(fixed.HELD_BELOW_LIMIT)}",
+        f"#define CONTROLLER_SLOWEST {_real(fixed.SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {fixed.SAMPLES_IN_A_ROW}",
         "",
         f"static const int32_t TORQUE_READING[] = {{{', '.join(map(str, controller.torque_readings))}}};",
@@ -81,8 +92,9 @@ def _data(controller: ExportedController) -> str:
         "hold_integral",
         "lost_torque",
         "torque_gain",
+        "power_limit",
     )
-    for part in (*per_dynamometer, "unexpected"):
+    for part in (*per_dynamometer, "curve_speeds", "curve_torques", "unexpected"):
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(own, part))}}}, /* {part} */")
     lines += [f"    {own.frozen_samples}, {own.life_samples}}};"]
     matrices = {

@@ -14,6 +14,7 @@ SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wr
 GONE = 0.2  # of the torque before: what is left of it counts as none
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
+SLOWEST = 1e-6  # rad/s: power limits no torque below it
 TURNING = 1.0  # rad/s: a rotor that turns faster cannot have readings that do not change
 
 
@@ -23,14 +24,16 @@ class Settings:
 
     Attributes
     ----------
-    torque_limit, speed_limit : ndarray (k,)
-        N·m, rad/s.
+    torque_limit, speed_limit, power_limit : ndarray (k,)
+        N·m, rad/s, W: air-gap torques stay within torque and power.
     hold_proportional, hold_integral : ndarray (k,)
         N·m·s/rad, N·m/rad of the speed hold.
     lost_torque : ndarray (k,)
         N·m: a flange torque above it that is gone within :data:`REMEMBERED_SAMPLES` samples is a broken shaft.
     torque_gain : ndarray (k,)
         Air-gap torque over command as calibrated: commands are divided by it.
+    curve_speeds, curve_torques : ndarray (p,)
+        rad/s, N·m: largest torque over speed of every dynamometer, straight between the points.
     unexpected : ndarray (y,)
         How far a reading may be from what the controller's model expects, in its unit.
     frozen_samples : int
@@ -46,6 +49,9 @@ class Settings:
     lost_torque: np.ndarray
     torque_gain: np.ndarray
     unexpected: np.ndarray
+    power_limit: np.ndarray
+    curve_speeds: np.ndarray
+    curve_torques: np.ndarray
     frozen_samples: int = 4
     life_samples: int = 0
 
@@ -61,5 +67,8 @@ def no_limits(dynamometers: int, readings: int) -> Settings:
         free,
         np.ones(dynamometers),
         np.full(readings, NO_LIMIT),
+        free,
+        np.zeros(1),
+        np.full(1, NO_LIMIT),
         frozen_samples=0,
     )

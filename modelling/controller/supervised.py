@@ -130,8 +130,15 @@ class SupervisedController:
             self._past_torques[:] = readings[self._torques]
             self._surprised = 0
 
+    def _torque_limits(self, readings: np.ndarray) -> np.ndarray:
+        """Largest torques (k,), N·m, at the speeds that are read."""
+        own, speeds = self.settings, np.abs(readings[self._speeds])
+        of_power = own.power_limit / np.maximum(speeds, fixed.SLOWEST)
+        of_curve = np.interp(speeds, own.curve_speeds, own.curve_torques)
+        return np.minimum(np.minimum(own.torque_limit, of_power), of_curve)
+
     def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> np.ndarray:
-        own, limit = self.settings, self.settings.torque_limit
+        own, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
             law, (y0, w0, u0) = self.law, self._start
             y, w = readings - y0, known - w0

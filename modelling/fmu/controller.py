@@ -74,6 +74,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             ("hold_integral", "N*m/rad", "of the speed hold"),
             ("lost_torque", "N*m", "a flange torque above it that is gone at once is a fault"),
             ("torque_gain", "1", "air-gap torque over command as calibrated: commands are divided by it"),
+            ("power_limit", "W", "torque times speed stays within ± this"),
         ):
             value = float(getattr(settings, key)[j])
             least = SMALLEST_GAIN if key == "torque_gain" else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.report.bed_test.text import answer, mode_words, with_uncertainty
+from matching.report.bed_test.text import answer, mode_words, why, with_uncertainty
 from matching.report.common.environment import embedded, environment
 
 CAPTIONS = {
@@ -14,7 +14,7 @@ CAPTIONS = {
 }
 
 
-def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str = "") -> str:
+def page(result: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The page as HTML.
 
     Parameters
@@ -23,8 +23,6 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
         The content of ``verification.json``.
     images : mapping of str to bytes
         The figure ``responses``.
-    diagnosis : str
-        What a diagnosis of the recording says, where there is one.
     """
     values = {
         "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
@@ -42,7 +40,7 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], diagnosis: str 
             for fidelity in result["fidelity"]
         ],
         "notes": result["notes"],
-        "diagnosis": diagnosis,
+        "diagnosis": why(result),
         "figures": {name: embedded(content) for name, content in images.items()},
         "captions": CAPTIONS,
     }

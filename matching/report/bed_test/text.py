@@ -49,8 +49,14 @@ def summary(result: Mapping[str, Any]) -> str:
         lines.append(
             f"R_XiL of {fidelity['recording']}: {with_uncertainty(fidelity['R_XiL'], fidelity['standard_uncertainty'])}"
         )
+    lines += [f"why: {sentence}" for sentence in why(result)]
     lines.append(f"uncertainties: k = {number(result['coverage_factor'])}, about 95 %")
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+
+
+def why(result: Mapping[str, Any]) -> list[str]:
+    """What a diagnosis of the recordings says, where the bed falls short."""
+    return list((result.get("diagnosis") or {}).get("sentences", ()))
 
 
 def interim(result: Mapping[str, Any]) -> str:

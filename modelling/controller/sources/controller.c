@@ -190,6 +190,27 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
     }
 }
 
+/* the largest torque at the speed that is read */
+static controller_real torque_limit(const controller *c, const controller_input *in, int32_t j)
+{
+    const controller_settings *own = &c->settings;
+    const controller_real slowest = (controller_real)CONTROLLER_SLOWEST;
+    const controller_real speed = (controller_real)fabs((double)in->reading[SPEED_READING[j]]);
+    const controller_real of_power = own->power_limit[j] / ((speed > slowest) ? speed : slowest);
+    controller_real of_curve = own->curve_torque[CONTROLLER_CURVE - 1];
+    for (int32_t n = CONTROLLER_CURVE - 1; n > 0; n--) {
+        if (speed < own->curve_speed[n]) {
+            const controller_real share =
+                (speed - own->curve_speed[n - 1]) / (own->curve_speed[n] - own->curve_speed[n - 1]);
+            of_curve = own->curve_torque[n - 1] + (share * (own->curve_torque[n] - own->curve_torque[n - 1]));
+        }
+    }
+    if (speed < own->curve_speed[0]) {
+        of_curve = own->curve_torque[0];
+    }
+    return within((of_power < of_curve) ? of_power : of_curve, (controller_real)0.0, own->torque_limit[j]);
+}
+
 static void emulate(controller *c, const controller_input *in)
 {
     controller_real z[WIDTH];
@@ -205,7 +226,7 @@ static void emulate(controller *c, const controller_input *in)
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        const controller_real limit = c->settings.torque_limit[j];
+        const controller_real limit = torque_limit(c, in, j);
         c->sent[j] = within(c->sent_start[j] + row(&COMMAND, j, z), -limit, limit);
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
@@ -219,7 +240,7 @@ static void emulate(controller *c, const controller_input *in)
 static void hold(controller *c, const controller_input *in)
 {
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        const controller_real limit = c->settings.torque_limit[j];
+        const controller_real limit = torque_limit(c, in, j);
         const controller_real error = wanted_speed(c, in, j) - in->reading[SPEED_READING[j]];
         const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j];
         c->sent[j] = within(asked, -limit, limit);

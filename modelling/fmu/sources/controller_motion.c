@@ -73,6 +73,7 @@ static void take_settings(Motion *m) {
         own->hold_integral[j] = *p++;
         own->lost_torque[j] = *p++;
         own->torque_gain[j] = *p++;
+        own->power_limit[j] = *p++;
     }
     for (int i = 0; i < CONTROLLER_READINGS; i++) own->unexpected[i] = *p++;
     own->frozen_samples = (int32_t)*p++;

@@ -1,0 +1,71 @@
+"""Why a bed falls short: what is diagnosed, what is said where it cannot be."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_bed import write
+
+from matching.commissioning import why_short as module
+from matching.commissioning.bed_system import bed_system, names_in_system
+from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.frequency.case.load import load_case
+from matching.report.bed_test.text import why
+
+SHORT = SimpleNamespace(status="short")
+COMMANDED = "time [s],dyno,motor_torque,motor_speed,side_torque,flange_torque,rotor_speed"
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    return load_case(write(tmp_path_factory.mktemp("case")))
+
+
+def recording(folder, columns):
+    rows = [",".join(f"{value:.4f}" for value in (0.001 * i, *np.sin(i * np.arange(1, columns.count(",") + 1))))
+            for i in range(50)]  # fmt: skip
+    path = folder / "recording.csv"
+    path.write_text("\n".join([columns, *rows]), encoding="utf-8")
+    return path
+
+
+def test_only_what_falls_short_is_diagnosed(case, tmp_path):
+    assert module.why_short(case, SimpleNamespace(status="as_predicted"), [tmp_path / "none.csv"]) is None
+
+
+def test_a_recording_without_commands_says_what_is_missing(case, tmp_path):
+    path = recording(tmp_path, COMMANDED.replace("dyno,", ""))
+    found = module.why_short(case, SHORT, [path])
+    assert found.verdict == ""
+    assert "does not hold dyno" in found.sentences[0]
+
+
+@pytest.mark.parametrize(("gain", "inertia", "said"), [
+    (1.09, 0.5, "dyno gives 1.09 times what it is asked for, not 1"),
+    (1.0, 0.56, "rig.inertias.motor.J is 0.56, not 0.5"),
+    (1.01, 0.51, "finds no cause"),
+])  # fmt: skip
+def test_what_is_further_off_than_the_case_states_is_named(gain, inertia, said, case, tmp_path, monkeypatch):
+    names = names_in_system(case)
+    values = {"dynamometers.dyno.torque_gain": gain, "rig.inertias.motor.J": inertia}
+    diagnosis = SimpleNamespace(
+        parameters={names[name]: Estimate(value, 1e-4) for name, value in values.items()}, extended=bed_system(case),
+        verdict="adequate", to_dict=lambda: {"causes": []},
+    )  # fmt: skip
+    monkeypatch.setattr(module, "diagnose", lambda *_: diagnosis)
+    found = module.why_short(case, SHORT, [recording(tmp_path, COMMANDED)])
+    assert len(found.sentences) == 1
+    assert said in found.sentences[0]
+    assert why({"diagnosis": found.to_dict()}) == list(found.sentences)
+
+
+def test_a_cause_is_told_with_its_evidence(case, tmp_path, monkeypatch):
+    cause = {"kind": "backlash", "at": "shafts.side", "evidence": "the torque stays at zero over 0.02 rad"}
+    diagnosis = SimpleNamespace(
+        parameters={}, extended=bed_system(case), verdict="explained", to_dict=lambda: {"causes": [cause]}
+    )
+    monkeypatch.setattr(module, "diagnose", lambda *_: diagnosis)
+    found = module.why_short(replace(case), SHORT, [recording(tmp_path, COMMANDED)])
+    assert found.sentences == ("backlash at shafts.side: the torque stays at zero over 0.02 rad",)
+    assert found.verdict == "explained"
