@@ -45,12 +45,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--beds", type=int, default=60)
     parser.add_argument("--first", type=int, help="only so many of them")
+    parser.add_argument("--numbers", type=int, nargs="*", help="only these of them")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/campaign_beds"))
     given = parser.parse_args()
     record = given.out / f"beds_{given.seed}.jsonl"
     given.out.mkdir(parents=True, exist_ok=True)
-    for number in range(min(given.beds, given.first or given.beds)):
+    for number in given.numbers or range(min(given.beds, given.first or given.beds)):
         if number not in {row["number"] for row in rows(record)}:
             append(record, work(given.seed, number, given.out / f"{given.seed}_{number}"))
     report(list(rows(record)), given.out)
