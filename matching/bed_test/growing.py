@@ -13,6 +13,12 @@ POLL_SECONDS = 0.25  # between two looks at the files
 TEXT = (".csv", ".txt", ".tsv", ".dat")  # kinds whose last line may be half written
 
 
+def appeared(path: Path) -> None:
+    """Wait until there is such a file."""
+    while not path.is_file():
+        time.sleep(POLL_SECONDS)
+
+
 def snapshots(recordings: Sequence[Path], still: float, folder: Path) -> Iterator[tuple[Path, ...]]:
     """Copies of recordings now, and again each time that one has grown, until none has for ``still`` seconds.
 

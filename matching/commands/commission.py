@@ -1,6 +1,7 @@
 """`rigmatch commission`: the whole way onto the bed, stoppable at every step."""
 
 import argparse
+import sys
 from typing import Any
 
 HELP = """The whole way onto the bed: match, export, run and verify; then excite, record, diagnose, match again with the
@@ -11,12 +12,13 @@ it goes on where it stopped; steps that are done are not repeated. CASE is a cas
 EXAMPLES = (
     "rigmatch commission case.toml --bed bed.fmu --out out/commission",
     "rigmatch commission out/road_to_rig --bed recordings --rounds 2 --out out/commission",
+    "rigmatch commission case.toml --bed recordings --follow 10 --out out/commission",
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case, bed, rounds, excitation, output directory."""
-    from matching.arguments import count
+    from matching.arguments import count, seconds
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
     parser.add_argument("--bed", metavar="BED", required=True, help="FMU of the bed, or a folder for its recordings")
@@ -25,6 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", metavar="RAD_S", type=float, help="rotor speed (default: a quarter of the limit)")
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the matches (default: 0)")
     parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
+    parser.add_argument(
+        "--follow", type=seconds, metavar="SECONDS",
+        help="with a folder: wait for each recording, and follow it until it has not grown for so long",
+    )  # fmt: skip
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
 
@@ -45,11 +51,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.common.output import strict_json, write_all
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
-    order = CommissionOrder(arguments.rounds, excitation, arguments.seed, arguments.workers or cores())
-    with steps("commission") as tell:
+    order = CommissionOrder(
+        arguments.rounds, excitation, arguments.seed, arguments.workers or cores(), arguments.follow
+    )
+    with steps("commission") as step:
+        tell = step if arguments.follow is None else _said
         result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case))
     write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result)})
     return result
+
+
+def _said(what: str) -> None:
+    """For a person at the bed, a line each."""
+    print(what, file=sys.stderr, flush=True)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from matching.bed_test.judge import judge
 from matching.bed_test.recorded import read_recordings
 from matching.commissioning.bed_system import bed_system
+from matching.commissioning.by_hand import ByHand, Tell, Waiting, so_far
 from matching.commissioning.ending import best_round, end_of
 from matching.commissioning.fmu_bed import FmuBed, FmuController
 from matching.commissioning.identified import identified_case
@@ -33,25 +34,20 @@ from modelling.measurement.read import read_recording
 from modelling.model.files import dumps
 
 RECORDING = "recording.csv"
-Tell = Callable[[str], None]
-
-
-class Waiting(Exception):
-    """A recording is not there yet: ``what`` says which, and where to put it."""
-
-    def __init__(self, what: str):
-        super().__init__(what)
-        self.what = what
 
 
 @dataclass(frozen=True)
 class CommissionOrder:
-    """What is wanted: rounds at most, the excitation, seed and processes of the matches."""
+    """What is wanted: rounds at most, the excitation, seed and processes of the matches.
+
+    ``follow`` (s): recordings in a folder are waited for, and followed until they have stood still for so long.
+    """
 
     rounds: int = 3
     excitation: ExcitationOrder = field(default_factory=ExcitationOrder)
     seed: int = 0
     workers: int = 1
+    follow: float | None = None
 
 
 class Circle:
@@ -73,6 +69,7 @@ class Circle:
             raise InputError(str(bed), "does not exist", "give the FMU of a bed, or a folder for its recordings")
         self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
         self._stages = Stages(folder)
+        self._by_hand = ByHand(bed, order.follow, tell)
         self._tuned: dict[int, Case] = {}  # the case of each round
 
     def run(self, path: Path) -> dict[str, Any]:
@@ -171,10 +168,11 @@ class Circle:
             speed = plan_speed(case, self._order)
             wanted = plan_proof(case, speed)
             if self._bed.is_dir():
-                text = self._put_by_hand(
+                text = self._by_hand.recording(
                     name, {"excitation.csv": proof_csv(wanted)},
                     f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
-                    f"{name}_excitation.csv, and record them with every sensor of the rig",
+                    f"{name}_excitation.csv, and record them with the torque commands and every sensor of the rig",
+                    lambda path: so_far(judge(case, read_recordings([path], case))),
                 )  # fmt: skip
             else:
                 law = exported_controller(case).law
@@ -230,10 +228,11 @@ class Circle:
 
         def work() -> tuple[Files, dict[str, Any]]:
             if self._bed.is_dir():
-                text = self._put_by_hand(
+                text = self._by_hand.recording(
                     name, {"excitation.csv": excitation},
                     f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
                     f"the torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
+                    lambda path: f"{read_recording(path, bed_system(case)).time[-1]:.1f} s are recorded",
                 )  # fmt: skip
             else:
                 with self._fmu(case) as bed:
@@ -241,14 +240,6 @@ class Circle:
             return {RECORDING: text}, {}
 
         self._stages.run(name, checksum(excitation), work)
-
-    def _put_by_hand(self, name: str, files: dict[str, str], what: str) -> str:
-        """Text of ``NAME.csv`` in the bed's folder; until it is there, what it needs lies beside its place."""
-        place = self._bed / f"{name}.csv"
-        if not place.is_file():
-            write_all(self._bed, {f"{name}_{file}": text for file, text in files.items()})
-            raise Waiting(f"{place}: {what}; then run the same command again")
-        return place.read_text(encoding="utf-8")
 
     def _fmu(self, case: Case) -> FmuBed:
         driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
