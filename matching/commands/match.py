@@ -7,6 +7,7 @@ HELP = """Tune the quantities under [move] of the case until the rig reproduces 
 result by methods other than those of the tuning, and write result.json, report.html, figures, and the tuned model
 files (case.toml, vehicle.toml, rig.toml, residual_vehicle*.toml), which rigmatch reads again. Where the targets
 cannot be met the status is "limited" and the limits name the reasons."""
+BEDS_OF_FEEDBACK = 40  # drawn beds that judge a feedback law unless asked otherwise; they take about two seconds
 EXAMPLES = (
     "rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig",
     "rigmatch match case.toml --seed 3 --starts 20 --workers 4 --out out/match",
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--beds",
         metavar="N",
         type=count(1),
-        help="fresh beds drawn from [uncertainty] that judge the result (default: 200)",
+        help="fresh beds drawn from [uncertainty] that judge the result (default: 200 of an observer, else 40)",
     )
 
 
@@ -51,11 +52,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.common.output import write_results
 
     case = load_case(arguments.case)
+    beds = arguments.beds
+    if beds is None and not case.loop.structure.is_observer:
+        beds = BEDS_OF_FEEDBACK
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with steps("match") as tell:
-        found = match(
-            case, arguments.seed, progress=tell, workers=arguments.workers or cores(), beds=arguments.beds, **effort
-        )
+        found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), beds=beds, **effort)
     made = provenance(found.case, arguments.seed)
     result = content(found) | {"made_by": made.to_dict()}
     drawn = {name: image(figure) for name, figure in figures(found).items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
+from matching.frequency.beds.tuner import Tuner, tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
 
@@ -13,3 +14,9 @@ from matching.frequency.case.load import load_case
 def small_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """The case with ``observer``, at a dead time that is no multiple of the sample time."""
     return load_case(write(tmp_path_factory.mktemp("small")))
+
+
+@pytest.fixture(scope="session")
+def small_search(small_case: Case) -> Tuner:
+    """The search on the small bed; it changes as it is used, so tests take copies."""
+    return tuner(small_case, drawn=3, pool=6)

@@ -11,7 +11,7 @@ from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.uncertainty import Box, Uncertain
 from matching.frequency.independent.beds_check import Judge, check_beds
 from matching.frequency.independent.loop_check import check_loop
-from matching.frequency.independent.worst_bed import worst_bed
+from matching.frequency.independent.worst_bed import largest_error, worst_bed
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.poles import sampled_poles
@@ -71,11 +71,24 @@ class Plane:
 def test_the_worst_bed_of_a_plane_is_its_corner():
     slopes = {"a": 0.02, "b": -0.05, "c": 0.001}
     box = Box(tuple(Uncertain(name, 2.0, 1.0) for name in slopes))
-    found = worst_bed(Plane(slopes), box, box.draw(3, 0))
+    found = worst_bed(Plane(slopes).damping, box, box.draw(3, 0))
     assert found.values == pytest.approx({"a": 3.0, "b": 1.0, "c": 3.0})
     assert found.damping_ratio == pytest.approx(0.1 - 0.06 + 0.05 - 0.003)
     assert found.named == ("b", "a", "c")
-    assert worst_bed(Plane({}), Box(), np.zeros((3, 0))) is None
+    assert worst_bed(Plane({}).damping, Box(), np.zeros((3, 0))) is None
+
+
+def test_the_largest_error_is_climbed_to_and_stops_short_of_beds_that_are_not_stable():
+    """Error a + 2·b; beds with a over 2.4 are not stable: of the points on the way to the corner the last below it."""
+    box = Box((Uncertain("a", 2.0, 1.0), Uncertain("b", 2.0, 1.0)))
+    free = largest_error(lambda values: values["a"] + 2 * values["b"], box, np.array([-0.5, 0.2]))
+    assert free.unmeasured == pytest.approx(9.0)
+    assert free.named == ("b", "a")
+    bounded = largest_error(
+        lambda values: values["a"] + 2 * values["b"] if values["a"] <= 2.4 else np.inf, box, np.array([-0.5, 0.2])
+    )
+    assert bounded.values["a"] <= 2.4
+    assert 1.5 + 2 * 2.2 < bounded.unmeasured < 9.0
 
 
 def test_the_worst_bed_is_worse_than_those_drawn_and_is_what_it_says(small_case, controller):
@@ -83,8 +96,12 @@ def test_the_worst_bed_is_worse_than_those_drawn_and_is_what_it_says(small_case,
     found = check_beds(small_case, law, 1e-4, 6, 5)
     assert found.worst.damping_ratio < found.smallest_damping_ratio
     assert Judge(small_case, law).verdict(found.worst.values).damping_ratio == pytest.approx(found.worst.damping_ratio)
+    assert found.largest_error.unmeasured > found.unmeasured[-1]
+    verdict = Judge(small_case, law).verdict(found.largest_error.values)
+    assert verdict.stable
+    assert verdict.unmeasured == pytest.approx(found.largest_error.unmeasured)
     box = {one.name: one for one in small_case.uncertainty.uncertain}
-    for name, value in found.worst.values.items():
+    for name, value in (*found.worst.values.items(), *found.largest_error.values.items()):
         assert abs(value - box[name].value) <= box[name].half_width * (1 + 1e-9)
 
 

@@ -11,11 +11,13 @@ from matching.frequency.beds.closed_loop import responses as controlled
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.errors import estimator_bound
-from matching.frequency.search.observed import match_with_observer, not_kept
+from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
 from matching.frequency.verification.observed import controller_of
+from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.simulation import matched_motion
 from matching.report.match.text import content, summary
+from modelling.bed.structures import STRUCTURES
 
 EFFORT = TuningEffort(drawn=4, rounds=1, steps=1, fresh=8)
 
@@ -62,12 +64,40 @@ def test_what_is_not_kept_is_named(result):
     robust = replace(robust, loop=replace(robust.loop, largest_rolled_off=0.7))
     robust = replace(robust, beds=replace(robust.beds, damped=5))
     strict = replace(result.case, unmeasured_tolerance=1e-4)
-    said = not_kept(strict, robust, result.response_error)
+    said = not_kept(strict, robust)
     assert said[0].startswith("3 of 8 beds")
     assert any("sensor noise makes" in words and "0.001 N·m is allowed" in words for words in said)
     assert any("response error to unmeasured torques" in words for words in said)
     assert any("|T| is 0.70" in words for words in said)
-    assert not not_kept(result.case, result.robust, result.response_error)
+    assert not not_kept(result.case, result.robust)
+    assert not noted(result.case, result.robust)
+
+
+def test_a_feedback_law_is_held_to_its_beds_and_to_measured_torques_alone(result):
+    """What else an observer has to keep is noted of it."""
+    loop = replace(result.case.loop, structure=STRUCTURES["model_based"])
+    case = replace(result.case, loop=loop, tolerance=1e-9, unmeasured_tolerance=1e-4)
+    beds = replace(result.robust.beds, stable=6, worst=replace(result.robust.beds.worst, damping_ratio=-0.01))
+    robust = replace(result.robust, beds=beds, loop=replace(result.robust.loop, largest_rolled_off=0.7))
+    said, notes = (words(case, robust) for words in (not_kept, noted))
+    assert [sentence.split(",")[0][:24] for sentence in said] == [
+        "2 of 8 beds drawn within",
+        "the response error to me",
+    ]
+    assert len(notes) == 3
+    assert notes[0].startswith("the worst bed within [uncertainty] is not stable (damping ratio -0.0100)")
+    assert any("unmeasured torques" in words for words in notes)
+    assert any("|T| is 0.70" in words for words in notes)
+
+
+def test_a_worst_bed_damped_too_little_is_noted_with_how_much_it_has(result):
+    required = result.robust.required.damping_ratio
+    worst = replace(result.robust.beds.worst, damping_ratio=0.8 * required)
+    robust = replace(result.robust, beds=replace(result.robust.beds, worst=worst))
+    assert not not_kept(result.case, robust)
+    (note,) = noted(result.case, robust)
+    assert "80% of the" in note
+    assert worst.named[0] in note
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from matching.frequency.beds.figures import command_noise, loop_curves
 from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.beds.slopes import GainSlopes, action_slopes, error_slopes, pole_slopes
-from matching.frequency.beds.tuner import Tuner, tuner
+from matching.frequency.beds.tuner import Tuner
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import assembled
 
@@ -18,8 +20,8 @@ HALF_STEP = 1e-6  # of the gains' relative change, either way
 
 
 @pytest.fixture(scope="module")
-def search(small_case) -> Tuner:
-    return tuner(small_case, drawn=3, pool=6)
+def search(small_search) -> Tuner:
+    return replace(small_search, known={})
 
 
 @pytest.fixture(scope="module")
@@ -93,16 +95,16 @@ def test_slopes_of_margin_roll_off_and_noise(search, changed, gains):
 
 def test_slopes_of_poles(search, changed, gains):
     here = changed(0.0)
-    z = np.linalg.eigvals(closed_matrices(search.pool, here))
+    z = np.linalg.eigvals(closed_matrices(search.sampled_pool, here))
     swinging = np.abs(z.imag) > 1e-3
     at = np.where(swinging, np.abs(z), 0).argmax(axis=1)
     poles = z[np.arange(len(z)), at]
 
     def moved(controller: ObserverController) -> np.ndarray:
-        there = np.linalg.eigvals(closed_matrices(search.pool, controller))
+        there = np.linalg.eigvals(closed_matrices(search.sampled_pool, controller))
         return there[np.arange(len(z)), np.abs(there - poles[:, None]).argmin(axis=1)]
 
-    found = pole_slopes(search.pool, here, gains, poles)[0]
+    found = pole_slopes(search.sampled_pool, here, gains, poles)[0]
     np.testing.assert_allclose(found, central(moved, changed), rtol=1e-4)
 
 
@@ -121,6 +123,6 @@ def test_the_search_sees_the_least_damped_beds_of_the_pool(search, start):
     search.guarded = ()
     search.guard(start, 2)
     seen = search.judged(start).least[:2]
-    search.guard(start, len(search.pool.A))
-    assert len(search.guarded) == len(search.pool.A)
+    search.guard(start, len(search.pool))
+    assert len(search.guarded) == len(search.pool)
     np.testing.assert_allclose(np.sort(search.judged(start).least[:-3])[:2], np.sort(seen))

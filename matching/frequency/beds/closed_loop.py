@@ -63,10 +63,11 @@ class BedSet:
 
 def sampled_beds(case: Case, values: Sequence[dict[str, float]]) -> SampledBeds:
     """Beds with these values (SI, by name; :func:`bed_of`)."""
-    return _side_by_side([bed_of(case, of_bed) for of_bed in values])
+    return side_by_side([bed_of(case, of_bed) for of_bed in values])
 
 
-def _side_by_side(beds: Sequence[Bed]) -> SampledBeds:
+def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
+    """Beds with as many commands on their way as the latest of them has."""
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
     return SampledBeds(*(np.stack(parts) for parts in zip(*matrices, strict=True)))
@@ -75,7 +76,7 @@ def _side_by_side(beds: Sequence[Bed]) -> SampledBeds:
 def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
     """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
     beds = [bed_of(case, of_bed) for of_bed in values]
-    sampled, step = _side_by_side(beds), case.loop["sample_time"]
+    sampled, step = side_by_side(beds), case.loop["sample_time"]
     s = 2j * np.pi * frequencies
     hold = (1 - np.exp(-s * step)) / (s * step)
     z = np.exp(s * step)

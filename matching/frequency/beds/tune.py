@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -11,6 +11,7 @@ from matching.frequency.beds.tuner import Judged, Tuner
 
 FURTHEST = 1.0  # decades that a round may go
 WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
+WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are far below it
 SETTLED = 1e-4  # change of the cost at which a round ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
 
@@ -25,6 +26,10 @@ class TuningEffort:
         Beds whose errors are tuned, and beds that are kept damped.
     rounds, steps : int
         At most, and steps of each.
+    most_steps : int
+        Of all rounds together, as many from every start; worst beds get what is left.
+    scenarios : int
+        Times that the least damped beds of the whole box are added to the pool, at most, each with one more round.
     fresh : int
         Beds that judge the result.
     """
@@ -33,15 +38,18 @@ class TuningEffort:
     pool: int = 160
     rounds: int = 6
     steps: int = 20
+    most_steps: int = 100
+    scenarios: int = 2
     fresh: int = 200
 
 
 @dataclass(frozen=True)
 class TuningEnd:
-    """Where a search ended: logarithms (w,) of the weights, and what was judged there."""
+    """Where a search ended: logarithms (w,) of the weights, what was judged there, and the steps that led there."""
 
     logarithms: np.ndarray
     judged: Judged
+    steps: int = 0
 
     @property
     def merit(self) -> float:
@@ -68,10 +76,17 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
     ]
     ends: list[TuningEnd] = []
     for begin in sorted((_end(search, start) for start in starts), key=lambda end: end.merit):
-        ends.append(_rounds(search, begin, effort))
+        ends.append(_rounds(search, begin, effort, effort.most_steps // len(starts)))
         if ends[-1].keeps_all:
             break
-    best = min(ends, key=lambda end: end.merit)
+    best, used = min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
+    for _ in range(effort.scenarios):
+        _end(search, best.logarithms)
+        if not search.add_worst(best.logarithms):
+            break
+        begin = _end(search, best.logarithms)
+        best = _rounds(search, begin, replace(effort, rounds=1), effort.most_steps - used)
+        used += best.steps
     return dict(zip(search.gains.names, (10.0**best.logarithms).tolist(), strict=True)), best.judged.cost
 
 
@@ -81,27 +96,29 @@ def _end(search: Tuner, logarithms: np.ndarray) -> TuningEnd:
     return TuningEnd(logarithms, search.judged(logarithms))
 
 
-def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort) -> TuningEnd:
+def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: int) -> TuningEnd:
     """Rounds of the search, each from the best point of the one before with the beds that were least damped there."""
-    quantities, best = search.case.loop.structure.quantities, begin
+    quantities, best, used = search.case.loop.structure.quantities, begin, 0
     ends = [np.log10([getattr(quantities[name], side) for name in search.gains.names]) for side in ("lower", "upper")]
     for _ in range(effort.rounds):
         at = best.logarithms
         within = list(zip(np.maximum(ends[0], at - FURTHEST), np.minimum(ends[1], at + FURTHEST), strict=True))
-        _improve(search, at, within, effort.steps)
+        used += _improve(search, at, within, max(min(effort.steps, most_steps - used), 1))
         end = _end(search, search.best)
-        worth = end.merit <= (1 - WORTH_A_ROUND) * best.merit
+        worth = best.merit - end.merit >= max(WORTH_A_ROUND * best.merit, WORTH_AT_ALL)
         best = min(best, end, key=lambda end: end.merit)
-        if not worth:
+        if not worth or used >= most_steps:
             break
-    return best
+    return replace(best, steps=used)
 
 
-def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> None:
-    scipy.optimize.minimize(
+def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> int:
+    """The steps that were taken; what was judged on the way is known to the search."""
+    found = scipy.optimize.minimize(
         lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP", jac=lambda at: search.slopes(at)[0],
         constraints={
             "type": "ineq", "fun": lambda at: search.judged(at).room, "jac": lambda at: search.slopes(at)[1],
         },
         options={"maxiter": steps, "ftol": SETTLED},
     )  # fmt: skip
+    return int(found.nit)

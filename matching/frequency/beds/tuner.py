@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from matching.frequency.beds.bed import Bed, bed_of
 from matching.frequency.beds.closed_loop import (
     Action,
     BedSet,
@@ -18,6 +20,7 @@ from matching.frequency.beds.closed_loop import (
     damping_ratios,
     errors,
     sampled_beds,
+    side_by_side,
 )
 from matching.frequency.beds.figures import (
     BED_POINTS,
@@ -32,6 +35,7 @@ from matching.frequency.beds.gains import Gains
 from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
+from matching.frequency.beds.worst import worst_positions
 from matching.frequency.case.case import Case
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import runs_ahead
@@ -41,6 +45,7 @@ from modelling.common.errors import InputError
 
 RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the search are a little coarse
 DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is long
+WORST_BED_SHARE = 0.1  # of the damping that drawn beds need, for the worst of the box: stable, with a reserve
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
 MERIT = 10.0  # cost of a requirement missed by all of it, where ends are compared
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
@@ -90,9 +95,10 @@ class Tuner:
     ----------
     beds : BedSet
         Whose errors are the cost.
-    pool : SampledBeds
-        All that have to stay damped. The search sees those that ``guarded`` numbers: the least damped ones, see
-        :meth:`guard`.
+    pool, positions : tuple of Bed, ndarray (b, p)
+        All that have to stay damped, and where in the case's box they are. The search sees those that ``guarded``
+        numbers: the least damped ones, see :meth:`guard`. From ``worst_from`` on they are the worst of the box, see
+        :meth:`add_worst`.
     gains : Gains
         Its w weights are the variables of the search, as decimal logarithms.
     """
@@ -102,9 +108,11 @@ class Tuner:
     required: Requirements
     plan: Planned
     beds: BedSet
-    pool: SampledBeds
+    pool: tuple[Bed, ...]
+    positions: np.ndarray
     gains: Gains
     guarded: tuple[int, ...] = ()
+    worst_from: int = sys.maxsize
     known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
     _last: tuple[tuple[float, ...], DesignPoint] | None = None
 
@@ -119,20 +127,54 @@ class Tuner:
                 self.known[key] = Judged(WORST, np.full(self._requirements, -1.0), np.full(count, -1.0))
         return self.known[key]
 
+    @cached_property
+    def sampled_pool(self) -> SampledBeds:
+        """The pool from sample to sample."""
+        return side_by_side(self.pool)
+
     @property
     def _guards(self) -> SampledBeds:
-        return self.pool.some(np.array(self.guarded, int))
+        return self.sampled_pool.some(np.array(self.guarded, int))
 
     def guard(self, logarithms: np.ndarray, count: int = GUARDS) -> None:
         """Have the search see the least damped beds of the pool at a point (w,) as well."""
         try:
-            poles = np.linalg.eigvals(closed_matrices(self.pool, self.gains.controller(logarithms)))
+            poles = np.linalg.eigvals(closed_matrices(self.sampled_pool, self.gains.controller(logarithms)))
         except InputError:
             return
         room = self._damping_room(poles)
         self.guarded = tuple(sorted({*self.guarded, *np.argsort(room)[:count].tolist()}))
         self.known.clear()
         self._last = None
+
+    def add_worst(self, logarithms: np.ndarray) -> bool:
+        """Add the least damped beds of the box at a point (w,) to the pool; whether any of them misses what it needs.
+
+        Where the design has no solution none is added.
+        """
+        box = self.case.uncertainty
+        try:
+            controller = self.gains.controller(logarithms)
+        except InputError:
+            return False
+
+        def room(positions: np.ndarray) -> np.ndarray:
+            beds = sampled_beds(self.case, [box.at(position) for position in positions])
+            return self._damping_room(np.linalg.eigvals(closed_matrices(beds, controller)))
+
+        worst = worst_positions(room, self.positions[list(self.guarded)])
+        worst = worst[room(worst) < WORST_BED_SHARE - 1] if len(worst) else worst
+        if not len(worst):
+            return False
+        count = len(self.positions)
+        self.worst_from = min(self.worst_from, count)
+        self.positions = np.vstack([self.positions, worst])
+        self.pool = (*self.pool, *(bed_of(self.case, box.at(position)) for position in worst))
+        del self.sampled_pool
+        self.guarded = (*self.guarded, *range(count, len(self.positions)))
+        self.known.clear()
+        self._last = None
+        return True
 
     @property
     def best(self) -> np.ndarray:
@@ -197,11 +239,16 @@ class Tuner:
         (margin, rolled_off), allowed = self._counted, self.required.command_noise
         noise = command_noise(at.curves, self.plan.every.frequencies)
         return (
-            self._damping_room(at.poles),
+            (1 + self._damping_room(at.poles)) / self._shares - 1,
             np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
             1 - (1 + RESERVE) * at.curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
             at.curves.margin[margin] / self._margin - 1,
         )
+
+    @property
+    def _shares(self) -> np.ndarray:
+        """What part (b,) of the damping that drawn beds need each of the guarded ones has to keep."""
+        return np.where(np.array(self.guarded) < self.worst_from, 1.0, WORST_BED_SHARE)
 
     @property
     def _damping(self) -> float:
@@ -231,7 +278,7 @@ class Tuner:
         margin, closed, noise = loop_slopes(self.plan, at.curves, changes.at(self._of(self.plan.every)))
         where, allowed = self._counted, self.required.command_noise
         rooms = [
-            self._damping_slopes(at, gains) / self._damping,
+            self._damping_slopes(at, gains) / (self._damping * self._shares),
             np.zeros_like(noise) if allowed is None else -(1 + RESERVE) * noise / allowed,
             -(1 + RESERVE) * closed[:, where[1]] / LARGEST_ROLLED_OFF,
             margin[:, where[0]] / self._margin,
@@ -270,9 +317,11 @@ class Tuner:
 def tuner(case: Case, drawn: int = 24, pool: int = 160) -> Tuner:
     """Prepare the search over beds from the case's box: spread evenly, the same whenever the case is matched."""
     model = observer_model(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
-    values = [case.uncertainty.at(position) for position in case.uncertainty.spread(max(drawn, pool))]
+    positions = case.uncertainty.spread(max(drawn, pool))
+    values = [case.uncertainty.at(position) for position in positions]
     return Tuner(
         case, model, requirements(case), planned(case, model.readings.noise),
-        bed_set(case, values[:drawn], np.geomspace(*case.band, BED_POINTS)), sampled_beds(case, values[:pool]),
+        bed_set(case, values[:drawn], np.geomspace(*case.band, BED_POINTS)),
+        tuple(bed_of(case, of_bed) for of_bed in values[:pool]), positions[:pool],
         Gains(model, runs_ahead(model), tuple(case.loop.structure.quantities)),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,11 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
-from matching.frequency.independent.worst_bed import WorstBed, worst_bed
+from matching.frequency.independent.worst_bed import LargestError, WorstBed, largest_error, worst_bed
 from modelling.controller.law import ControlLaw
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
+COARSER = 3  # of these, every so many lead to the largest error
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 LOWEST_Z = 1e-3  # poles that decay faster from sample to sample have no frequency worth a number
@@ -43,7 +44,9 @@ class BedsCheck:
     measured, unmeasured : tuple of float
         Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
     worst : WorstBed or None
-        The least damped bed of the box that an ascent from the worst of the drawn ones finds.
+        The least damped bed of the box that a descent from the worst of the drawn ones finds.
+    largest_error : LargestError or None
+        The bed with the largest error to unmeasured torques that an ascent from the worst of the drawn ones finds.
     """
 
     drawn: int
@@ -54,6 +57,7 @@ class BedsCheck:
     measured: tuple[float, ...]
     unmeasured: tuple[float, ...]
     worst: WorstBed | None = None
+    largest_error: LargestError | None = None
     not_covered: str = ""
 
     @property
@@ -68,7 +72,9 @@ class BedsCheck:
             "smallest_damping_ratio": self.smallest_damping_ratio, "required_damping_ratio": self.required_damping,
             "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
             "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
-            "worst": None if self.worst is None else self.worst.to_dict(), "not_covered": self.not_covered,
+            "worst": None if self.worst is None else self.worst.to_dict(),
+            "largest_error": None if self.largest_error is None else self.largest_error.to_dict(),
+            "not_covered": self.not_covered,
         }  # fmt: skip
 
 
@@ -193,13 +199,31 @@ def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int,
     try:
         judge, positions = Judge(case, law), case.uncertainty.draw(count, seed)
         verdicts = [judge.verdict(case.uncertainty.at(position)) for position in positions]
-        worst = worst_bed(judge, case.uncertainty, positions[np.argsort([one.damping_ratio for one in verdicts])])
+        order = np.argsort([verdict.damping_ratio for verdict in verdicts])
+        worst = worst_bed(judge.damping, case.uncertainty, positions[order])
+        largest = _largest_error(judge, positions, verdicts)
     except NotCovered as reason:
-        return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, str(reason))
+        return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, None, str(reason))
     stable = [verdict for verdict in verdicts if verdict.stable]
     return BedsCheck(
         count, len(stable), sum(verdict.damping_ratio >= required_damping for verdict in stable),
         min(verdict.damping_ratio for verdict in verdicts), required_damping,
         tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
-        worst,
+        worst, largest,
     )  # fmt: skip
+
+
+def _largest_error(judge: Judge, positions: np.ndarray, verdicts: Sequence[BedVerdict]) -> LargestError | None:
+    """From the stable drawn bed with the largest error; fewer frequencies lead there, all of them judge it."""
+    errors = [verdict.unmeasured if verdict.stable else -np.inf for verdict in verdicts]
+    worst = int(np.argmax(errors))
+    if not verdicts[worst].stable:
+        return None
+    coarse = Judge(judge.case, judge.law, judge.frequencies[::COARSER])
+
+    def error(values: Mapping[str, float]) -> float:
+        verdict = coarse.verdict(values)
+        return verdict.unmeasured if verdict.stable else np.inf
+
+    found = largest_error(error, judge.case.uncertainty, positions[worst])
+    return None if found is None else replace(found, unmeasured=judge.verdict(found.values).unmeasured)

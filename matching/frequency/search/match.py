@@ -18,7 +18,7 @@ from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
 from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, standstill, unloaded_lashes
-from matching.frequency.search.observed import match_with_observer, not_kept
+from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import Progress, Question, SearchEffort, differing_components, question_of
 from matching.frequency.search.relaxations import Relaxations, relaxations
 from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError, TargetResult
@@ -26,6 +26,7 @@ from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_a
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, TuningTask
 from matching.frequency.verification.drawn_beds import on_drawn_beds
+from matching.frequency.verification.robust_limits import not_kept, noted
 from modelling.modal.damped_modes import damped_modes
 
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
@@ -85,10 +86,11 @@ def match(
     stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(case)]
     errors = errors_with_bounds(found.tuned, found.checked.errors)
     robust = None if beds is None else on_drawn_beds(found.tuned, found.checked, beds, seed)
-    stands += [] if robust is None else not_kept(case, robust, errors)
+    stands += [] if robust is None else not_kept(case, robust)
     tell("bound and curves")
     result = _result(question, found, targets, stands, errors)
-    result = replace(result, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
+    notes = (*result.notes, *([] if robust is None else noted(case, robust)))
+    result = replace(result, notes=notes, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
     return _with_simple_vehicle(result, simple)
 
 

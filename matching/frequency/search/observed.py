@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 
-from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
 from matching.frequency.beds.tune import TuningEffort, tuned_weights
 from matching.frequency.beds.tuner import tuner
 from matching.frequency.case.case import Case
@@ -19,11 +18,12 @@ from matching.frequency.search.limits import limits
 from matching.frequency.search.linearisation import opened_lashes, standstill, unloaded_lashes
 from matching.frequency.search.question import Progress, Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
-from matching.frequency.search.result import MatchResult, ParameterResult, ResponseError
+from matching.frequency.search.result import MatchResult, ParameterResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Solution, TuningTask
-from matching.frequency.verification.observed import RobustVerification, controller_of, verify_observer
+from matching.frequency.verification.observed import controller_of, verify_observer
+from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.verify import Verification
 from modelling.modal.damped_modes import damped_modes
 
@@ -52,7 +52,7 @@ def match_with_observer(
     results = target_results(question, checked)
     error = errors_with_bounds(tuned, checked.errors)
     stands = limits(question, _found(question, cost, tuned, checked), results, Relaxations())
-    stands += [*not_kept(case, robust, error), *unloaded_lashes(case)]
+    stands += [*not_kept(case, robust), *unloaded_lashes(case)]
     tell("bound and curves")
     moved = any(move.name.startswith("residual_vehicle.") for move in case.moves)
     return MatchResult(
@@ -64,6 +64,7 @@ def match_with_observer(
             *standstill(case),
             *opened_lashes(tuned, checked.traces),
             *([AS_CUT] if moved else []),
+            *noted(case, robust),
             *checked.notes,
         ),
         case=case,
@@ -87,39 +88,6 @@ def _found(question: Question, cost: float, tuned: Case, checked: Verification) 
     case = question.case
     task = TuningTask(case, (), np.zeros(0), (), REGISTERED[case.objective].of(case), question.demands)
     return VerifiedSolution(task, Solution({}, cost, (), True), [], {}, tuned, checked)
-
-
-def not_kept(case: Case, robust: RobustVerification, error: ResponseError) -> list[str]:
-    """Sentences on response errors, beds, roll-off and noise that are beyond what the case allows."""
-    beds, loop, required = robust.beds, robust.loop, robust.required
-    found = []
-    if beds.stable < beds.drawn:
-        found.append(f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable")
-    elif beds.damped < beds.drawn:
-        found.append(
-            f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
-            f"than {required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
-            f"{beds.smallest_damping_ratio:.4f}"
-        )
-    if beds.worst is not None and beds.worst.damping_ratio <= 0:
-        found.append(
-            f"the worst bed within [uncertainty] is not stable; it depends most on {', '.join(beds.worst.named)}"
-        )
-    for what, value, allowed in (
-        ("measured torques", error.after, case.tolerance),
-        ("unmeasured torques", error.unmeasured, case.unmeasured_tolerance),
-    ):
-        if not value <= allowed:
-            found.append(f"the response error to {what} is {value:.3f}, {allowed:g} is allowed")
-    if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
-        found.append(
-            f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
-            f"there, {LARGEST_ROLLED_OFF:g} is allowed"
-        )
-    noise = max(loop.command_noise)
-    if required.command_noise is not None and noise > required.command_noise:
-        found.append(f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed")
-    return found
 
 
 def _parameters(case: Case, weights: dict[str, float]) -> tuple[ParameterResult, ...]:

@@ -32,6 +32,14 @@ def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
                 f"at least {number(required.damping_ratio, 3)}", beds.damped == beds.drawn,
             ),
         ]  # fmt: skip
+    if beds.drawn and beds.worst is not None:
+        least = beds.worst.damping_ratio
+        rows.append(
+            RequirementRow(
+                f"least damping ratio of the worst bed of the box (most by {', '.join(beds.worst.named[:2])})",
+                number(least, 3), f"at least {number(required.damping_ratio, 3)}", least >= required.damping_ratio,
+            )
+        )  # fmt: skip
     rows += [
         RequirementRow(
             f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),

@@ -101,7 +101,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "structure": tuned.loop.structure.name,
         "requirements": requirement_rows(result.robust) if result.robust else [],
         "bed_errors": error_rows(result.robust) if result.robust else [],
-        "unmeasured_note": "estimated by the observer" if result.robust else "feedback alone",
+        "unmeasured_note": "estimated by the observer" if tuned.loop.structure.is_observer else "feedback alone",
         "has_feed_forward": tuned.loop.structure.has_feed_forward,
         **_loop(result),
         "residual": _residual(result),
@@ -192,7 +192,7 @@ def _explanations(result: MatchResult) -> list[str]:
     error = result.response_error
     if not names:
         return ["No torque is measured for a feed-forward: these errors are those of feedback alone."]
-    reaction = "by what its observer estimates" if result.robust else "by feedback alone"
+    reaction = "by what its observer estimates" if result.tuned.loop.structure.is_observer else "by feedback alone"
     return [
         f"Measured torques ({sentence([name.replace('_', ' ') for name in names])}) reach the feed-forward, "
         f"a model of rig and vehicle that predicts across the dead time: error {number(error.after, 3)}. "
@@ -232,7 +232,7 @@ def _manoeuvre(name: str, torque: Any) -> str:
 
 
 def _search(result: MatchResult) -> str:
-    if result.robust:
+    if result.robust and result.tuned.loop.structure.is_observer:
         return (
             "The weights of the observer were tuned over beds that fill the box of what is not known exactly; "
             f"{result.robust.beds.drawn} fresh beds judged the result by equations of their own."

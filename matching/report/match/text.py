@@ -115,7 +115,8 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
         f"{beds['stable']} of {beds['drawn']} beds drawn within [uncertainty] stable, least damping ratio "
         f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}"
         f"{_worst(beds.get('worst'))}); their "
-        f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}",
+        f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}"
+        f"{_largest(beds.get('largest_error'))}",
         f"margin counted from {number(margin['from'], 3)} Hz, |T| at most {number(margin['largest_rolled_off'], 3)} "
         f"from {number(margin['rolled_off_from'], 3)} Hz, sensor noise makes {number(noise, 3)} N·m rms of command",
     ]
@@ -123,6 +124,10 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
 
 def _worst(worst: Mapping[str, Any] | None) -> str:
     return "" if worst is None else f"; of the worst bed of the box {number(worst['damping_ratio'], 3)}"
+
+
+def _largest(largest: Mapping[str, Any] | None) -> str:
+    return "" if largest is None else f", at most {number(largest['unmeasured'], 3)} in the box"
 
 
 def _spread(beds: Mapping[str, Any], name: str) -> str:

@@ -1,0 +1,77 @@
+"""What beds and loop of a match do not keep: sentences that limit it, and sentences that are only noted."""
+
+from __future__ import annotations
+
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
+from matching.frequency.case.case import Case
+from matching.frequency.verification.observed import RobustVerification
+
+
+def not_kept(case: Case, robust: RobustVerification) -> list[str]:
+    """Sentences on what makes a match limited.
+
+    An observer has to keep everything; a feedback law the drawn beds and the error to measured torques, as its loop
+    alone decides on the rest (:func:`noted`).
+    """
+    found = [*_beds(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
+    if case.loop.structure.is_observer:
+        found += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+    return found
+
+
+def noted(case: Case, robust: RobustVerification) -> list[str]:
+    """Sentences on what does not limit a match: a worst bed of the box that is damped too little, a feedback's loop."""
+    found, worst, required = [], robust.beds.worst, robust.required.damping_ratio
+    if not case.loop.structure.is_observer:
+        found += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+    if worst is not None and 0 < worst.damping_ratio < required:
+        found.append(
+            f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "
+            f"{worst.damping_ratio / required:.0%} of the {required:.4f} that drawn beds need; it depends most on "
+            f"{', '.join(worst.named)}"
+        )
+    return found
+
+
+def _beds(robust: RobustVerification) -> list[str]:
+    beds = robust.beds
+    if beds.stable < beds.drawn:
+        return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
+    if beds.damped < beds.drawn:
+        return [
+            f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
+            f"than {robust.required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
+            f"{beds.smallest_damping_ratio:.4f}"
+        ]
+    return []
+
+
+def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
+    worst = robust.beds.worst
+    if worst is None or worst.damping_ratio > 0:
+        return []
+    return [
+        f"the worst bed within [uncertainty] is not stable (damping ratio {worst.damping_ratio:.4f}); it depends most "
+        f"on {', '.join(worst.named)}"
+    ]
+
+
+def _error(what: str, value: float | None, allowed: float) -> list[str]:
+    if value is None or value <= allowed:
+        return []
+    return [f"the response error to {what} is {value:.3f}, {allowed:g} is allowed"]
+
+
+def _loop(case: Case, robust: RobustVerification) -> list[str]:
+    """Unmeasured torques, roll-off and noise."""
+    loop, required = robust.loop, robust.required
+    found = _error("unmeasured torques", robust.verification.errors.unmeasured, case.unmeasured_tolerance)
+    if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
+        found.append(
+            f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
+            f"there, {LARGEST_ROLLED_OFF:g} is allowed"
+        )
+    noise = max(loop.command_noise)
+    if required.command_noise is not None and noise > required.command_noise:
+        found.append(f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed")
+    return found

@@ -1,0 +1,59 @@
+"""The least damped beds of the box, as the search comes to see them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.frequency.beds.closed_loop import closed_matrices, damping, sampled_beds
+from matching.frequency.beds.tuner import DAMPING_RESERVE, WORST_BED_SHARE
+from matching.frequency.beds.worst import worst_positions
+
+
+def test_the_room_of_a_plane_is_least_in_its_corner():
+    slopes = np.array([0.3, -0.2, 0.01])
+    pool = np.array([[0.1, 0.2, 0.3], [-0.4, 0.9, 0.2], [0.5, 0.5, 0.5]])
+    np.testing.assert_array_equal(worst_positions(lambda at: 1 + at @ slopes, pool), [[-1, 1, -1]])
+
+
+def test_no_descent_ends_above_the_bed_that_it_began_at():
+    """Every corner is worse than what lies between: the least bed of the pool stays."""
+    pool = np.array([[0.01, -0.01], [0.5, 0.5], [0.9, -0.9]])
+    found = worst_positions(lambda at: (at**2).sum(axis=1), pool)
+    assert (found**2).sum(axis=1).max() <= 0.5
+
+
+def test_what_is_known_exactly_has_no_worst_bed():
+    assert worst_positions(lambda at: np.ones(len(at)), np.zeros((4, 0))).shape == (0, 0)
+
+
+@pytest.fixture
+def begun(small_search, small_case):
+    """The search on the small bed, and where it begins."""
+    search = replace(small_search, known={})
+    start = np.log10([small_case.loop.values[name] for name in search.gains.names])
+    search.guard(start)
+    return search, start
+
+
+def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
+    search, start = begun
+    assert not search.add_worst(start)  # every bed of the box is stable with a reserve
+    poles = np.linalg.eigvals(closed_matrices(search.sampled_pool, search.gains.controller(start)))
+    least = damping(poles, search.model.sample_time)[1].min()
+    # a reserve as large as the least damped bed of the pool has
+    needed = least / (WORST_BED_SHARE * (1 + DAMPING_RESERVE))
+    search.required = replace(search.required, damping_ratio=needed)
+    assert search.add_worst(start)
+    added = search.positions[6:]
+    assert len(added)
+    values = [search.case.uncertainty.at(position) for position in added]
+    z = np.linalg.eigvals(closed_matrices(sampled_beds(search.case, values), search.gains.controller(start)))
+    ratios = damping(z, search.model.sample_time)[1]
+    assert ratios.max() < least
+    assert set(range(6, 6 + len(added))) <= set(search.guarded)
+    room = search.judged(start).least[: len(search.guarded)]
+    of_added = room[np.array(search.guarded) >= 6]
+    np.testing.assert_allclose(np.sort(of_added), np.sort(ratios / least - 1), rtol=1e-6)
+    _, slopes = search.slopes(start)
+    assert np.isfinite(slopes).all()
