@@ -5,9 +5,13 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
+from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.beds.tuner import Tuner, tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
+from matching.frequency.search.observed import match_with_observer
+from matching.frequency.search.question import question_of
+from matching.frequency.search.result import MatchResult
 
 
 @pytest.fixture(scope="session")
@@ -20,3 +24,10 @@ def small_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 def small_search(small_case: Case) -> Tuner:
     """The search on the small bed; it changes as it is used, so tests take copies."""
     return tuner(small_case, drawn=3, pool=6)
+
+
+@pytest.fixture(scope="session")
+def small_result(small_case: Case) -> MatchResult:
+    """The small bed matched with little effort."""
+    effort = TuningEffort(drawn=4, rounds=1, steps=1, fresh=8)
+    return match_with_observer(question_of(small_case), 0, lambda _: None, effort)

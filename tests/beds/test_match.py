@@ -8,23 +8,18 @@ import pytest
 
 from matching.frequency.beds.closed_loop import action, bed_set
 from matching.frequency.beds.closed_loop import responses as controlled
-from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.errors import estimator_bound
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
 from matching.frequency.verification.observed import controller_of
 from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.simulation import matched_motion
 from matching.report.match.text import content, summary
 from modelling.bed.structures import STRUCTURES
 
-EFFORT = TuningEffort(drawn=4, rounds=1, steps=1, fresh=8)
 
-
-@pytest.fixture(scope="module")
-def result(small_case):
-    return match_with_observer(question_of(small_case), 0, lambda _: None, EFFORT)
+@pytest.fixture
+def result(small_result):
+    return small_result
 
 
 def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
@@ -38,7 +33,7 @@ def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
 
 def test_the_result_states_beds_margin_and_noise(result):
     stated = json.loads(json.dumps(content(result)))
-    assert stated["beds"]["drawn"] == stated["beds"]["stable"] == EFFORT.fresh
+    assert stated["beds"]["drawn"] == stated["beds"]["stable"] == 8
     assert stated["margin"]["modulus"] == result.verification.modulus_margin >= 0.5
     assert stated["margin"]["from"] == pytest.approx(2 * result.targets[0].vehicle, rel=1e-3)
     assert stated["command_noise"]["dyno"] <= 0.02 * 1500
