@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from matching.frequency.beds.tuner import Judged, Tuner
+from matching.frequency.beds.design_point import Judged
+from matching.frequency.beds.tuner import Tuner
 
 FURTHEST = 1.0  # decades that a round may go
 WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows

@@ -10,7 +10,6 @@ import numpy as np
 
 from matching.frequency.beds.bed import Bed, bed_of
 from matching.frequency.beds.closed_loop import (
-    Action,
     BedSet,
     SampledBeds,
     action,
@@ -22,9 +21,9 @@ from matching.frequency.beds.closed_loop import (
     sampled_beds,
     side_by_side,
 )
+from matching.frequency.beds.design_point import DesignPoint, Judged
 from matching.frequency.beds.figures import (
     BED_POINTS,
-    LoopCurves,
     Planned,
     command_noise,
     counted,
@@ -37,7 +36,6 @@ from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirement
 from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
 from matching.frequency.beds.worst import worst_positions
 from matching.frequency.case.case import Case
-from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import runs_ahead
 from modelling.bed.observer_model import ObserverModel, observer_model
 from modelling.bed.residual_vehicle import cut
@@ -47,44 +45,9 @@ RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the s
 DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is long
 WORST_BED_SHARE = 0.1  # of the damping that drawn beds need, for the worst of the box: stable, with a reserve
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
-MERIT = 10.0  # cost of a requirement missed by all of it, where ends are compared
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
 LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
 GUARDS = 12  # of the pool's beds, the least damped ones, that the search comes to see at a time
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Cost of a point of the search, and how much of its requirements is left, relative; negative if missed.
-
-    Attributes
-    ----------
-    cost : float
-    room : ndarray (r,)
-        Of every bed's damping, every dynamometer's noise, roll-off and margin at every frequency.
-    least : ndarray (b + 3,)
-        The same, of noise, roll-off and margin the worst alone.
-    """
-
-    cost: float
-    room: np.ndarray
-    least: np.ndarray
-
-    @property
-    def merit(self) -> float:
-        """By which points are compared: the cost, and much for what is missed."""
-        return self.cost + MERIT * float(np.maximum(-self.least, 0.0).sum())
-
-
-@dataclass(frozen=True)
-class DesignPoint:
-    """What was worked out at a point: poles (b, x), errors (b + 1,) over the tolerance, of the bed as planned last."""
-
-    controller: ObserverController
-    acting: Action
-    curves: LoopCurves
-    poles: np.ndarray
-    errors: np.ndarray
 
 
 @dataclass
