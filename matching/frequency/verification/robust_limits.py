@@ -10,12 +10,12 @@ from matching.frequency.verification.observed import RobustVerification
 def not_kept(case: Case, robust: RobustVerification) -> list[str]:
     """Sentences on what makes a match limited.
 
-    An observer has to keep everything; a feedback law the drawn beds and the error to measured torques, as its loop
-    alone decides on the rest (:func:`noted`).
+    An observer has to keep everything. A feedback law has to be stable on every drawn bed and to keep the error to
+    measured torques: its search does not see beds, so the rest is only :func:`noted`.
     """
-    found = [*_beds(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
+    found = [*_unstable(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
     if case.loop.structure.is_observer:
-        found += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+        found += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
     return found
 
 
@@ -23,7 +23,7 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
     """Sentences on what does not limit a match: a worst bed of the box that is damped too little, a feedback's loop."""
     found, worst, required = [], robust.beds.worst, robust.required.damping_ratio
     if not case.loop.structure.is_observer:
-        found += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+        found += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
     if worst is not None and 0 < worst.damping_ratio < required:
         found.append(
             f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "
@@ -33,17 +33,22 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
     return found
 
 
-def _beds(robust: RobustVerification) -> list[str]:
+def _unstable(robust: RobustVerification) -> list[str]:
     beds = robust.beds
-    if beds.stable < beds.drawn:
-        return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
-    if beds.damped < beds.drawn:
-        return [
-            f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
-            f"than {robust.required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
-            f"{beds.smallest_damping_ratio:.4f}"
-        ]
-    return []
+    if beds.stable == beds.drawn:
+        return []
+    return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
+
+
+def _damped_too_little(robust: RobustVerification) -> list[str]:
+    beds = robust.beds
+    if beds.stable < beds.drawn or beds.damped == beds.drawn:
+        return []
+    return [
+        f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
+        f"than {robust.required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
+        f"{beds.smallest_damping_ratio:.4f}"
+    ]
 
 
 def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
