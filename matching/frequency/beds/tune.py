@@ -115,11 +115,11 @@ def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: i
 
 def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> int:
     """The steps that were taken; what was judged on the way is known to the search."""
-    found = scipy.optimize.minimize(
+    result = scipy.optimize.minimize(
         lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP", jac=lambda at: search.slopes(at)[0],
         constraints={
             "type": "ineq", "fun": lambda at: search.judged(at).room, "jac": lambda at: search.slopes(at)[1],
         },
         options={"maxiter": steps, "ftol": SETTLED},
     )  # fmt: skip
-    return int(found.nit)
+    return int(result.nit)

@@ -225,5 +225,5 @@ def _largest_error(judge: Judge, positions: np.ndarray, verdicts: Sequence[BedVe
         verdict = coarse.verdict(values)
         return verdict.unmeasured if verdict.stable else np.inf
 
-    found = largest_error(error, judge.case.uncertainty, positions[worst])
-    return None if found is None else replace(found, unmeasured=judge.verdict(found.values).unmeasured)
+    largest = largest_error(error, judge.case.uncertainty, positions[worst])
+    return None if largest is None else replace(largest, unmeasured=judge.verdict(largest.values).unmeasured)

@@ -72,8 +72,8 @@ def worst_bed(
     """
     if not box.uncertain or not len(positions):
         return None
-    found = [_descended(lambda at: damping(box.at(at)), position, ROUNDS) for position in positions[:STARTS]]
-    ratio, position, slopes = min(found, key=lambda one: one[0])
+    descents = [_descended(lambda at: damping(box.at(at)), position, ROUNDS) for position in positions[:STARTS]]
+    ratio, position, slopes = min(descents, key=lambda descent: descent[0])
     return WorstBed(ratio, box.at(position), _named(box, slopes))
 
 
@@ -113,7 +113,7 @@ def _descended(
         inward = np.where(position > 0, -DIFFERENCE, DIFFERENCE)
         slopes = np.array([of(position + step) - value for step in np.diag(inward)]) / inward
         tried = [position + share * (-np.sign(slopes) - position) for share in SHARES]
-        values = [of(one) for one in tried]
+        values = [of(place) for place in tried]
         best = int(np.argmin(values))
         if values[best] > value - WORTH_A_ROUND * abs(value):
             break

@@ -13,24 +13,24 @@ def not_kept(case: Case, robust: RobustVerification) -> list[str]:
     An observer has to keep everything. A feedback law has to be stable on every drawn bed and to keep the error to
     measured torques: its search does not see beds, so the rest is only :func:`noted`.
     """
-    found = [*_unstable(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
+    sentences = [*_unstable(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
     if case.loop.structure.is_observer:
-        found += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
-    return found
+        sentences += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
+    return sentences
 
 
 def noted(case: Case, robust: RobustVerification) -> list[str]:
     """Sentences on what does not limit a match: a worst bed of the box that is damped too little, a feedback's loop."""
-    found, worst, required = [], robust.beds.worst, robust.required.damping_ratio
+    sentences, worst, required = [], robust.beds.worst, robust.required.damping_ratio
     if not case.loop.structure.is_observer:
-        found += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
+        sentences += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
     if worst is not None and 0 < worst.damping_ratio < required:
-        found.append(
+        sentences.append(
             f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "
             f"{worst.damping_ratio / required:.0%} of the {required:.4f} that drawn beds need; it depends most on "
             f"{', '.join(worst.named)}"
         )
-    return found
+    return sentences
 
 
 def _unstable(robust: RobustVerification) -> list[str]:
@@ -70,13 +70,15 @@ def _error(what: str, value: float | None, allowed: float) -> list[str]:
 def _loop(case: Case, robust: RobustVerification) -> list[str]:
     """Unmeasured torques, roll-off and noise."""
     loop, required = robust.loop, robust.required
-    found = _error("unmeasured torques", robust.verification.errors.unmeasured, case.unmeasured_tolerance)
+    sentences = _error("unmeasured torques", robust.verification.errors.unmeasured, case.unmeasured_tolerance)
     if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
-        found.append(
+        sentences.append(
             f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
             f"there, {LARGEST_ROLLED_OFF:g} is allowed"
         )
     noise = max(loop.command_noise)
     if required.command_noise is not None and noise > required.command_noise:
-        found.append(f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed")
-    return found
+        sentences.append(
+            f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed"
+        )
+    return sentences
