@@ -60,10 +60,12 @@ def proof_recording(  # bed and controller are both stepped: one more than six
     driven = [own.torque_input for own in case.loop.dynamometers]
     sent = np.zeros((len(torques), k))
     bed.begin(speed)
+    # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
+    as_linear = np.where([name in drives for name in wanted.inputs], held_as_linear(torques), torques)
     for i, torque in enumerate(torques):
-        now = dict(zip(wanted.inputs, torque, strict=True))
+        now, meant = (dict(zip(wanted.inputs, values, strict=True)) for values in (torque, as_linear[i]))
         readings[i] = bed.readings()
-        known = np.array([now.get(name, 0.0) for name in law.known])
+        known = np.array([meant.get(name, 0.0) for name in law.known])
         answer = controller.step(readings[i, at], known, SPEED_HOLD if i < before // 2 else EMULATION, hold, i)
         if answer.fault:
             raise InputError(
@@ -72,7 +74,7 @@ def proof_recording(  # bed and controller are both stepped: one more than six
             )  # fmt: skip
         sent[i] = answer.commands
         bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
-    held = held_as_linear(np.hstack([torques, sent]))[before:]
+    held = np.hstack([as_linear, held_as_linear(sent)])[before:]
     return _csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
 
 

@@ -10,8 +10,10 @@ from small_bed import write
 from matching.commissioning.bed_system import bed_system, names_in_system
 from matching.commissioning.fmu_bed import held_as_linear
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
+from matching.commissioning.runs import proof_recording
 from matching.commissioning.stages import Stages
 from matching.diagnosis.fitting.uncertainty import Estimate
+from matching.excitation.proof import Proof
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from modelling.model.components import Effect
@@ -106,3 +108,47 @@ def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):
     assert found.tolerance == 0.07
     widths = {one.name: one.half_width for one in found.uncertainty.uncertain}
     assert widths == pytest.approx({one.name: one.half_width for one in box.uncertain})
+
+
+class StandingBed:
+    """A bed whose sensors read nothing; it keeps what it is given."""
+
+    inputs, sensors = ("dyno", "motor_torque"), ("flange_torque", "rotor_speed", "motor_speed", "side_torque")
+
+    def __init__(self):
+        self.given = []
+
+    def begin(self, speed):
+        self.speed = speed
+
+    def readings(self):
+        return np.zeros(len(self.sensors))
+
+    def step(self, torques, span):
+        self.given.append(torques)
+
+
+class ListeningController:
+    """Commands one N·m and keeps the known torques."""
+
+    def __init__(self):
+        self.known = []
+
+    def step(self, readings, known, mode, hold, life):
+        self.known.append(known)
+        return SimpleNamespace(commands=np.ones(1), fault=0)
+
+
+def test_a_proof_records_held_torques_as_what_they_do_and_road_torques_as_they_are_read(case):
+    torques = np.array([[0.0, 0.0], [10.0, 3.0], [20.0, -4.0], [20.0, 5.0], [0.0, 0.0]])
+    law = SimpleNamespace(known=("road", "motor_torque"), sensors=("flange_torque",), dynamometers=("dyno",))
+    bed, controller = StandingBed(), ListeningController()
+    wanted = Proof(("motor_torque", "road"), torques, 1e-3, {}, {})
+    rows = proof_recording(bed, case, law, controller, wanted, 30.0).splitlines()
+    recorded = np.array([row.split(",") for row in rows[1:]], float)
+    assert rows[0].startswith("time [s],motor_torque [N*m],road [N*m],dyno [N*m],")
+    before = len(bed.given) - len(torques)
+    np.testing.assert_allclose(recorded[:, 1], held_as_linear(torques[:, :1])[:, 0], rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(recorded[:, 2], torques[:, 1])
+    np.testing.assert_allclose(np.array(controller.known)[before:], recorded[:, [2, 1]], rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(np.array(bed.given)[before:, 1], torques[:, 0])
