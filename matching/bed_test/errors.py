@@ -37,7 +37,12 @@ class Figures:
 
     @classmethod
     def of(
-        cls, values: np.ndarray, variances: np.ndarray, vehicle: np.ndarray, matched: np.ndarray, own: MeasuredResponse
+        cls,
+        values: np.ndarray,
+        variances: np.ndarray,
+        vehicle: np.ndarray,
+        matched: np.ndarray,
+        measured: MeasuredResponse,
     ) -> Figures:
         """Of one function (f,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -45,7 +50,7 @@ class Figures:
             error = np.abs(np.log(values / vehicle)) ** 2
         expected = np.abs(np.log(matched / vehicle)) ** 2
         good = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
-        weights = np.gradient(np.log(own.frequencies))
+        weights = np.gradient(np.log(measured.frequencies))
         weights /= weights.sum()
         unknown = float(weights[~good].sum())
         if unknown > LARGEST_UNKNOWN:
@@ -54,7 +59,7 @@ class Figures:
         error, relative = np.where(good, error, 0.0), np.where(good, relative, 0.0)
         # |e + n|² has the mean |e|² + v and the variance 2|e|²v + v²; neighbours share spectral lines
         clean = np.maximum(error - relative, 0.0)
-        overlap = np.maximum(own.windows / np.gradient(own.frequencies), 1.0)
+        overlap = np.maximum(measured.windows / np.gradient(measured.frequencies), 1.0)
         variance = float(np.sum(share**2 * (2 * clean * relative + relative**2) * overlap))
         return cls(float(share @ (error - relative)), variance, float(share @ expected), unknown)
 
@@ -73,16 +78,16 @@ def judged(name: str, figures: Sequence[Figures], expected: float, allowed: floa
     allowed : float
         By the case.
     """
-    shown = [one for one in figures if one.known]
+    shown = [figure for figure in figures if figure.known]
     resolved = len(shown) / len(figures)
-    predicted = math.sqrt(float(np.mean([one.predicted for one in shown or figures])))
+    predicted = math.sqrt(float(np.mean([figure.predicted for figure in shown or figures])))
     if not shown:
         return ErrorJudgement(name, math.nan, math.nan, predicted, expected, allowed, resolved, "undetermined")
     # the prediction, sent through the same lines, shows what they change: it is taken off, and half of it stays unsure
-    lines = float(np.mean([one.resolution for one in shown]))
-    square = max(float(np.mean([one.square for one in shown])) - lines, 0.0)
+    lines = float(np.mean([figure.resolution for figure in shown]))
+    square = max(float(np.mean([figure.square for figure in shown])) - lines, 0.0)
     rest = CORRECTED * abs(lines) / math.sqrt(3)
-    spread = math.hypot(math.sqrt(sum(one.variance for one in shown)) / len(shown), rest)
+    spread = math.hypot(math.sqrt(sum(figure.variance for figure in shown)) / len(shown), rest)
     value = math.sqrt(square)
     uncertainty = math.sqrt(square + spread) - value
     limit = max(predicted, NEGLIGIBLE * allowed, min(expected, allowed))

@@ -50,13 +50,13 @@ def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording)
         domains.append("measurement_uncertainty")
     total = sum(WEIGHTS[name] for name in domains)
     time = recording.time[::every] - recording.time[0]
-    found = fidelity_of_signals(
+    fidelity = fidelity_of_signals(
         np.arange(len(time)) * step * every, pairs, f_max=case.band[1],
         weights={name: WEIGHTS[name] / total for name in domains}, longest_delay=min(LONGEST_DELAY, time[-1] / 4),
     )  # fmt: skip
-    drawn = fidelity_distribution(found, DRAWS).summary()["total"]
+    drawn = fidelity_distribution(fidelity, DRAWS).summary()["total"]
     return {
-        "recording": recording.source, "R_SD": found.domains.get("system_dynamics"),
-        "R_MU": found.domains.get("measurement_uncertainty"), "R_XiL": found.total,
+        "recording": recording.source, "R_SD": fidelity.domains.get("system_dynamics"),
+        "R_MU": fidelity.domains.get("measurement_uncertainty"), "R_XiL": fidelity.total,
         "standard_uncertainty": drawn.standard_uncertainty, "interval": list(drawn.interval),
     }  # fmt: skip

@@ -80,11 +80,11 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
         )
         for function in functions
     ]  # fmt: skip
-    seen = _modes(case, recordings, bed, places)
-    fidelity = tuple(recorded_fidelity(case, recorded, one) for one in recorded.recordings)
-    states = [*(one.status for one in errors), *(one.status for one in seen)]
+    mode_checks = _modes(case, recordings, bed, places)
+    fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
+    states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
     return BedVerification(
-        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(seen), fidelity,
+        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity,
         tuple(function.curves for function in functions), (*recorded.notes, *_hidden(functions)),
     )  # fmt: skip
 
@@ -130,7 +130,7 @@ def _together(states: Sequence[str]) -> str:
 
 def _frequencies(recorded: BedRecordings, band: tuple[float, float]) -> np.ndarray:
     """Frequencies (f,), Hz, over the band: as fine as half the windows that the longest recording allows."""
-    longest = max(float(np.ptp(one.time)) for one in recorded.recordings)
+    longest = max(float(np.ptp(recording.time)) for recording in recorded.recordings)
     width = lines_needed(len(recorded.inputs), len(recorded.recordings)) / longest
     grid = [band[0]]
     while grid[-1] < band[1]:
@@ -140,15 +140,17 @@ def _frequencies(recorded: BedRecordings, band: tuple[float, float]) -> np.ndarr
 
 def _spectra(recorded: BedRecordings, band: tuple[float, float]) -> list[Spectra]:
     """Spectra of every recording, long enough for one window of :func:`response`."""
-    found = []
-    for one in recorded.recordings:
-        step = float(np.mean(np.diff(one.time)))
-        found.append(spectra(*recorded.signals(one), step, BEYOND_BAND * band[1]))
-    lines = lines_needed(len(recorded.inputs), len(found))
-    for one, own in zip(recorded.recordings, found, strict=True):
-        if len(own.frequencies) < lines:
-            raise InputError(one.source, f"is too short for so many inputs: {lines} lines are needed", "record longer")
-    return found
+    of_recordings = []
+    for recording in recorded.recordings:
+        step = float(np.mean(np.diff(recording.time)))
+        of_recordings.append(spectra(*recorded.signals(recording), step, BEYOND_BAND * band[1]))
+    lines = lines_needed(len(recorded.inputs), len(of_recordings))
+    for recording, spectrum in zip(recorded.recordings, of_recordings, strict=True):
+        if len(spectrum.frequencies) < lines:
+            raise InputError(
+                recording.source, f"is too short for so many inputs: {lines} lines are needed", "record longer"
+            )
+    return of_recordings
 
 
 def _predicted_again(
@@ -156,12 +158,12 @@ def _predicted_again(
 ) -> MeasuredResponse:
     """The predicted responses as the recordings would show them without noise: what they cannot resolve is missing."""
     predicted = []
-    for one in recordings:
-        matched = bed.at(one.frequencies).matched
-        outputs = np.zeros_like(one.outputs)
+    for recording in recordings:
+        matched = bed.at(recording.frequencies).matched
+        outputs = np.zeros_like(recording.outputs)
         for h, y, u in places:
-            outputs[:, y] += matched[:, h] * one.inputs[:, u]
-        predicted.append(replace(one, outputs=outputs))
+            outputs[:, y] += matched[:, h] * recording.inputs[:, u]
+        predicted.append(replace(recording, outputs=outputs))
     return response(predicted, grid)
 
 
@@ -183,43 +185,49 @@ def _modes(
             )
             for values in (answers.vehicle, answers.matched)
         ]  # fmt: skip
-        vehicle, predicted = (measured_mode(one, mode.frequency, mode.damping_ratio) for one in computed)
+        vehicle, predicted = (
+            measured_mode(computation, mode.frequency, mode.damping_ratio) for computation in computed
+        )
         if vehicle is None:
             continue
         start = predicted or vehicle
-        own = response(recordings, fine)
+        local = response(recordings, fine)
         rows = np.array([(y, u) for _, y, u in places])
         picked = MeasuredResponse(
             fine,
-            own.values[:, rows[:, 0], rows[:, 1], None],
-            own.variances[:, rows[:, 0], rows[:, 1], None],
-            own.windows,
+            local.values[:, rows[:, 0], rows[:, 1], None],
+            local.variances[:, rows[:, 0], rows[:, 1], None],
+            local.windows,
         )
-        found = measured_mode(picked, start.frequency, start.damping_ratio)
-        status = _mode_status(found, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
+        fitted = measured_mode(picked, start.frequency, start.damping_ratio)
+        status = _mode_status(fitted, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
         out.append(
             ModeJudgement(
                 target.mode, (vehicle.frequency, vehicle.damping_ratio),
-                None if predicted is None else (predicted.frequency, predicted.damping_ratio), found, status,
+                None if predicted is None else (predicted.frequency, predicted.damping_ratio), fitted, status,
             )
         )  # fmt: skip
     return out
 
 
 def _mode_status(
-    found: MeasuredMode | None, vehicle: MeasuredMode, predicted: MeasuredMode | None, relative: float, damping: float
+    measured: MeasuredMode | None,
+    vehicle: MeasuredMode,
+    predicted: MeasuredMode | None,
+    relative: float,
+    damping: float,
 ) -> str:
     """Short where a deviation is larger than allowed, and than predicted, beyond its uncertainty."""
-    if found is None:
+    if measured is None:
         return "undetermined"
     promised = vehicle if predicted is None else predicted
     states = []
     for value, u, right, expected, tolerance in (
         (
-            found.frequency, found.frequency_uncertainty, vehicle.frequency, promised.frequency,
+            measured.frequency, measured.frequency_uncertainty, vehicle.frequency, promised.frequency,
             relative * vehicle.frequency,
         ),
-        (found.damping_ratio, found.damping_uncertainty, vehicle.damping_ratio, promised.damping_ratio, damping),
+        (measured.damping_ratio, measured.damping_uncertainty, vehicle.damping_ratio, promised.damping_ratio, damping),
     ):  # fmt: skip
         limit = max(tolerance, abs(expected - right))
         off, expanded = abs(value - right), COVERAGE_FACTOR * u

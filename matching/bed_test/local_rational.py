@@ -70,14 +70,14 @@ def response(recordings: Sequence[Spectra], frequencies: np.ndarray) -> Measured
     first = recordings[0]
     u, y = first.inputs.shape[1], first.outputs.shape[1]
     lines = lines_needed(u, len(recordings))
-    if any(len(one.frequencies) < lines for one in recordings):
+    if any(len(recording.frequencies) < lines for recording in recordings):
         raise ValueError(f"{lines} lines are needed")
     values = np.full((len(frequencies), y, u), np.nan, complex)
     variances = np.full((len(frequencies), y, u), np.inf)
     windows = np.zeros(len(frequencies))
     for i, frequency in enumerate(frequencies):
-        near = [_nearest(one.frequencies, frequency, lines) for one in recordings]
-        windows[i] = max(np.ptp(one.frequencies[at]) for one, at in zip(recordings, near, strict=True))
+        near = [_nearest(recording.frequencies, frequency, lines) for recording in recordings]
+        windows[i] = max(np.ptp(recording.frequencies[at]) for recording, at in zip(recordings, near, strict=True))
         for output in range(y):
             values[i, output], variances[i, output] = _one(recordings, near, frequency, windows[i], output)
     return MeasuredResponse(np.asarray(frequencies, float), values, variances, windows)
@@ -101,12 +101,12 @@ def _one(
     """Values (u,) and variances (u,) of one output at one frequency."""
     count, u = len(recordings), recordings[0].inputs.shape[1]
     rows, wanted = [], []
-    for i, (one, lines) in enumerate(zip(recordings, near, strict=True)):
-        powers = ((one.frequencies[lines] - frequency) / (width / 2))[:, None] ** np.arange(DEGREE + 1)
-        answer = one.outputs[lines, output]
-        driven = [powers * one.inputs[lines, j, None] for j in range(u)]
-        own = [powers if i == j else np.zeros_like(powers) for j in range(count)]
-        rows.append(np.hstack([*driven, *own, -powers[:, 1:] * answer[:, None]]))
+    for i, (recording, lines) in enumerate(zip(recordings, near, strict=True)):
+        powers = ((recording.frequencies[lines] - frequency) / (width / 2))[:, None] ** np.arange(DEGREE + 1)
+        answer = recording.outputs[lines, output]
+        driven = [powers * recording.inputs[lines, j, None] for j in range(u)]
+        block = [powers if i == j else np.zeros_like(powers) for j in range(count)]
+        rows.append(np.hstack([*driven, *block, -powers[:, 1:] * answer[:, None]]))
         wanted.append(answer)
     matrix, right = np.vstack(rows), np.concatenate(wanted)
     scale = np.linalg.norm(matrix, axis=0)

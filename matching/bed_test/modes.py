@@ -57,18 +57,20 @@ def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) 
 
     start = np.array([np.log(frequency), damping])
     low, high = [np.log(frequency / REACH), 1e-5], [np.log(frequency * REACH), 0.9]
-    found = scipy.optimize.least_squares(residual, np.clip(start, low, high), bounds=(low, high), x_scale=[0.05, 0.05])
-    freedom = max(len(found.fun) - 2 - 2 * (RESIDUAL_DEGREE + 1) * values.shape[1], 1)
+    optimum = scipy.optimize.least_squares(
+        residual, np.clip(start, low, high), bounds=(low, high), x_scale=[0.05, 0.05]
+    )
+    freedom = max(len(optimum.fun) - 2 - 2 * (RESIDUAL_DEGREE + 1) * values.shape[1], 1)
     # neighbouring values share spectral lines: as many independent ones as windows fit in
     overlap = max(1.0, len(f) * float(np.mean(measured.windows[near])) / np.ptp(f))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * overlap * max(2 * found.cost / freedom, 1.0)
+    covariance = np.linalg.pinv(optimum.jac.T @ optimum.jac) * overlap * max(2 * optimum.cost / freedom, 1.0)
     relative, of_damping = np.sqrt(np.diag(covariance))
-    if found.cost > SHOWS * _without(powers, values, deviations, f, frequency):
+    if optimum.cost > SHOWS * _without(powers, values, deviations, f, frequency):
         return None
-    if relative > LARGEST_SPREAD or not low[0] < found.x[0] < high[0]:
+    if relative > LARGEST_SPREAD or not low[0] < optimum.x[0] < high[0]:
         return None
-    value = float(np.exp(found.x[0]))
-    return MeasuredMode(value, value * float(relative), float(found.x[1]), float(of_damping))
+    value = float(np.exp(optimum.x[0]))
+    return MeasuredMode(value, value * float(relative), float(optimum.x[1]), float(of_damping))
 
 
 def _without(powers: np.ndarray, values: np.ndarray, deviations: np.ndarray, f: np.ndarray, middle: float) -> float:

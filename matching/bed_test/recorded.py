@@ -70,10 +70,10 @@ def read_recordings(
         replace(read_signals(Path(path), names, channels).resampled(), source=str(source))
         for path, source in zip(paths, sources or paths, strict=True)
     ]
-    notes = [f"{one.source}: {note}" for one in read for note in one.notes]
-    for one in read:
-        _check_length(one, case.band)
-    sensors = tuple(name for name in wanted if all(name in one.channels for one in read))
+    notes = [f"{recording.source}: {note}" for recording in read for note in recording.notes]
+    for recording in read:
+        _check_length(recording, case.band)
+    sensors = tuple(name for name in wanted if all(name in recording.channels for recording in read))
     if not sensors:
         raise InputError(
             read[0].source,
@@ -81,7 +81,7 @@ def read_recordings(
             "record them, or name them in a channel file",
         )
     notes += [f"{name} is not in every recording and not judged" for name in wanted if name not in sensors]
-    inputs = tuple(name for name in torques if any(_moves(one, name) for one in read))
+    inputs = tuple(name for name in torques if any(_moves(recording, name) for recording in read))
     if not inputs:
         raise InputError(
             read[0].source,

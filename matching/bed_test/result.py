@@ -127,9 +127,9 @@ class BedVerification(Displayed):
             "status": self.status,
             "band": list(self.band),
             "coverage_factor": COVERAGE_FACTOR,
-            "errors": [one.to_dict() for one in self.errors],
-            "functions": [one.to_dict() for one in self.functions],
-            "modes": [one.to_dict() for one in self.modes],
+            "errors": [error.to_dict() for error in self.errors],
+            "functions": [function.to_dict() for function in self.functions],
+            "modes": [mode.to_dict() for mode in self.modes],
             "fidelity": list(self.fidelity),
             "notes": list(self.notes),
         }

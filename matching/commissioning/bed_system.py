@@ -22,18 +22,18 @@ def names_in_system(case: Case) -> dict[str, str]:
     """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box."""
     loop = case.loop
     commands = _commands(case)
-    found = {}
-    for one in case.uncertainty.uncertain:
-        if one.name.startswith("rig."):
-            found[one.name] = one.name.removeprefix("rig.")
-    found["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
-    found["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
-    found["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
+    names = {}
+    for quantity in case.uncertainty.uncertain:
+        if quantity.name.startswith("rig."):
+            names[quantity.name] = quantity.name.removeprefix("rig.")
+    names["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
+    names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
+    names["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
     for dynamometer in loop.dynamometers:
-        found[f"dynamometers.{dynamometer.name}.torque_gain"] = (
+        names[f"dynamometers.{dynamometer.name}.torque_gain"] = (
             f"inputs.{dynamometer.torque_input}.{InputGain.kind}.factor"
         )
-    return found
+    return names
 
 
 def bed_system(case: Case) -> System:
@@ -42,9 +42,9 @@ def bed_system(case: Case) -> System:
     Its inputs are torque commands as recorded, linear between samples: the half sample of hold that the loop's dead
     time counts is none of the delay here. Gains of sensors are taken as known; the box counts them after the fit.
     """
-    box = {one.name: one for one in case.uncertainty.uncertain}
+    box = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
     loop = case.loop
-    of_rig = {name.removeprefix("rig."): _range(one) for name, one in box.items() if name.startswith("rig.")}
+    of_rig = {name.removeprefix("rig."): _range(quantity) for name, quantity in box.items() if name.startswith("rig.")}
     commands, torques = _commands(case), _torques(case)
     delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
     effects = [
@@ -66,9 +66,9 @@ def _torques(case: Case) -> str:
     return shared_place(f"sensors.{dynamometer.torque_sensor}" for dynamometer in case.loop.dynamometers)
 
 
-def _range(one: Uncertain, value: float | None = None) -> Quantity:
-    value = one.value if value is None else value
-    reach = WIDER * one.half_width
+def _range(uncertain: Uncertain, value: float | None = None) -> Quantity:
+    value = uncertain.value if value is None else value
+    reach = WIDER * uncertain.half_width
     return Quantity(value, max(value - reach, SMALLEST * value), value + reach)
 
 

@@ -43,9 +43,9 @@ def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
 def best_round(rounds: Sequence[Mapping[str, Any]]) -> int | None:
     """Number of the round with the least measured error, all against the vehicle of the last; None without any."""
     errors = {}
-    for one in rounds:
-        measured = one.get("against_last_vehicle", one.get("verification"))
+    for entry in rounds:
+        measured = entry.get("against_last_vehicle", entry.get("verification"))
         known = [error["error"] for error in (measured or {}).get("errors", ()) if error["error"] is not None]
         if known:
-            errors[one["round"]] = sum(error**2 for error in known) / len(known)
+            errors[entry["round"]] = sum(error**2 for error in known) / len(known)
     return min(errors, key=lambda number: errors[number]) if errors else None

@@ -37,7 +37,7 @@ class Slave:
             raise InputError(str(path), f"cannot be read as an FMU: {fault}", "give an FMU or a folder") from None
         if about.fmiVersion != "2.0" or about.coSimulation is None:
             raise InputError(str(path), "is no FMI 2.0 FMU for co-simulation", "export the bed as one")
-        self._references = {own.name: own.valueReference for own in about.modelVariables}
+        self._references = {variable.name: variable.valueReference for variable in about.modelVariables}
         for name in needed:
             if name not in self._references:
                 raise InputError(str(path), f"has no variable {name!r}", "its names are those of the rig file")
@@ -59,7 +59,9 @@ class Slave:
     def set(self, values: Mapping[str, float]) -> None:
         """Values by name, SI."""
         if values:
-            self._slave.setReal([self._references[name] for name in values], [float(one) for one in values.values()])
+            self._slave.setReal(
+                [self._references[name] for name in values], [float(value) for value in values.values()]
+            )
 
     def get(self, names: Sequence[str]) -> np.ndarray:
         """Values (v,) by name, SI."""

@@ -27,7 +27,7 @@ class Identified:
     notes: tuple[str, ...]
 
 
-def identified_case(case: Case, found: Diagnosis) -> Identified:
+def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     """The case with the values that a diagnosis of :func:`matching.commissioning.bed_system.bed_system` found.
 
     What vehicle and rig share has the bed's values in both. The rig stands as it is now, so nothing of it moves any
@@ -38,14 +38,16 @@ def identified_case(case: Case, found: Diagnosis) -> Identified:
     InputError
         If the values make no system.
     """
-    estimates = {name: found.parameters[key] for name, key in names_in_system(case).items() if key in found.parameters}
-    known = {name: one for name, one in estimates.items() if math.isfinite(one.standard_uncertainty)}
-    of_rig = {name.removeprefix("rig."): one.value for name, one in known.items() if name.startswith("rig.")}
-    effects, notes = _linear_effects(case, found)
+    estimates = {
+        name: diagnosis.parameters[key] for name, key in names_in_system(case).items() if key in diagnosis.parameters
+    }
+    known = {name: estimate for name, estimate in estimates.items() if math.isfinite(estimate.standard_uncertainty)}
+    of_rig = {name.removeprefix("rig."): estimate.value for name, estimate in known.items() if name.startswith("rig.")}
+    effects, notes = _linear_effects(case, diagnosis)
     shared = {name: value for name, value in of_rig.items() if name in case.vehicle.parameters}
     places = set(case.vehicle.places())
     rig = case.rig.with_values(of_rig).with_effects(*effects)
-    vehicle = case.vehicle.with_values(shared).with_effects(*(one for one in effects if one.at in places))
+    vehicle = case.vehicle.with_values(shared).with_effects(*(effect for effect in effects if effect.at in places))
     loop = case.loop
     hold = loop["dead_time"] - loop.command_delay()
     values = {}
@@ -55,12 +57,12 @@ def identified_case(case: Case, found: Diagnosis) -> Identified:
         if f"loop.{name}" in known:
             values[name] = known[f"loop.{name}"].value
     dynamometers = tuple(
-        replace(own, torque_gain=known[f"dynamometers.{own.name}{GAIN}"].value)
-        if f"dynamometers.{own.name}{GAIN}" in known else own
-        for own in loop.dynamometers
+        replace(dynamometer, torque_gain=known[f"dynamometers.{dynamometer.name}{GAIN}"].value)
+        if f"dynamometers.{dynamometer.name}{GAIN}" in known else dynamometer
+        for dynamometer in loop.dynamometers
     )  # fmt: skip
     loop = replace(loop.with_values(values), dynamometers=dynamometers)
-    box = Box(tuple(_narrowed(one, known.get(one.name), hold) for one in case.uncertainty.uncertain))
+    box = Box(tuple(_narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain))
     moves = tuple(move for move in case.moves if not move.name.startswith("rig."))
     made = replace(
         case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig), loop=loop, uncertainty=box, moves=moves
@@ -68,26 +70,28 @@ def identified_case(case: Case, found: Diagnosis) -> Identified:
     return Identified(made, notes)
 
 
-def _narrowed(one: Uncertain, found: Estimate | None, hold: float) -> Uncertain:
+def _narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
     """What is still not known of a quantity; gains of dynamometers are relative to their calibration."""
-    if found is None:
-        return one
-    value = found.value
+    if estimate is None:
+        return quantity
+    value = estimate.value
     # what the recording does not narrow stays as uncertain as it was
-    spread = one.half_width if found.note else COVERAGE * found.standard_uncertainty
-    least = LEAST_DELAY if one.name == "loop.dead_time" else LEAST_SHARE * abs(value)
-    half_width = min(max(spread, least), WIDER * one.half_width)
-    if one.name.endswith(GAIN):
-        return Uncertain(one.name, 1.0, half_width / value)
-    return Uncertain(one.name, value + hold if one.name == "loop.dead_time" else value, half_width)
+    spread = quantity.half_width if estimate.note else COVERAGE * estimate.standard_uncertainty
+    least = LEAST_DELAY if quantity.name == "loop.dead_time" else LEAST_SHARE * abs(value)
+    half_width = min(max(spread, least), WIDER * quantity.half_width)
+    if quantity.name.endswith(GAIN):
+        return Uncertain(quantity.name, 1.0, half_width / value)
+    return Uncertain(quantity.name, value + hold if quantity.name == "loop.dead_time" else value, half_width)
 
 
-def _linear_effects(case: Case, found: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
+def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
     """Effects of the diagnosis that a linear model holds, at shafts and inertias; sentences on all others."""
     before = set(bed_system(case).effects)
-    added = [one for one in found.extended.effects if one.name not in {own.name for own in before}]
-    linear = [one for one in added if one.law.linear and one.at.split(".")[0] in ("shafts", "inertias")]
+    added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
+    linear = [effect for effect in added if effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias")]
     notes = tuple(
-        f"{one.kind} at {one.at} was named; the match is linear and leaves it out" for one in added if one not in linear
+        f"{effect.kind} at {effect.at} was named; the match is linear and leaves it out"
+        for effect in added
+        if effect not in linear
     )
     return linear, notes

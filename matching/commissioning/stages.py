@@ -23,11 +23,11 @@ class Stages:
 
     def done(self, name: str, inputs: str) -> dict[str, Any] | None:
         """Figures of a step that was done on the same inputs (a checksum) and whose files are all as they were."""
-        found = None
+        figures = None
         for row in rows(self.folder / RECORD):
             if row["step"] == name and row["inputs"] == inputs and self._unchanged(name, row["files"]):
-                found = row["figures"]
-        return found
+                figures = row["figures"]
+        return figures
 
     def run(self, name: str, inputs: str, work: Callable[[], tuple[Files, dict[str, Any]]]) -> dict[str, Any]:
         """Figures of a step: as recorded, or of the ``work`` that gives its files and figures.

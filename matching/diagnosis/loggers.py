@@ -72,8 +72,8 @@ def joined(system: System, parts: Sequence[Recording]) -> Recording:
 
 def with_clocks(system: System, recordings: Sequence[Recording]) -> System:
     """A system whose further loggers are late by what joining may have left, to be fitted too."""
-    steps = [float(np.median(np.diff(one.time))) for one in recordings]
-    groups = dict.fromkeys(group for one in recordings for group in one.clock_groups)
+    steps = [float(np.median(np.diff(recording.time))) for recording in recordings]
+    groups = dict.fromkeys(group for recording in recordings for group in recording.clock_groups)
     largest = max(LEFT_STEPS * max(steps), LEFT_SECONDS)
     return system.with_effects(*(clock_error([f"sensors.{name}" for name in group], largest) for group in groups))
 

@@ -90,8 +90,8 @@ def window_uncertainties(fit: Fit) -> dict[str, float]:
     windows = _cut(fit, np.concatenate(fit.problem.states(fit.v)))
     residual = windows.problem.residuals(windows.v[None])[0]
     derivatives = jacobian(windows.problem, windows.v, residual)
-    own = replace(windows, residual=residual, jacobian=derivatives, cost=chi_square(residual))
-    sigma = np.hypot(np.sqrt(np.diag(covariance(own, inflation(own)))), discretisation_shift(own))
+    refitted = replace(windows, residual=residual, jacobian=derivatives, cost=chi_square(residual))
+    sigma = np.hypot(np.sqrt(np.diag(covariance(refitted, inflation(refitted)))), discretisation_shift(refitted))
     return dict(zip(fit.problem.free, (float(s) for s in sigma), strict=False))
 
 
@@ -145,7 +145,7 @@ def _joined(fit: Fit) -> np.ndarray:
     problem, starts = fit.problem, fit.starts
     ends = [states[-1] for states in problem.states(fit.v)]
     v = problem.pack(fit.values, [starts[0], *ends[:-1]])
-    kept, moved = (_squares(problem, one) for one in (fit.v, v))
+    kept, moved = (_squares(problem, point) for point in (fit.v, v))
     starts = [
         end if b < a else start for start, end, a, b in zip(starts, problem.unpack(v)[1], kept, moved, strict=True)
     ]
@@ -172,7 +172,7 @@ def _best_flank(fit: Fit, i: int, start: np.ndarray) -> np.ndarray:
         return start
     begins = [start + share * shift for shift in shifts for share in (1, 2)][1:]
     fits = [solve(window, window.pack({}, [begin]), None, FitOptions(FLANK_ITERATIONS)) for begin in begins]
-    return min(fits, key=lambda one: one.cost).starts[0]
+    return min(fits, key=lambda fit: fit.cost).starts[0]
 
 
 def _squares(problem: FitProblem, v: np.ndarray) -> np.ndarray:

@@ -65,8 +65,8 @@ def _steps(problem: FitProblem, v: np.ndarray) -> np.ndarray:
     """(v,) steps of the differences, before any limit."""
     k = len(problem.free)
     width = problem.upper[:k] - problem.lower[:k]
-    given = np.abs([problem.model.p0[problem.model.parameters.index(name)] for name in problem.free])
-    at_zero = PARAMETER_STEP * np.minimum(width, np.where(given > 0, given, 1.0))
+    magnitudes = np.abs([problem.model.p0[problem.model.parameters.index(name)] for name in problem.free])
+    at_zero = PARAMETER_STEP * np.minimum(width, np.where(magnitudes > 0, magnitudes, 1.0))
     at_zero[at_zero == 0] = ZERO_STEP
     parameters = np.where(v[:k] != 0, PARAMETER_STEP * np.minimum(np.abs(v[:k]), width), at_zero)
     states = [ANGLE_STEP if i < problem.model.n else STATE_STEP for i in problem.free_states]

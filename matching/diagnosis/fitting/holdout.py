@@ -223,7 +223,7 @@ def simulate_other(fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] |
     starts = [fits[k].starts[i] for i, k in enumerate(best)]
     same = replace(problem, data=data, held_states=held)
     none_used = (0,) * len(data.segments)
-    values = fit.values | fits[int(np.argmin([one.cost for one in fits]))].values
+    values = fit.values | fits[int(np.argmin([fitted.cost for fitted in fits]))].values
     return [HoldoutRun(same, same.pack(values, starts), residual, none_used, False)]
 
 

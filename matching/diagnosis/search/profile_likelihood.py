@@ -36,11 +36,11 @@ def equivalent_fits(fit: Fit, causes: tuple[Cause, ...]) -> list[Fit]:
         i = fit.problem.free.index(name)
         if fit.problem.lower[i] > 0 and sigma[i] * length[i] >= CONFOUNDED:
             fits += [other for factor in (1 / STEP_FACTOR, STEP_FACTOR) for other in _profile(fit, i, factor)]
-    best = min(fits, key=lambda one: one.cost)
+    best = min(fits, key=lambda fit: fit.cost)
     if best is not fit:
         fits.append(polished(solve(best.problem, best.v)))
-    fits.sort(key=lambda one: one.cost)
-    return [one for one in fits if one.cost < fits[0].cost + EQUIVALENT]
+    fits.sort(key=lambda fit: fit.cost)
+    return [fit for fit in fits if fit.cost < fits[0].cost + EQUIVALENT]
 
 
 def _profile(fit: Fit, i: int, factor: float) -> list[Fit]:

@@ -51,13 +51,17 @@ def _better_without(
         return rest
     screening = Screening(rest.fit)
     candidates = best_by_candidate(list(screening.candidates(model.system())))
-    candidates = [one for one in candidates if (one.kind, one.at) not in rest.places]
+    candidates = [candidate for candidate in candidates if (candidate.kind, candidate.at) not in rest.places]
     plan = RefitPlan(EXCHANGE_REFITS, windows=at_noise(best))
     hypotheses = refit_candidates(rest, candidates, screening, budget, progress, plan)
     cause = best.causes[index]
-    same = [one for one in hypotheses if (one.causes[-1].kind, one.causes[-1].at) == (cause.kind, cause.at)]
-    others = [one for one in hypotheses if one not in same]
-    if others and others[0].cost < min([best.cost, *(one.cost for one in same)]):
+    same = [
+        hypothesis
+        for hypothesis in hypotheses
+        if (hypothesis.causes[-1].kind, hypothesis.causes[-1].at) == (cause.kind, cause.at)
+    ]
+    others = [hypothesis for hypothesis in hypotheses if hypothesis not in same]
+    if others and others[0].cost < min([best.cost, *(hypothesis.cost for hypothesis in same)]):
         return others[0]
-    rivals.append(distinct(sorted([best, *others], key=lambda one: one.cost)))
+    rivals.append(distinct(sorted([best, *others], key=lambda hypothesis: hypothesis.cost)))
     return None

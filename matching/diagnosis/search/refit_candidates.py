@@ -40,8 +40,8 @@ FULL_PLAN = RefitPlan()
 def best_by_candidate(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
     """The best guess of every kind, place and set of parameters, best first."""
     out: dict[tuple, ScreenedCandidate] = {}
-    for one in sorted(screened, key=lambda candidate: -candidate.reduction):
-        out.setdefault((one.kind, one.at, tuple(one.parameters)), one)
+    for candidate in sorted(screened, key=lambda candidate: -candidate.reduction):
+        out.setdefault((candidate.kind, candidate.at, tuple(candidate.parameters)), candidate)
     return list(out.values())
 
 
@@ -75,7 +75,7 @@ def refit_candidates(
             again = refitted_over_windows(parent, hypotheses, screening, tried_windows, budget)
             hypotheses = with_sharper_friction_near_best(again)
         if hypotheses and (at_noise(hypotheses[0]) or share_explained(parent, hypotheses[0]) > EXPLAINS_ALMOST_ALL):
-            promise = PROMISING * max(one.screened for one in hypotheses)
+            promise = PROMISING * max(hypothesis.screened for hypothesis in hypotheses)
             if not rest or rest[0].reduction < promise:
                 break
     return hypotheses
@@ -85,7 +85,11 @@ def _next_batch(rest: Sequence[ScreenedCandidate], first: bool) -> list[Screened
     if not first:
         return list(rest[:NEXT_BATCH])
     as_good = AS_PROMISING * rest[0].reduction
-    return [one for i, one in enumerate(rest[: 2 * FIRST_BATCH]) if i < FIRST_BATCH or one.reduction > as_good]
+    return [
+        candidate
+        for i, candidate in enumerate(rest[: 2 * FIRST_BATCH])
+        if i < FIRST_BATCH or candidate.reduction > as_good
+    ]
 
 
 def _refit_batch(
@@ -99,16 +103,16 @@ def _refit_batch(
     step = parent.fit.problem.data.sampling_interval
     start = replace(parent.model, bounds=parent.fit.problem.bounds, values=parent.fit.values, starts=())
     models = {}
-    for one in batch:
-        model = start.with_cause(one.kind, one.at, one.parameters, step)
-        models[model.causes] = (model, one.reduction)
+    for candidate in batch:
+        model = start.with_cause(candidate.kind, candidate.at, candidate.parameters, step)
+        models[model.causes] = (model, candidate.reduction)
     for model in compilable([model for model, _ in models.values()]):
         if not budget.take():
             break
         cause = model.causes[-1]
         progress(f"{cause.kind} at {cause.at}")
-        rival = min((one.fit.cost for one in hypotheses), default=0.0)
-        noise = min((one.fit.cost for one in hypotheses if at_noise(one)), default=0.0)
+        rival = min((hypothesis.fit.cost for hypothesis in hypotheses), default=0.0)
+        noise = min((hypothesis.fit.cost for hypothesis in hypotheses if at_noise(hypothesis)), default=0.0)
         options = FitOptions(exact=False, rival_cost=rival, noise_cost=noise)
         try:
             fit = fit_extended(model, parent.fit, options)

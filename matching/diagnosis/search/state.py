@@ -43,6 +43,6 @@ def chi_square_per_reading(hypothesis: Hypothesis) -> float:
 def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Without those that name the same causes in another order or with fewer or more parameters; the first is kept."""
     out: dict[frozenset, Hypothesis] = {}
-    for one in hypotheses:
-        out.setdefault(frozenset(one.places), one)
+    for hypothesis in hypotheses:
+        out.setdefault(frozenset(hypothesis.places), hypothesis)
     return list(out.values())

@@ -63,7 +63,7 @@ class NamedCause:
         return {
             "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
             "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
-            "alternatives": [vars(one) | {"at": place_in_file(one.at)} for one in self.alternatives],
+            "alternatives": [vars(rival) | {"at": place_in_file(rival.at)} for rival in self.alternatives],
             "gain": finite(self.gain),
         }  # fmt: skip
 

@@ -62,16 +62,22 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
     Rivals near a best fit at the noise are refitted as finely as it. A cause gives way to a rival with more evidence.
     """
     best, cause = state.best, state.best.causes[index]
-    others = [_weighted_as(best, one) for one in _rivals(state, index)]
+    others = [_weighted_as(best, rival) for rival in _rivals(state, index)]
     inflation = chi_square_inflation(best)
     scores = fitted_scores([best, *others], inflation)
-    near = [one for one, s in zip(others, scores[1:], strict=True) if s - scores[0] < OUT_OF_QUESTION][:MOST_RIVALS]
-    hypotheses = [best, *([final_fit(one) for one in near] if at_noise(best) else near)]
-    names = [(cause.kind, cause.at)] + [(one.causes[-1].kind, one.causes[-1].at) for one in hypotheses[1:]]
+    near = [rival for rival, s in zip(others, scores[1:], strict=True) if s - scores[0] < OUT_OF_QUESTION][:MOST_RIVALS]
+    hypotheses = [best, *([final_fit(rival) for rival in near] if at_noise(best) else near)]
+    names = [(cause.kind, cause.at)] + [
+        (hypothesis.causes[-1].kind, hypothesis.causes[-1].at) for hypothesis in hypotheses[1:]
+    ]
     shares = evidence_shares(_scores(hypotheses, holdout, inflation)) if near else np.ones(1)
-    rated = [RatedCause(*name, float(p), one) for name, p, one in zip(names, shares, hypotheses, strict=True)]
-    rated += [RatedCause(one.causes[-1].kind, one.causes[-1].at, 0.0, one) for one in others if one not in near]
-    rated.sort(key=lambda one: -one.share)
+    rated = [
+        RatedCause(*name, float(p), hypothesis) for name, p, hypothesis in zip(names, shares, hypotheses, strict=True)
+    ]
+    rated += [
+        RatedCause(rival.causes[-1].kind, rival.causes[-1].at, 0.0, rival) for rival in others if rival not in near
+    ]
+    rated.sort(key=lambda rating: -rating.share)
     if rated[0].hypothesis is not best:
         state.best = _in_place(rated[0].hypothesis, index)
     return rated
@@ -83,17 +89,17 @@ def _rivals(state: SearchState, index: int) -> list[Hypothesis]:
     beside = best.places - {(cause.kind, cause.at)}
     rivals = state.rivals[index] if index < len(state.rivals) else []
     return [
-        one
-        for one in rivals
-        if one.places != best.places and beside < one.places and len(one.causes) == len(best.causes)
+        rival
+        for rival in rivals
+        if rival.places != best.places and beside < rival.places and len(rival.causes) == len(best.causes)
     ]
 
 
 def _scores(hypotheses: list[Hypothesis], holdout: Holdout, inflation: float) -> np.ndarray:
     """(h,) −2 ln of the evidence of several hypotheses, but for a constant."""
-    predictions = [_predicted(one, holdout, inflation) for one in hypotheses]
-    variance = min((residual_inflation(own.updated) for own in predictions if own), default=1.0)
-    unseen = [own.score(variance) if own else NOT_SIMULATED for own in predictions]
+    predictions = [_predicted(hypothesis, holdout, inflation) for hypothesis in hypotheses]
+    variance = min((residual_inflation(prediction.updated) for prediction in predictions if prediction), default=1.0)
+    unseen = [prediction.score(variance) if prediction else NOT_SIMULATED for prediction in predictions]
     return fitted_scores(hypotheses, inflation) + np.array(unseen)
 
 
@@ -105,7 +111,7 @@ def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndar
     """
     best = hypotheses[0]
     if best.fit.problem.weighting is None:
-        return np.array([one.cost / inflation for one in hypotheses])
+        return np.array([hypothesis.cost / inflation for hypothesis in hypotheses])
     segments, residuals = best.fit.problem.data.segments, best.fit.by_sensor()
     count = np.array([
         sum(
@@ -114,9 +120,11 @@ def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndar
         )
         for j in range(len(best.fit.problem.data.noise))
     ])  # fmt: skip
-    logarithms = [np.log(discrepancy(one.fit).scale ** 2) for one in hypotheses]
-    price = [len(one.fit.v) * np.log(max(count.sum(), 2.0)) for one in hypotheses]
-    return np.array([float(count @ part) + own for part, own in zip(logarithms, price, strict=True)])
+    logarithms = [np.log(discrepancy(hypothesis.fit).scale ** 2) for hypothesis in hypotheses]
+    price = [len(hypothesis.fit.v) * np.log(max(count.sum(), 2.0)) for hypothesis in hypotheses]
+    return np.array(
+        [float(count @ part) + parameters_price for part, parameters_price in zip(logarithms, price, strict=True)]
+    )
 
 
 def _weighted_as(best: Hypothesis, other: Hypothesis) -> Hypothesis:

@@ -37,7 +37,7 @@ def errors_by_sensor(
         On held-out data, in times the noise.
     """
     data = final.fit.problem.data
-    before, after = ([test.ratio for test in one.whiteness()] for one in (base, final))
+    before, after = ([test.ratio for test in fit.whiteness()] for fit in (base, final))
     out = {}
     for j, sensor in enumerate(system.sensors):
         if data.readings_by_sensor[j]:

@@ -18,12 +18,14 @@ def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandid
     hypothesis among them as taken."""
     base_holdout = holdout_misfit(state.base, holdout)
     out = []
-    for one in state.with_one_cause:
-        (cause,) = one.causes
-        misfit_holdout = holdout_misfit(one, holdout)
+    for hypothesis in state.with_one_cause:
+        (cause,) = hypothesis.causes
+        misfit_holdout = holdout_misfit(hypothesis, holdout)
         taken = (cause.kind, cause.at) in state.best.places
-        reason = "" if taken else _reason(state, one, misfit_holdout, base_holdout)
-        out.append(FittedCandidate(cause.kind, cause.at, one.misfit, misfit_holdout, one.chi_square, reason))
+        reason = "" if taken else _reason(state, hypothesis, misfit_holdout, base_holdout)
+        out.append(
+            FittedCandidate(cause.kind, cause.at, hypothesis.misfit, misfit_holdout, hypothesis.chi_square, reason)
+        )
     return out
 
 

@@ -57,20 +57,20 @@ def named_causes(
         Whether the verdict is ``explained``.
     """
     causes = []
-    for one in judged:
-        cause, part = one.cause, share_explained_by(final, one.without)
-        own = next(r for r in one.rated if (r.kind, r.at) == (cause.kind, cause.at))
-        rivals = _rivals(one)
+    for judgement in judged:
+        cause, part = judgement.cause, share_explained_by(final, judgement.without)
+        rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
+        rivals = _rivals(judgement)
         same = list(EFFECTS[cause.kind].same_as(cause.at, system))
-        certain = confidence(own.share, explained, part) / (1 + len(same))
+        certain = confidence(rating.share, explained, part) / (1 + len(same))
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
         causes.append(
             NamedCause(
                 cause.kind, cause.at, _parameters(system, cause, estimates), certain,
-                _evidence(system, one.without, final, rivals[0].hypothesis if rivals else None) + _alike(same),
+                _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None) + _alike(same),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
-                one.without.chi_square / final.chi_square,
+                judgement.without.chi_square / final.chi_square,
             )
         )  # fmt: skip
     return sorted(causes, key=lambda cause: -cause.gain)
@@ -85,13 +85,13 @@ def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
 def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], explained: bool) -> str | None:
     """What to record to tell the most likely rival from its cause; None where none is likely enough."""
     proposals: list[tuple[float, str]] = []
-    for one in judged:
-        part = share_explained_by(final, one.without)
-        rival = next(iter(_rivals(one)), None)
+    for judgement in judged:
+        part = share_explained_by(final, judgement.without)
+        rival = next(iter(_rivals(judgement)), None)
         if rival and confidence(rival.share, explained, part) > WORTH_RECORDING:
             manoeuvre = propose_manoeuvre(final, rival.hypothesis)
             if manoeuvre:
-                names = (f"{named.kind} at {place_in_words(named.at)}" for named in (one.cause, rival))
+                names = (f"{named.kind} at {place_in_words(named.at)}" for named in (judgement.cause, rival))
                 proposals.append((confidence(rival.share, explained, part), manoeuvre.sentence(*names)))
     return max(proposals)[1] if proposals else None
 
@@ -99,10 +99,10 @@ def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], e
 def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
     """What was refitted in the place of each cause."""
     out = []
-    for one in judged:
-        for rated in one.rated:
+    for judgement in judged:
+        for rated in judgement.rated:
             misfit, chi_square = rated.hypothesis.misfit, rated.hypothesis.chi_square
-            instead_of = f"{one.cause.kind} at {place_in_words(one.cause.at)}"
+            instead_of = f"{judgement.cause.kind} at {place_in_words(judgement.cause.at)}"
             out.append(Candidate(rated.kind, rated.at, instead_of, misfit, chi_square, rated.share))
     return out
 
@@ -114,7 +114,7 @@ def _alike(same: Sequence[tuple[str, str]]) -> str:
 
 def _rivals(judged: JudgedCause) -> list[RatedCause]:
     """The rivals of a cause, the most likely first."""
-    return [one for one in judged.rated if (one.kind, one.at) != (judged.cause.kind, judged.cause.at)]
+    return [rating for rating in judged.rated if (rating.kind, rating.at) != (judged.cause.kind, judged.cause.at)]
 
 
 def _parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
@@ -129,7 +129,7 @@ def _parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate])
 
 
 def _evidence(system: System, without: Hypothesis, final: Hypothesis, next_best: Hypothesis | None) -> str:
-    before, after = (np.array([test.ratio for test in one.whiteness()]) for one in (without, final))
+    before, after = (np.array([test.ratio for test in fit.whiteness()]) for fit in (without, final))
     j = int(np.nanargmax(before - after))
     text = f"with it the error of {system.sensors[j].name} falls from {before[j]:.3g} to {after[j]:.3g} times the noise"
     i = int(np.nanargmax(after / np.maximum(before, 1.0)))
