@@ -56,18 +56,18 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             bar.set_description_str(f"{step:50.50}")
             bar.update()
 
-        found = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
+        diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
         tell("report")
         from matching.report.common.style import image
         from matching.report.diagnosis.figures import figures
         from matching.report.diagnosis.page import content, page
 
-        drawn = {name: image(figure) for name, figure in figures(found, system).items()}
-    result = content(found)
+        drawn = {name: image(figure) for name, figure in figures(diagnosis, system).items()}
+    result = content(diagnosis)
     units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"extended.toml": dumps(found.extended)}
+    files: dict[str, str | bytes] = {"extended.toml": dumps(diagnosis.extended)}
     files["report.html"] = page(result, system.title, units, drawn)
-    files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
+    files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
     return write_results(arguments.out, "diagnosis.json", result, files)
 
 

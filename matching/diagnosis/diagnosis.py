@@ -95,16 +95,19 @@ def diagnose(
     state.best = final
     judge, restarted = _predictable(final, judge, remembered)
     notes += restarted + closed_loop_notes(final)
-    residuals = [holdout_residuals(judge.simulate(one.fit)) for one in (base, final)]
+    residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict, rest = _verdict(final, after), remaining_errors(final)
     explained = verdict == "explained"
     values = _estimates(final, fits)
     judged = [
-        JudgedCause(cause, own, best_without(state, index))
-        for index, (cause, own) in enumerate(zip(final.causes, identified.rated, strict=True))
+        JudgedCause(cause, ratings, best_without(state, index))
+        for index, (cause, ratings) in enumerate(zip(final.causes, identified.rated, strict=True))
     ]
-    models = [ModelResiduals(judge.segments(one.fit), r) for one, r in zip((base, final), residuals, strict=True)]
+    models = [
+        ModelResiduals(judge.segments(hypothesis.fit), r)
+        for hypothesis, r in zip((base, final), residuals, strict=True)
+    ]
     unseen = holdout_data(train.noise, models[0], models[1])
     curves = discrepancy_curves(final) if rest else []
     kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
@@ -179,7 +182,8 @@ def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> Pl
     data, balance, system = state.base.fit.problem.data, state.screening.balance, state.base.model.base
     measured = np.concatenate([segment.readings for segment in data.segments])
     before, after = (
-        np.where(np.isfinite(measured), residual_once(one) * data.noise, np.nan) for one in (state.base, final)
+        np.where(np.isfinite(measured), residual_once(hypothesis) * data.noise, np.nan)
+        for hypothesis in (state.base, final)
     )
     return PlotData(
         simulated_motion(state.base.fit), simulated_motion(final.fit), measured, before, after,

@@ -120,7 +120,7 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
             state.best = rest
             del state.rivals[index : index + 1]
     if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
-        others = [one for one in state.with_one_cause if one.places != state.best.places]
+        others = [hypothesis for hypothesis in state.with_one_cause if hypothesis.places != state.best.places]
         state.rivals = [[state.best, *others]]
 
 

@@ -12,18 +12,10 @@ LONGEST_FUNCTION = 60  # lines, all counted
 MOST_PARAMETERS = 6
 VAGUE_NAMES = {"own", "one", "found", "seen", "told", "given"}
 FILES_WITH_VAGUE_NAMES = {  # still to be gone through
-    "matching.commands.diagnose",
     "matching.commands.match",
     "matching.commands.verify",
     "matching.commissioning.circle",
     "matching.commissioning.runs",
-    "matching.diagnosis.candidates.screening",
-    "matching.diagnosis.diagnosis",
-    "matching.diagnosis.fitting.uncertainty",
-    "matching.diagnosis.identify_causes",
-    "matching.diagnosis.search.greedy_search",
-    "matching.diagnosis.search.refinement",
-    "matching.diagnosis.verdict.result",
     "matching.frequency.beds.closed_loop",
     "matching.frequency.beds.tuner",
     "matching.frequency.independent.beds_check",
@@ -31,7 +23,6 @@ FILES_WITH_VAGUE_NAMES = {  # still to be gone through
     "matching.frequency.search.adapters",
     "matching.frequency.search.match",
     "matching.frequency.search.observed",
-    "matching.report.diagnosis.sentences",
     "matching.report.match.figures",
     "matching.report.match.overview_figure",
     "matching.report.match.response_figure",

@@ -163,10 +163,12 @@ class Screening:
             guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))
             by_kind[kind] = list(self._screened(kind, guesses))
             yield from by_kind[kind]
-        hopeful = HOPEFUL_SHARE * max((one.reduction for some in by_kind.values() for one in some), default=0.0)
+        hopeful = HOPEFUL_SHARE * max(
+            (candidate.reduction for some in by_kind.values() for candidate in some), default=0.0
+        )
         for kind, screened in by_kind.items():
             best: dict[str, ScreenedCandidate] = {}
-            for candidate in sorted(screened, key=lambda one: -one.reduction):
+            for candidate in sorted(screened, key=lambda candidate: -candidate.reduction):
                 best.setdefault(candidate.at, candidate)
             largest = max((candidate.reduction for candidate in best.values()), default=0.0)
             least = max(WORTHWHILE, WORTHWHILE_SHARE * largest, hopeful)

@@ -79,8 +79,8 @@ def estimates(
 def at_least(estimates: Mapping[str, Estimate], uncertainties: Mapping[str, float]) -> dict[str, Estimate]:
     """Estimates no more certain than others have them."""
     return {
-        name: replace(own, standard_uncertainty=max(own.standard_uncertainty, uncertainties.get(name, 0.0)))
-        for name, own in estimates.items()
+        name: replace(estimate, standard_uncertainty=max(estimate.standard_uncertainty, uncertainties.get(name, 0.0)))
+        for name, estimate in estimates.items()
     }
 
 

@@ -88,7 +88,7 @@ def search_causes(
             break
         state.best = grown[0]
         width = BEAM if len(state.best.causes) == 1 else 1
-        beam = [one for one in grown[:width] if one.chi_square < BEAM_RATIO * grown[0].chi_square]
+        beam = [hypothesis for hypothesis in grown[:width] if hypothesis.chi_square < BEAM_RATIO * grown[0].chi_square]
         if len(state.best.causes) == 1:
             state.rivals = [grown]
     drop_and_exchange(state, unseen, budget, progress)
@@ -97,13 +97,13 @@ def search_causes(
 
 def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: UnseenData) -> list[Hypothesis]:
     """Hypotheses, best first, from the first on that is worth its cause; that one weighted as it leaves the sensors."""
-    for index, one in enumerate(grown[:MOST_JUDGED]):
-        if not _worthwhile(state, one):
+    for index, hypothesis in enumerate(grown[:MOST_JUDGED]):
+        if not _worthwhile(state, hypothesis):
             break
-        if one.model.not_taken(one.fit):
+        if hypothesis.model.not_taken(hypothesis.fit):
             continue
-        if at_noise(one) or unseen.promises(one, state.best):
-            return [with_balanced_sensors(one), *grown[index + 1 :]]
+        if at_noise(hypothesis) or unseen.promises(hypothesis, state.best):
+            return [with_balanced_sensors(hypothesis), *grown[index + 1 :]]
     return []
 
 
@@ -115,9 +115,9 @@ def _grow(
     for parent in beam:
         node = screenings.of(parent)
         promising = [
-            one
-            for one in node.candidates
-            if one.reduction > noise_threshold and (one.kind, one.at) not in parent.places
+            candidate
+            for candidate in node.candidates
+            if candidate.reduction > noise_threshold and (candidate.kind, candidate.at) not in parent.places
         ]
         if not promising:
             continue
@@ -128,7 +128,7 @@ def _grow(
         grown += refit_candidates(parent, promising, node.screening, budget, progress, plan)
         if grown and at_noise(grown[0]):
             break
-    return distinct(sorted(grown, key=lambda one: one.cost))
+    return distinct(sorted(grown, key=lambda hypothesis: hypothesis.cost))
 
 
 def _with_pairs(
@@ -137,7 +137,7 @@ def _with_pairs(
     """Hypotheses with two causes, best first, and pairs that hide each other from a search for one at a time."""
     progress("pairs of causes")
     pairs = fitted_pairs(base, screened_pairs(node.screening, node.candidates), grown, budget)
-    return distinct(sorted([*grown, *with_sharper_friction_near_best(pairs)], key=lambda one: one.cost))
+    return distinct(sorted([*grown, *with_sharper_friction_near_best(pairs)], key=lambda hypothesis: hypothesis.cost))
 
 
 def _worthwhile(state: SearchState, child: Hypothesis) -> bool:

@@ -43,8 +43,8 @@ def screened_pairs(screening: Screening, candidates: Sequence[ScreenedCandidate]
     candidates : sequence of ScreenedCandidate
         Of ``screening``, best first.
     """
-    best = [one for one in candidates if one.guess is not None][:PAIRED]
-    rows = [_signatures(screening, one) for one in best]
+    best = [candidate for candidate in candidates if candidate.guess is not None][:PAIRED]
+    rows = [_signatures(screening, candidate) for candidate in best]
     pairs = []
     for i, j in combinations(range(len(best)), 2):
         if best[i].at == best[j].at and best[i].kind == best[j].kind:
@@ -77,11 +77,11 @@ def _pair(
         return None
     along = span.T @ screening.residual
     amplitudes = np.linalg.solve(triangle, along) / lengths
-    own = first.guess.parameters(amplitudes[: len(rows[0])])
+    parameters = first.guess.parameters(amplitudes[: len(rows[0])])
     others = second.guess.parameters(amplitudes[len(rows[0]) :])
-    if own is None or others is None:
+    if parameters is None or others is None:
         return None
-    return ScreenedPair(replace(first, parameters=own), replace(second, parameters=others), float(along @ along))
+    return ScreenedPair(replace(first, parameters=parameters), replace(second, parameters=others), float(along @ along))
 
 
 def fitted_pairs(
@@ -90,12 +90,12 @@ def fitted_pairs(
     """The most promising pairs, fitted, up to the first that a known hypothesis has: others promise less than that."""
     step = base.fit.problem.data.sampling_interval
     start = replace(base.model, bounds=base.fit.problem.bounds, values=base.fit.values, starts=())
-    places = [one.places for one in known]
+    places = [hypothesis.places for hypothesis in known]
     out: list[Hypothesis] = []
     for pair in pairs:
         model = start
-        for one in (pair.first, pair.second):
-            model = model.with_cause(one.kind, one.at, one.parameters, step)
+        for candidate in (pair.first, pair.second):
+            model = model.with_cause(candidate.kind, candidate.at, candidate.parameters, step)
         if {(cause.kind, cause.at) for cause in model.causes} in places:
             break
         if len(out) == MOST_PAIRS or not compilable([model]) or not budget.take():

@@ -53,13 +53,13 @@ class RefitBudget:
 
 def with_sharper_friction_near_best(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses, best first, those near the best with dry friction as sharp as it takes to compare them."""
-    out = sorted(hypotheses, key=lambda one: one.cost)
-    near = [i for i, one in enumerate(out[:NEAR_BEST]) if one.cost < NEAR_RATIO * out[0].cost]
+    out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
+    near = [i for i, hypothesis in enumerate(out[:NEAR_BEST]) if hypothesis.cost < NEAR_RATIO * out[0].cost]
     for i in near:
         out[i] = replace(out[i], fit=with_sharper_friction(out[i].fit))
-    out.sort(key=lambda one: one.cost)
-    out[:1] = [with_sharpest_friction(one) for one in out[:1]]
-    return sorted(out, key=lambda one: one.cost)
+    out.sort(key=lambda hypothesis: hypothesis.cost)
+    out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
+    return sorted(out, key=lambda hypothesis: hypothesis.cost)
 
 
 def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
@@ -72,19 +72,19 @@ def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
 
 def with_simpler_kinds(hypotheses: Sequence[Hypothesis], tried: set[tuple[Cause, ...]]) -> list[Hypothesis]:
     """Hypotheses, best first, and those of simpler kinds that the best and those near it may stand for."""
-    out = {one.causes: one for one in hypotheses}
-    for one in hypotheses[:NEAR_BEST]:
-        if one.cost >= NEAR_RATIO * hypotheses[0].cost or one.causes in tried:
+    out = {hypothesis.causes: hypothesis for hypothesis in hypotheses}
+    for hypothesis in hypotheses[:NEAR_BEST]:
+        if hypothesis.cost >= NEAR_RATIO * hypotheses[0].cost or hypothesis.causes in tried:
             continue
-        tried.add(one.causes)
-        for model in _simpler_models(one):
+        tried.add(hypothesis.causes)
+        for model in _simpler_models(hypothesis):
             try:
-                fit = fit_extended(model, one.fit)
+                fit = fit_extended(model, hypothesis.fit)
             except FIT_ERRORS:
                 continue
             if model.causes not in out or fit.cost < out[model.causes].fit.cost:
-                out[model.causes] = Hypothesis(model, fit, one.screened)
-    return sorted(out.values(), key=lambda one: one.cost)
+                out[model.causes] = Hypothesis(model, fit, hypothesis.screened)
+    return sorted(out.values(), key=lambda hypothesis: hypothesis.cost)
 
 
 def _simpler_models(hypothesis: Hypothesis) -> Iterator[ExtendedModel]:
@@ -111,21 +111,21 @@ def refitted_over_windows(
     motion = np.concatenate(parent.fit.problem.states(parent.fit.v))
     motion = screening.balance.added_to(parent.fit.problem.model.states, motion)
     out = list(hypotheses)
-    for one in in_local_minimum(parent, hypotheses):
-        if one.causes in tried:
+    for hypothesis in in_local_minimum(parent, hypotheses):
+        if hypothesis.causes in tried:
             continue
         if not budget.take_windows():
             break
-        tried.add(one.causes)
+        tried.add(hypothesis.causes)
         try:
-            again = _from_windows(parent, one, motion)
+            again = _from_windows(parent, hypothesis, motion)
         except FIT_ERRORS:
             continue
-        if again is not None and again.fit.cost < one.fit.cost:
-            out[out.index(one)] = again
+        if again is not None and again.fit.cost < hypothesis.fit.cost:
+            out[out.index(hypothesis)] = again
             if at_noise(again):  # nothing is left for the others to explain better
                 break
-    return sorted(out, key=lambda one: one.cost)
+    return sorted(out, key=lambda hypothesis: hypothesis.cost)
 
 
 def in_local_minimum(parent: Hypothesis, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -136,10 +136,14 @@ def in_local_minimum(parent: Hypothesis, hypotheses: Sequence[Hypothesis]) -> li
     fits worse with the right cause than without it. Of further causes that leave far more than noise only that one:
     other starts of the best few take most of the time of a search that never comes to the noise.
     """
-    near = [one for one in hypotheses[:WINDOWED_BEST] if one.fit.cost <= WINDOWED_RATIO * hypotheses[0].fit.cost]
+    near = [
+        hypothesis
+        for hypothesis in hypotheses[:WINDOWED_BEST]
+        if hypothesis.fit.cost <= WINDOWED_RATIO * hypotheses[0].fit.cost
+    ]
     if parent.causes and hypotheses[0].misfit > FAR_FROM_NOISE:
         near = []
-    promised = max(hypotheses, key=lambda one: one.screened)
+    promised = max(hypotheses, key=lambda hypothesis: hypothesis.screened)
     kept = parent.fit.cost - promised.fit.cost
     return near if kept > KEPT_PROMISE * promised.screened or promised in near else [promised, *near]
 

@@ -163,22 +163,25 @@ class Diagnosis(Displayed):
             "gain": _finite_numbers(vars(self.gain)), "fidelity": self.fidelity.to_dict() if self.fidelity else None,
             "candidates": self._candidates_to_dict(), "next_recording": self.next_recording,
             "extended_model": "extended.toml",
-            "parameters": {name: estimate_to_dict(one, self.units[name]) for name, one in self.parameters.items()},
-            "rest": [one.to_dict() for one in self.rest],
-            "discrepancy": [one.to_dict() for one in self.discrepancy],
+            "parameters": {
+                name: estimate_to_dict(estimate, self.units[name]) for name, estimate in self.parameters.items()
+            },
+            "rest": [remaining.to_dict() for remaining in self.rest],
+            "discrepancy": [curve.to_dict() for curve in self.discrepancy],
             "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:
         """Those in the place of a cause, and every other that was fitted, with why it was not taken."""
-        fitted = {(one.kind, one.at): one.to_dict() for one in self.fitted_candidates}
+        fitted = {(candidate.kind, candidate.at): candidate.to_dict() for candidate in self.fitted_candidates}
         rows = []
-        for one in self.candidates:
-            own = fitted.pop((one.kind, one.at), {"misfit_holdout": None})
-            is_cause = one.instead_of == f"{one.kind} at {place_in_words(one.at)}"
-            reason = None if is_cause else own.get("not_taken") or "rival"
+        for candidate in self.candidates:
+            row = fitted.pop((candidate.kind, candidate.at), {"misfit_holdout": None})
+            is_cause = candidate.instead_of == f"{candidate.kind} at {place_in_words(candidate.at)}"
+            reason = None if is_cause else row.get("not_taken") or "rival"
             rows.append(
-                vars(one) | {"at": place_in_file(one.at), "misfit_holdout": own["misfit_holdout"], "not_taken": reason}
+                vars(candidate)
+                | {"at": place_in_file(candidate.at), "misfit_holdout": row["misfit_holdout"], "not_taken": reason}
             )
         return rows + list(fitted.values())
 

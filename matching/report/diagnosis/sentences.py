@@ -148,7 +148,7 @@ def summary(result: Mapping[str, Any]) -> str:
             f"  the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
             f"held-out data falls from {before} to {after} of the sensors' ranges"
         )
-    at_bound = [name for name, own in result["parameters"].items() if "at the bound" in own.get("note", "")]
+    at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
     if at_bound:
         lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
     unidentified = not_identifiable(result)
