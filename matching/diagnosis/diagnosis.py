@@ -29,7 +29,7 @@ from matching.diagnosis.fitting.holdout import (
 )
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import Estimate, at_least, discretisation_shift, estimates
-from matching.diagnosis.identify_causes import best_without, identify_causes
+from matching.diagnosis.identify_causes import IdentifiedCauses, best_without, identify_causes
 from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
 from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
@@ -100,15 +100,11 @@ def diagnose(
     verdict, rest = _verdict(final, after), remaining_errors(final)
     explained = verdict == "explained"
     values = _estimates(final, fits)
-    judged = [
-        JudgedCause(cause, ratings, best_without(state, index))
-        for index, (cause, ratings) in enumerate(zip(final.causes, identified.rated, strict=True))
-    ]
-    models = [
-        ModelResiduals(judge.segments(hypothesis.fit), r)
-        for hypothesis, r in zip((base, final), residuals, strict=True)
-    ]
-    unseen = holdout_data(train.noise, models[0], models[1])
+    judged = _judged_causes(identified)
+    base_data, final_data = (
+        ModelResiduals(judge.segments(model.fit), r) for model, r in zip((base, final), residuals, strict=True)
+    )
+    unseen = holdout_data(train.noise, base_data, final_data)
     curves = discrepancy_curves(final) if rest else []
     kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
     return Diagnosis(
@@ -176,6 +172,13 @@ def _verdict(final: Hypothesis, after_holdout: np.ndarray) -> str:
     if not final.causes:
         return "adequate"
     return "unexplained" if np.nanmax(after_holdout, initial=0.0) > EXPLAINED_HOLDOUT_RATIO else "explained"
+
+
+def _judged_causes(identified: IdentifiedCauses) -> list[JudgedCause]:
+    """Every cause of the best hypothesis with its rivals, and the best hypothesis without it."""
+    state = identified.state
+    causes = zip(state.best.causes, identified.rated, strict=True)
+    return [JudgedCause(cause, ratings, best_without(state, place)) for place, (cause, ratings) in enumerate(causes)]
 
 
 def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> PlotData:

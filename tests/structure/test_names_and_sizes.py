@@ -14,7 +14,9 @@ VAGUE_NAMES = {"own", "one", "found", "seen", "told", "given"}
 FILES_WITH_VAGUE_NAMES = {  # still to be gone through
     "matching.commands.match",
     "matching.commands.verify",
+    "matching.commissioning.by_hand",
     "matching.commissioning.circle",
+    "matching.commissioning.why_short",
     "matching.commissioning.runs",
     "matching.frequency.beds.closed_loop",
     "matching.frequency.beds.tuner",
