@@ -45,6 +45,13 @@ class Quantity:
         """Whether it may be identified."""
         return self.lower is not None
 
+    def designed(self, value: float) -> Quantity:
+        """The same quantity designed with another value: its bounds stay as far from it as before, relatively."""
+        if self.lower is None or self.upper is None or self.value == 0:
+            return self.at(value)
+        ends = value * self.lower / self.value, value * self.upper / self.value
+        return Quantity(value, min(ends), max(ends))
+
     def at(self, value: float) -> Quantity:
         """The same quantity at another value; bounds widen where they must to enclose it."""
         if self.lower is None or self.upper is None:

@@ -83,8 +83,8 @@ class System(Components):
                     return part
         raise unknown(place, list(self.places()), "")
 
-    def with_values(self, values: Mapping[str, float]) -> System:
-        """The same system at other parameter values.
+    def with_values(self, values: Mapping[str, float], *, designed: bool = False) -> System:
+        """The same system at other parameter values; ``designed`` so, their ranges go with them.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class System(Components):
             if name not in self.parameters:
                 raise unknown(name, list(self.parameters), "")
         tables: dict[str, Any] = {
-            table: tuple(_with_values(part, f"{table}.{part.name}", values) for part in getattr(self, table))
+            table: tuple(_with_values(part, f"{table}.{part.name}", values, designed) for part in getattr(self, table))
             for table in TABLES_WITH_QUANTITIES
         }
         effects = tuple(_effect_with_values(effect, values) for effect in self.effects)
@@ -109,9 +109,10 @@ class System(Components):
         return display.html(self)
 
 
-def _with_values(part: Any, place: str, values: Mapping[str, float]) -> Any:
+def _with_values(part: Any, place: str, values: Mapping[str, float], designed: bool) -> Any:
+    moved = Quantity.designed if designed else Quantity.at
     changed = {
-        key: getattr(part, key).at(float(values[f"{place}.{key}"]))
+        key: moved(getattr(part, key), float(values[f"{place}.{key}"]))
         for key in QUANTITY_UNITS
         if f"{place}.{key}" in values
     }

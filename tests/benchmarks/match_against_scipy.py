@@ -102,7 +102,7 @@ class Reduced:
         own = self.problem
         self.size = len(own.moves)
         self.roots = [goal.eigenvalue for goal in own.goals]  # the last ones found, to begin from
-        self.start = np.array([scaled(move.start, move) for move in own.moves])
+        self.start = np.array([scaled(move.planned, move) for move in own.moves])
         self.response = own.loop.response.map(len(self.task.objective.vehicle))
         self.s = ca.DM(2 * np.pi * self.task.objective.frequencies).T
         self.extra = own.extra(self.added)

@@ -45,6 +45,8 @@ class Move:
     start, lower, upper : float
         In SI.
     unit : str
+    planned : float
+        Value, SI, from which a change is counted, wherever the search starts: the model's, or as the case states it.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Move:
     lower: float
     upper: float
     unit: str
+    planned: float
 
 
 @dataclass(frozen=True)

@@ -85,4 +85,4 @@ def value_of(case: Case, name: str) -> float:
 
 def _bounds(case: Case, move: Move) -> dict[str, float]:
     start = min(max(value_of(case, move.name), move.lower), move.upper)
-    return {"lower": move.lower, "upper": move.upper, "start": start}
+    return {"lower": move.lower, "upper": move.upper, "start": start, "planned": move.planned}

@@ -10,7 +10,7 @@ from typing import Any
 from matching.frequency.case.case import OBJECTIVES, Case, Compared, Target
 from matching.frequency.case.load_limits import read_limits
 from matching.frequency.case.load_loop import read_loop
-from matching.frequency.case.load_moves import read_moves
+from matching.frequency.case.load_moves import as_planned, read_moves
 from matching.frequency.case.load_operating_point import at_operating_point, rig_at_operating_point
 from matching.frequency.case.tables import table_of, text_of
 from matching.frequency.case.uncertainty import read_uncertainty
@@ -78,6 +78,8 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
     band = _band(data, where)
     limits, curve = read_limits(data, rig, where)
+    moves = read_moves(data, rig, residual, loop, where)
+    rig = as_planned(rig, moves, data)
     return Case(
         vehicle,
         rig,
@@ -88,7 +90,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         _compared(data, vehicle, rig, residual, where),
         _manoeuvre(data, rig, residual, loop, where),
         limits,
-        read_moves(data, rig, residual, loop, where),
+        moves,
         title(data, where),
         where,
         _objective(data, where),

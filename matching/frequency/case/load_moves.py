@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matching.frequency.case.case import Move
@@ -14,6 +14,8 @@ from modelling.model.mirror import mirror_image
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
 from modelling.units import to_si
+
+_KEYS = {"start", "planned", "lower", "upper"}
 
 
 def read_moves(
@@ -34,12 +36,14 @@ def read_moves(
         if name not in places:
             raise unknown(name, list(places), place)
         start, unit, together = places[name]
-        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= {"start", "lower", "upper"}:
+        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= _KEYS:
             raise InputError(
                 place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
             )
         low, high = (to_si(entry[key], unit, f"{place}.{key}") for key in ("lower", "upper"))
-        begin = to_si(entry["start"], unit, f"{place}.start") if "start" in entry else min(max(start, low), high)
+        planned = to_si(entry["planned"], unit, f"{place}.planned") if "planned" in entry else start
+        planned = min(max(planned, low), high)
+        begin = to_si(entry["start"], unit, f"{place}.start") if "start" in entry else planned
         if not low < high or not low <= begin <= high:
             raise InputError(
                 place,
@@ -51,8 +55,15 @@ def read_moves(
         taken = {other for move in made for other in move.together}
         if name in taken:
             raise InputError(place, "moves already with its mirror image", "name one of the pair")
-        made.append(Move(name, together, begin, low, high, unit))
+        made.append(Move(name, together, begin, low, high, unit, planned))
     return tuple(made)
+
+
+def as_planned(rig: System, moves: Sequence[Move], data: Mapping[str, Any]) -> System:
+    """The rig as it was planned: a tuned case brings the tuned rig, and states under ``planned`` what that was."""
+    stated = [move for move in moves if "planned" in data["move"][move.name] and move.name.startswith("rig.")]
+    planned = {name.removeprefix("rig."): move.planned for move in stated for name in move.together}
+    return rig.with_values(planned, designed=True)
 
 
 def _floor(name: str, loop: Loop) -> float:

@@ -29,7 +29,7 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
     )
     return dataclasses.replace(
         case,
-        rig=case.rig.with_values(rig),
+        rig=case.rig.with_values(rig, designed=True),
         residual_vehicle=dataclasses.replace(case.residual_vehicle, parts=parts),
         loop=case.loop.with_values(loop),
     )

@@ -88,12 +88,12 @@ def build(
     functions = _functions(loop.general, logarithmic, len(loop.fixed), bool(goals), type(objective), exact, compiled)
     common = CommonParts(functions, v, size, fixed_numbers(loop, moves))
     limits = demands.constraints(_rig_values(case, moves, v))
-    start = ca.DM([scaled(move.start, move) for move in moves])
+    planned = ca.DM([scaled(move.planned, move) for move in moves])
     parts = _Parts(
         v, extra, objective.block(common, moves, compiled),
         MarginConstraints(common, margin_points(case, extra)), EigenpairConstraints(common, goals),
         ca.vertcat(*(rows for rows, _ in limits)) if limits else ca.MX(0, 1),
-        CHANGE_WEIGHT * ca.dot(ca.DM(weights), (v[:size] - start) ** 2),
+        CHANGE_WEIGHT * ca.dot(ca.DM(weights), (v[:size] - planned) ** 2),
     )  # fmt: skip
     solver, both = _solver(parts, tight, exact)
     survey = ca.Function("survey", [v], common.over("margin", ca.MX(ca.DM(survey_points(case)))))

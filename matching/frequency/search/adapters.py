@@ -97,7 +97,7 @@ def _trade(
         as_good(part)
     tried[ordered] = error
     return AdapterTrade(
-        move.name, move.unit, move.start, ordered, (ends[0], ends[1]), error_planned, error,
+        move.name, move.unit, move.planned, ordered, (ends[0], ends[1]), error_planned, error,
         tuple(sorted(tried.items())),
     )  # fmt: skip
 

@@ -152,7 +152,7 @@ def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], li
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
     tuned, weight = solution.values.get(move.name, move.start), change_weight(part)
-    cost = CHANGE_WEIGHT * weight * (scaled(tuned, move) - scaled(move.start, move)) ** 2
+    cost = CHANGE_WEIGHT * weight * (scaled(tuned, move) - scaled(move.planned, move)) ** 2
     return ParameterResult(
         move.name, move.start, tuned, move.unit, move.lower, move.upper, weight, part, not free, change_cost=cost
     )
