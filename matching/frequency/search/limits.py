@@ -14,6 +14,7 @@ from matching.frequency.search.question import Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution
+from matching.frequency.solver.task import Solution
 from matching.frequency.verification.peaks import Violation
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
@@ -56,15 +57,23 @@ def _loop(verified: VerifiedSolution, case: Case) -> list[str]:
     if not checked.stable:
         failed = ", ".join(name for name, good in checked.checks.items() if not good)
         starts = f"none of {len(solution.starts)} starts ended in a stable loop within the bounds"
+        if solution.blind is not None:
+            starts += f", and {solution.blind[1] or 'none'} of {solution.blind[0]} settings drawn over them is stable"
         said.append(f"the closed loop is not stable ({failed})" + ("" if solution.feasible else f": {starts}"))
     said += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
     if checked.stable and not solution.feasible:
         said.append(
             f"the search found no setting within the bounds that keeps a modulus margin of "
             f"{case.limits['modulus_margin']:g}, a damping ratio of {case.limits['damping_ratio']:g} and the limits "
-            f"together; the values shown are where it began, with a margin of {checked.modulus_margin:.2f}"
+            f"together; the values shown are {_shown(solution)}, with a margin of {checked.modulus_margin:.2f}"
         )
     return said
+
+
+def _shown(solution: Solution) -> str:
+    if solution.blind is None or not solution.blind[1]:
+        return "where it began"
+    return f"the best of {solution.blind[1]} stable ones among {solution.blind[0]} drawn over the bounds"
 
 
 def _worst(broken: Sequence[Unkept]) -> list[Unkept]:

@@ -11,6 +11,7 @@ from itertools import chain, islice
 
 from matching.executors import executor_of
 from matching.frequency.programme.problem import Problem
+from matching.frequency.solver.blind import blind_draws
 from matching.frequency.solver.continuation import continued_starts, follows_targets
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.finish import finish, first_that_holds
@@ -33,7 +34,8 @@ def solve(
 ) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
 
-    What starts agree on is left again by searches from about it, and given up for what is better.
+    What starts agree on is left again by searches from about it, and given up for what is better. Where no start ends
+    in a stable loop, settings are drawn blindly over the bounds, and those that are stable are starts as well.
 
     Parameters
     ----------
@@ -75,8 +77,14 @@ def solve(
         kept.append(end)
     if kept and not task.case.loop.torqueless:
         kept.append(improved(task, problem, min(kept, key=lambda end: end.objective), seed))
+    blind = None
+    if not kept and not task.case.loop.torqueless:
+        blind = blind_draws(problem, seed)
+        kept = list(stable_ends(problem, blind.stable))
     if not kept:
-        nothing = Solution(problem.values(start(problem, None)), float("nan"), objectives, False, False)
+        best = blind.stable[0] if blind and blind.stable else start(problem, None)
+        counted = (blind.drawn, len(blind.stable)) if blind else None
+        nothing = Solution(problem.values(best), float("nan"), objectives, False, False, blind=counted)
         return never_worse(task, nothing, point)
     return never_worse(task, first_that_holds(task, kept, objectives), point)
 

@@ -23,6 +23,8 @@ class Solution:
 
     ``holds`` is whether the modulus margin is kept between the frequencies of the grid, too, and ``added`` are those
     (Hz) at which it was asked for beside the grid. ``pairs`` are the goals' eigenpairs as the decision vector has them.
+    ``blind`` is how many settings were drawn over the bounds where no start led to a stable loop, and how many of them
+    are stable.
     """
 
     values: dict[str, float]
@@ -32,6 +34,7 @@ class Solution:
     holds: bool = True
     added: tuple[float, ...] = ()
     pairs: tuple[float, ...] = ()
+    blind: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

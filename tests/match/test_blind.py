@@ -1,0 +1,46 @@
+"""Where no start leads to a stable loop, stable settings are found by drawing blindly, if there are any."""
+
+from dataclasses import replace
+
+import pytest
+from match import drawn
+
+from matching.frequency.case.load import load_case
+from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.solver import solve as searching
+from matching.frequency.solver.blind import blind_draws
+from modelling.bed.structures import STRUCTURES
+from tests.match.programme import programme_of
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory):
+    """One dynamometer, feedback alone across 2 ms, gains that may be far too large: few settings are stable."""
+    case = load_case(drawn.draw(2, tmp_path_factory.mktemp("drawn")))
+    loop = replace(case.loop.with_values({"dead_time": 0.002}), structure=STRUCTURES["pi"])
+    wide = {"proportional_gain": 10, "lead_time": 0.0}
+    moves = tuple(
+        replace(move, upper=move.upper * wide.get(move.name.removeprefix("loop."), 1.0) or 0.01) for move in case.moves
+    )
+    return programme_of(replace(case, loop=loop, moves=moves))
+
+
+def test_blind_draws_find_what_is_stable(task):
+    problem = task.build(compiled=False)
+    found = blind_draws(problem, 0, 32)
+    assert 0 < len(found.stable) < found.drawn
+    for v in found.stable:
+        winding = encirclements(parts_of(apply(task.case, problem.values(v))))
+        assert winding.unstable == 0
+
+
+def test_a_search_whose_starts_all_fail_answers_with_a_stable_loop(task, monkeypatch):
+    monkeypatch.setattr(searching, "_ends", lambda *_: (end for end in [None]))
+    monkeypatch.setattr(searching, "continued_starts", lambda *_: iter(()))
+    monkeypatch.setattr(searching, "given_end", lambda _: None)
+    solution = searching.solve(task, starts=1)
+    winding = encirclements(parts_of(apply(task.case, solution.values)))
+    assert winding.unstable == 0
+    assert solution.feasible or solution.blind[1] > 0
