@@ -25,6 +25,7 @@ _ALIASES = {
     "rpm": "turn/minute", "rev": "turn", "revs": "turn", "sec": "second", "secs": "second", "metre": "meter",
     "metres": "meter", "newtonmetre": "newton*meter",
 }  # fmt: skip
+_ANGLES_AND_TIMES = ("radian", "degree", "turn", "second", "minute", "hour")
 
 
 class SpellingError(ValueError):
@@ -176,4 +177,6 @@ def _pint_name(name: str) -> str:
     if not candidates:
         raise SpellingError(f"{name} is no unit")
     prefix, unit, _ = candidates[0]
+    if unit in _ANGLES_AND_TIMES and prefix not in ("", "milli", "micro", "nano"):
+        raise SpellingError(f"{name} is no unit of an angle or a time")  # Grad is a degree, Ms or MS a millisecond
     return f"{prefix}{unit}"

@@ -19,7 +19,7 @@ TAKEN = [
     *((text, TORQUE, 1.0) for text in ("N*m", "Nm", "N.m", "N-m", "N·m")), ("kNm", TORQUE, 1e3),
 ]  # fmt: skip
 REFUSED = [
-    *((text, SPEED) for text in ("1/h", "mHz", "Bq", "1/s", "m/s")),
+    *((text, SPEED) for text in ("1/h", "mHz", "Bq", "1/s", "m/s", "Grad/s", "krad/s", "rad/Ms")),
     *((text, TORQUE) for text in ("W*s", "eV/rad", "N*m/%", "N*m/rad")),
 ]  # fmt: skip
 SI = {SPEED: 250.0, TORQUE: 40.0}  # a value that no rule on sizes objects to
