@@ -28,7 +28,7 @@ class BlindDraws:
 
 def blind_draws(problem: Problem, seed: int, draws: int = DRAWS) -> BlindDraws:
     """Draw settings by a Sobol sequence until enough are stable: by poles, then by encirclements on the exact loop."""
-    size, found = len(problem.moves), list[tuple[float, np.ndarray]]()
+    size, stable_starts = len(problem.moves), list[tuple[float, np.ndarray]]()
     eigenpairs = start(problem, None)[size:]
     points = scipy.stats.qmc.Sobol(size, seed=np.random.default_rng([seed, draws])).random_base2(
         (draws - 1).bit_length()
@@ -42,8 +42,8 @@ def blind_draws(problem: Problem, seed: int, draws: int = DRAWS) -> BlindDraws:
         if resting_and_right(poles, neutral_motions(parts))[1]:
             continue
         margin, _, stable = check(problem, v)
-        found += [(margin, v)] if stable else []
-        if len(found) == ENOUGH:
+        stable_starts += [(margin, v)] if stable else []
+        if len(stable_starts) == ENOUGH:
             break
-    found.sort(key=lambda pair: -pair[0])
-    return BlindDraws(drawn, tuple(v for _, v in found))
+    stable_starts.sort(key=lambda pair: -pair[0])
+    return BlindDraws(drawn, tuple(v for _, v in stable_starts))
