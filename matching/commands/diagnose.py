@@ -59,14 +59,16 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
         tell("report")
         from matching.report.common.style import image
+        from matching.report.curves.acting_axes import acting
         from matching.report.diagnosis.figures import figures
         from matching.report.diagnosis.page import content, page
 
-        drawn = {name: image(figure) for name, figure in figures(diagnosis, system).items()}
+        figures_by_name = figures(diagnosis, system)
+        drawn = {name: image(figure) for name, figure in figures_by_name.items()}
     result = content(diagnosis)
     units = {sensor.name: sensor.unit for sensor in system.sensors}
     files: dict[str, str | bytes] = {"extended.toml": dumps(diagnosis.extended)}
-    files["report.html"] = page(result, system.title, units, drawn)
+    files["report.html"] = page(result, system.title, units, drawn, acting(figures_by_name))
     files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
     return write_results(arguments.out, "diagnosis.json", result, files)
 

@@ -39,33 +39,43 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import cores, steps
-    from matching.frequency.case.case_file import case_files
+    from matching.aside import beside
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
-    from matching.report.common.provenance import provenance
-    from matching.report.common.style import image
-    from matching.report.curves.curve_data import curve_data
-    from matching.report.curves.moving_figures import moving_figures
-    from matching.report.match.figures import figures
-    from matching.report.match.page import page
-    from matching.report.match.text import content
     from modelling.common.output import write_results
 
-    case = load_case(arguments.case)
+    case, workers = load_case(arguments.case), arguments.workers or cores()
     beds = arguments.beds
     if beds is None and not case.loop.structure.is_observer:
         beds = BEDS_OF_FEEDBACK
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
-    with steps("match") as tell:
-        found = match(case, arguments.seed, progress=tell, workers=arguments.workers or cores(), beds=beds, **effort)
-    made = provenance(found.case, arguments.seed)
-    result = content(found) | {"made_by": made.to_dict()}
-    drawn = {name: image(figure) for name, figure in figures(found).items()}
-    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, moving_figures(found), curve_data(found))}
-    files |= {f"figures/{name}.svg": own for name, own in drawn.items()}
-    files |= case_files(found.tuned)
+    with beside(workers) as aside:
+        aside.prepare("matching.frequency.search.match", "matching.report.match.figures")
+        with steps("match") as tell:
+            found = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
+        result, files = _written(found, arguments.seed, aside)
     written = write_results(arguments.out, "result.json", result, files)
     return written | {"report": str(Path(arguments.out) / "report.html")}
+
+
+def _written(found: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+    """Result and files by name; the figures are drawn aside, from the first on, and here, from the last on."""
+    from matching.frequency.case.case_file import case_files
+    from matching.report.common.provenance import provenance
+    from matching.report.curves.curve_data import curve_data
+    from matching.report.curves.moving_figures import moving_figures
+    from matching.report.match.figures import drawers, svg
+    from matching.report.match.page import page
+    from matching.report.match.text import content
+
+    tasks = {name: aside.begin(svg, found, name) for name in drawers(found)}
+    made = provenance(found.case, seed)
+    result = content(found) | {"made_by": made.to_dict()}
+    acting, curves = moving_figures(found), curve_data(found)
+    drawn = {name: tasks[name].result() for name in reversed(tasks)}
+    drawn = {name: drawn[name] for name in tasks}
+    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, acting, curves)}
+    return result, files | {f"figures/{name}.svg": image for name, image in drawn.items()} | case_files(found.tuned)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -66,6 +66,7 @@ def _judged(
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
     from matching.report.common.style import image
+    from matching.report.curves.acting_axes import acting
     from modelling.common.output import write_results
 
     found = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
@@ -74,8 +75,9 @@ def _judged(
         with steps("verify") as tell:
             reason = why_short(case, found, recordings, channels, tell)
         result["diagnosis"] = None if reason is None else reason.to_dict()
-    drawn = {"responses": image(responses(found))}
-    files: dict[str, str | bytes] = {"report.html": page(result, drawn)}
+    figure = responses(found)
+    drawn = {"responses": image(figure)}
+    files: dict[str, str | bytes] = {"report.html": page(result, drawn, acting({"responses": figure}))}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import scipy
 
+from modelling.bed.blocks import ControllerBlock
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.residual_vehicle import ResidualVehicle
@@ -70,6 +71,8 @@ class ControlStructure(ABC):
         One sentence for help and pages.
     quantities : dict of str to LoopQuantity
         What may be tuned of it.
+    blocks : tuple of ControllerBlock
+        The controller of one dynamometer; every one of ``quantities`` is entered in one of them.
     has_feed_forward : bool
         Whether :meth:`feed_forward` gives one.
     is_observer : bool
@@ -81,6 +84,7 @@ class ControlStructure(ABC):
     name: str
     summary: str
     quantities: Mapping[str, LoopQuantity]
+    blocks: tuple[ControllerBlock, ...] = ()
     has_feed_forward: bool = False
     is_observer: bool = False
     further_starts: tuple[Mapping[str, float], ...] = ()

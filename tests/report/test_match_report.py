@@ -13,9 +13,9 @@ from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.report.common.mathml import equations
 from matching.report.common.style import MATCHED, RIG, VEHICLE, image
+from matching.report.controller.margin_figure import frequencies_around, return_difference
 from matching.report.match.checks import checks, needs, signals
 from matching.report.match.figures import CAPTIONS, figures, overview
-from matching.report.match.margin_figure import frequencies_around, return_difference
 from matching.report.match.page import page
 from matching.report.match.text import content, summary
 from modelling.common.output import strict_json

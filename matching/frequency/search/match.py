@@ -6,9 +6,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+from matching.aside import Aside
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
+from matching.frequency.in_time.table import truth_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.build import CHANGE_WEIGHT
 from matching.frequency.programme.scaling import scaled
@@ -33,9 +35,10 @@ LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start st
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 
+# more than six parameters: what the options of the command say, the map's start, and a process beside this one
 def match(
     case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
-    near: Near | None = None, beds: int | None = None,  # what the options of the command say, and the map's start
+    near: Near | None = None, beds: int | None = None, aside: Aside | None = None,
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
@@ -56,6 +59,8 @@ def match(
     beds : int, optional
         Fresh beds drawn from the case's box that judge the result; 200 of an observer unless given, none of a feedback
         law.
+    aside : Aside, optional
+        Works out ``in_time`` beside the verification; without it only where somebody asks for it.
 
     Returns
     -------
@@ -78,20 +83,28 @@ def match(
     tell("vehicle, rig and manoeuvre")
     if case.loop.structure.is_observer:
         effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
-        return _with_simple_vehicle(match_with_observer(question, seed, tell, effort), simple)
-    found = solve_and_verify(question, SearchEffort(seed, starts, workers, tell, near))
-    found, adapters = (found, ()) if near else settle_adapters(question, found)
+        return _with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)
+    result = _match_with_feedback(question, SearchEffort(seed, starts, workers, tell, near), beds, aside)
+    return _with_simple_vehicle(replace(result, seconds=time.perf_counter() - begin), simple)
+
+
+def _match_with_feedback(
+    question: Question, effort: SearchEffort, beds: int | None, aside: Aside | None
+) -> MatchResult:
+    found = solve_and_verify(question, effort)
+    found, adapters = (found, ()) if effort.near else settle_adapters(question, found)
+    in_time = None if aside is None else aside.begin(truth_of, found.tuned)
     targets = target_results(question, found.checked)
-    relaxed = Relaxations() if near else relaxations(question, found, targets)
-    stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(case)]
+    relaxed = Relaxations() if effort.near else relaxations(question, found, targets)
+    stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(question.case)]
     errors = errors_with_bounds(found.tuned, found.checked.errors)
-    robust = None if beds is None else on_drawn_beds(found.tuned, found.checked, beds, seed)
-    stands += [] if robust is None else not_kept(case, robust)
-    tell("bound and curves")
+    robust = None if beds is None else on_drawn_beds(found.tuned, found.checked, beds, effort.seed)
+    stands += [] if robust is None else not_kept(question.case, robust)
+    effort.tell("bound and curves")
     result = _result(question, found, targets, stands, errors)
-    notes = (*result.notes, *([] if robust is None else noted(case, robust)))
-    result = replace(result, notes=notes, adapters=adapters, robust=robust, seconds=time.perf_counter() - begin)
-    return _with_simple_vehicle(result, simple)
+    notes = (*result.notes, *([] if robust is None else noted(question.case, robust)))
+    simulated = None if in_time is None else in_time.result()
+    return replace(result, notes=notes, adapters=adapters, robust=robust, simulated_in_time=simulated)
 
 
 def _with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> MatchResult:

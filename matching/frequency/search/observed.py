@@ -6,10 +6,12 @@ import time
 
 import numpy as np
 
+from matching.aside import Aside
 from matching.frequency.beds.tune import TuningEffort, tuned_weights
 from matching.frequency.beds.tuner import tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.tuned import apply
+from matching.frequency.in_time.table import truth_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.response.observed import ObservedBed
@@ -31,8 +33,8 @@ AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer
 
 
 def match_with_observer(
-    question: Question, seed: int, tell: Progress, effort: TuningEffort | None = None
-) -> MatchResult:  # fmt: skip
+    question: Question, seed: int, tell: Progress, effort: TuningEffort | None = None, aside: Aside | None = None
+) -> MatchResult:
     """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
 
     Raises
@@ -46,6 +48,7 @@ def match_with_observer(
     weights, cost = tuned_weights(search, effort)
     tell("weights")
     tuned = apply(case, {f"loop.{name}": value for name, value in weights.items()})
+    in_time = None if aside is None else aside.begin(truth_of, tuned)
     robust = verify_observer(tuned, case.rig, seed=seed, beds=effort.fresh)
     checked = robust.verification
     tell("verification on fresh beds")
@@ -78,6 +81,7 @@ def match_with_observer(
         curves=curves_of(ObservedBed(tuned, parts_of(tuned, untuned=case.rig), controller_of(tuned))),
         verification=checked,
         objective=cost,
+        simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
         robust=robust,
     )

@@ -14,7 +14,7 @@ CAPTIONS = {
 }
 
 
-def page(result: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def page(result: Mapping[str, Any], images: Mapping[str, bytes], moving: Mapping[str, str] | None = None) -> str:
     """The page as HTML.
 
     Parameters
@@ -23,6 +23,8 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         The content of ``verification.json``.
     images : mapping of str to bytes
         The figure ``responses``.
+    moving : mapping of str to str, optional
+        The same figure to act in the browser, as :func:`matching.report.curves.acting_axes.acting` has it.
     """
     values = {
         "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
@@ -43,6 +45,7 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         "diagnosis": why(result),
         "figures": {name: embedded(content) for name, content in images.items()},
         "captions": CAPTIONS,
+        "moving": moving or {},
     }
     return environment().get_template("bed_test.html").render(values)
 

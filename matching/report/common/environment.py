@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import base64
 import functools
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from matching.report.common.wording import component, hertz, number, practical, unit
+
+READABLE = " ,;:/?@=+$()*!.-_~|"  # letters and signs that a data URI in quotation marks may hold as they are
 
 
 @functools.cache
@@ -28,3 +31,8 @@ def embedded(content: bytes) -> str:
     """A figure as a data URI, so that the page needs no other file."""
     kind = "png" if content.startswith(b"\x89PNG") else "svg+xml"
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def in_address(text: str, kind: str) -> str:
+    """A text of some kind as a data URI: a sixth shorter than with base64."""
+    return f"data:{kind};charset=utf-8,{quote(text, safe=READABLE)}"

@@ -10,10 +10,10 @@ from warnings import catch_warnings, simplefilter
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.category import StrCategoryFormatter
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter
+
+from matching.report.common.powers import write_powers_plainly
+from matching.report.common.ticks import ticks_kept
 
 # Colours of Okabe and Ito (2008), which colour-blind readers tell apart.
 VEHICLE = "#0072B2"
@@ -40,8 +40,20 @@ SETTINGS: Any = {
     "axes.axisbelow": True,
     "axes.prop_cycle": f"cycler('color', {list(CURVE_COLOURS)})",
     "legend.frameon": False,
+    "svg.fonttype": "none",  # texts as texts: a third smaller than outlines of letters, and they can be searched
     "svg.hashsalt": "rigmatch",  # the same figure gives the same file
+    "axes.titley": 1.0,  # above the axes: no search for ticks that a title might touch
+    "text.parse_math": False,  # no $ in a user's title or name begins a formula
 }
+
+
+class PlainFigure(Figure):
+    """A figure whose logarithmic axes have plain texts."""
+
+    def draw(self, renderer: Any) -> None:
+        """As :meth:`matplotlib.figure.Figure.draw`."""
+        write_powers_plainly(self)
+        super().draw(renderer)
 
 
 def curve(place: int) -> dict[str, Any]:
@@ -61,7 +73,7 @@ def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     width, height : float
         Inches.
     """
-    empty = Figure(figsize=(width, height), layout="constrained")
+    empty = PlainFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(empty)
     return empty
 
@@ -82,25 +94,14 @@ def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = N
         Entries by Matplotlib's names for the kind of file (``Title``, ``Source``, … for SVG; any for PNG).
     """
     buffer = io.BytesIO()
-    with styled(), catch_warnings():
+    with styled(), catch_warnings(), ticks_kept(fig):
         simplefilter("ignore", UserWarning)  # a letter that the font lacks, a title longer than the figure
-        _take_texts_as_written(fig)
+        write_powers_plainly(fig)
         if kind == "svg":
             _write_svg(fig, buffer, {"Date": None, **(metadata or {})})
         else:
             fig.savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=dict(metadata) if metadata else None)
     return buffer.getvalue()
-
-
-def _take_texts_as_written(fig: Figure) -> None:
-    """No ``$`` in a user's title or name begins a formula; the numbers at logarithmic axes are the only formulas."""
-    for axes in fig.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if isinstance(axis.get_major_formatter(), StrCategoryFormatter | FixedFormatter):
-                axis.get_ticklabels()  # places the names at the axis, so that they are found below
-    for text in fig.findobj(Text):
-        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
-            text.set_parse_math(False)
 
 
 def _write_svg(fig: Figure, buffer: io.BytesIO, metadata: Mapping[str, str | None]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.frequency.search.result import MatchResult
 from matching.report.match.checks import signals
-from matching.report.match.response_figure import curves_of
+from matching.report.responses.response_figure import curves_of
 
 DIGITS = 7  # of every number
 

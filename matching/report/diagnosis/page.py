@@ -36,7 +36,10 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
     return {"answer": answer(result), **result}
 
 
-def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes]) -> str:
+def page(
+    result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes],
+    moving: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
     """The page as HTML.
 
     Parameters
@@ -49,6 +52,8 @@ def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images
         SI unit of every sensor.
     images : mapping of str to bytes
         Figures by the names of :func:`matching.report.diagnosis.figures.figures`.
+    moving : mapping of str to str, optional
+        Some of them to act in the browser, as :func:`matching.report.curves.acting_axes.acting` has them.
     """
     verdict, causes = result["verdict"], result["causes"]
     values = {
@@ -72,6 +77,7 @@ def page(result: Mapping[str, Any], title: str, units: Mapping[str, str], images
         "notes": result["notes"],
         "figures": {name: embedded(image) for name, image in images.items()},
         "captions": CAPTIONS,
+        "moving": moving or {},
     }
     templates = environment()
     templates.filters["share"] = _share

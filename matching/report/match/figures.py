@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from matplotlib.figure import Figure
 
 from matching.frequency.search.result import MatchResult
 from matching.report.beds.figure import beds_figure
+from matching.report.common.style import image
+from matching.report.controller.margin_figure import margin_figure
+from matching.report.controller.sensitivity_figure import sensitivity, sensitivity_figure
 from matching.report.drawing.figures import case_figure
 from matching.report.drawing.layout import MOST_INERTIAS
 from matching.report.match.checks import in_time_signals, signals, wrong_values
-from matching.report.match.margin_figure import margin_figure
 from matching.report.match.modes_figure import match_modes_figure
 from matching.report.match.overview_figure import overview_figure
 from matching.report.match.quantity_figure import quantity_figure, trade_figure
-from matching.report.match.response_figure import response_figure
 from matching.report.match.robustness_figure import robustness_figure
 from matching.report.match.trace_figure import trace_figure
+from matching.report.responses.error_figure import error_figure
+from matching.report.responses.response_figure import response_figure
 
 CAPTIONS = {
     "drivetrain": "Vehicle and rig. Dashed: the cut; hatched: the residual vehicle, which the dynamometers emulate.",
@@ -27,6 +32,9 @@ CAPTIONS = {
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
     "in_time": "A bed with everything wrong at once, the worst of those drawn, beside the nonlinear vehicle with the "
     "same specimen. Dotted: the controller does not measure the torque.",
+    "errors": "Response error of every compared function. Dashed: what the case allows.",
+    "sensitivity": "Sensitivity S and complementary sensitivity T of the feedback loop on the bed as planned. Grey: "
+    "the limits, each from the frequency on from which it counts.",
     "margin": "Distance of the feedback loop from instability, with the exact dead time.",
     "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
     "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
@@ -41,27 +49,53 @@ def overview(result: MatchResult) -> Figure:
     return overview_figure(result, signals(result))
 
 
-def figures(result: MatchResult) -> dict[str, Figure]:
-    """All figures of a match; those for which there is nothing to show are left out."""
-    modes = [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
-    made = {
-        "overview": overview(result),
-        "modes": match_modes_figure(result),
-        "responses": response_figure(result),
+def drawn_modes(result: MatchResult) -> list[float]:
+    """Frequencies in Hz around which curves of the loop need a dense grid."""
+    return [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
+
+
+def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure of a match, by name; those for which there is nothing to show are left out."""
+    case, tuned = result.case, result.tuned
+    made: dict[str, Callable[[], Figure]] = {
+        "overview": lambda: overview(result),
+        "modes": lambda: match_modes_figure(result),
+        "responses": lambda: response_figure(result),
+        "errors": lambda: error_figure(result),
     }
-    if shown := signals(result):
-        made["manoeuvre"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
-    if shown := in_time_signals(result):
-        made["in_time"] = trace_figure(shown, min(own.at for own in result.case.manoeuvre.values()))
-    made["margin"] = margin_figure(result.tuned, modes)
-    if max(len(system.inertias) for system in (result.case.vehicle, result.case.rig)) <= MOST_INERTIAS:
-        made["drivetrain"] = case_figure(result.tuned)
+    begins = min((torque.at for torque in case.manoeuvre.values()), default=0.0)
+    if of_manoeuvre := signals(result):
+        made["manoeuvre"] = lambda: trace_figure(of_manoeuvre, begins)
+    if of_worst_bed := in_time_signals(result):
+        made["in_time"] = lambda: trace_figure(of_worst_bed, begins)
+    frequencies = drawn_modes(result)
+    made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies))
+    made["margin"] = lambda: margin_figure(tuned, frequencies)
+    if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
+        made["drivetrain"] = lambda: case_figure(tuned)
     if result.robust and result.robust.beds.unmeasured:
-        made["beds"] = beds_figure(result.robust.beds, result.case.unmeasured_tolerance)
+        beds = result.robust.beds
+        made["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
     if result.parameters:
-        made["quantities"] = quantity_figure(result)
+        made["quantities"] = lambda: quantity_figure(result)
     if result.adapters:
-        made["trade"] = trade_figure(result.adapters)
+        made["trade"] = lambda: trade_figure(result.adapters)
     if wrong := wrong_values(result):
-        made["robustness"] = robustness_figure(wrong, result.response_error.after)
+        made["robustness"] = lambda: robustness_figure(wrong, result.response_error.after)
     return made
+
+
+def figures(result: MatchResult) -> dict[str, Figure]:
+    """All figures of a match by name."""
+    return {name: draw() for name, draw in drawers(result).items()}
+
+
+def svg(result: MatchResult, name: str) -> bytes:
+    """The file of one figure.
+
+    Raises
+    ------
+    KeyError
+        If the match has no such figure.
+    """
+    return image(drawers(result)[name]())

@@ -13,8 +13,8 @@ from matching.frequency.search.result import MatchResult, TargetResult
 from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import MATCHED, RIG, VEHICLE, figure, styled
 from matching.report.common.wording import hertz
-from matching.report.match.response_figure import curves_of, magnitude, magnitude_label
 from matching.report.match.trace_figure import Signal, trace
+from matching.report.responses.response_figure import curves_of, magnitude, magnitude_label
 
 
 def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from typing import Any
 
-from matching.frequency.search.result import MatchResult, ParameterResult
+from matching.frequency.search.result import MatchResult
 from matching.report.beds.requirement_rows import error_rows, requirement_rows
-from matching.report.common.environment import embedded, environment
+from matching.report.common.environment import embedded, environment, in_address
 from matching.report.common.mathml import LEGEND, equations
 from matching.report.common.provenance import Provenance
 from matching.report.common.style import RIG, VEHICLE
 from matching.report.common.wording import amount, change, component, number, sentence
+from matching.report.controller.diagram import EnteredNumber, block_diagram
 from matching.report.in_time.in_words import in_time_table
-from matching.report.match.checks import checks, needs, wrong_values
+from matching.report.match.checks import checks, needs
 from matching.report.match.fidelity_rows import fidelity_rows
 from matching.report.match.figures import CAPTIONS
+from matching.report.match.first_screen import (
+    SAME_RELATIVE,
+    adapters_of,
+    measured_inputs,
+    to_enter,
+    to_order,
+    to_watch,
+    why_these_values,
+)
 from matching.report.match.modes_figure import nearest
 from matching.report.match.text import answer, content, operating_point
 from matching.report.modes.animation import ModeAnimation
@@ -28,9 +37,7 @@ DEAD_TIME = (
     "torque that steps at an unforeseeable moment is always answered late. The lower bound is the error of the best "
     "command that knows every state and every measured torque but nothing of the future."
 )
-SAME_RELATIVE = 1e-9  # values that differ by no more count as equal
 NEAR_BEST = 0.01  # relative: starts that end this near to the best objective count as agreeing
-MOST_POINTS = 4  # of a list on the first screen
 
 
 def page(
@@ -60,7 +67,7 @@ def page(
 
 def _addresses(data: Mapping[str, str]) -> dict[str, str]:
     """Tables as addresses from which a browser saves them."""
-    return {name: f"data:text/csv;base64,{base64.b64encode(text.encode()).decode()}" for name, text in data.items()}
+    return {name: in_address(text, "text/csv") for name, text in data.items()}
 
 
 def summary_html(result: MatchResult) -> str:
@@ -77,7 +84,7 @@ def summary_html(result: MatchResult) -> str:
 
 def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
     """Values of the template."""
-    tuned, error = result.tuned, result.response_error
+    tuned, error, residual = result.tuned, result.response_error, _residual(result)
     return {
         "title": result.case.title or "Match of a test bed to a vehicle",
         "status": result.status,
@@ -91,10 +98,12 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
         "explanations": [*_explanations(result), DEAD_TIME],
-        "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in _adapters(result)],
+        "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in adapters_of(result)],
         "trades": {trade.name: trade for trade in result.adapters},
-        "to_order": _to_order(result),
-        "to_watch": _to_watch(result),
+        "to_order": to_order(result),
+        "to_enter": to_enter(result),
+        "why_these_values": why_these_values(result),
+        "to_watch": to_watch(result),
         "needs": needs(result),
         "operating_point": operating_point(content(result)),
         "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in tuned.manoeuvre.items()]),
@@ -104,7 +113,8 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "unmeasured_note": "estimated by the observer" if tuned.loop.structure.is_observer else "feedback alone",
         "has_feed_forward": tuned.loop.structure.has_feed_forward,
         **_loop(result),
-        "residual": _residual(result),
+        "residual": residual,
+        "diagram": block_diagram(tuned.loop, _entries(residual)),
         "frozen": [row for row in result.parameters if row.frozen],
         "checks": checks(result),
         "search": _search(result),
@@ -113,53 +123,6 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "captions": CAPTIONS,
         **_equations(result),
     }
-
-
-def _adapters(result: MatchResult) -> list[ParameterResult]:
-    return [row for row in result.parameters if row.name.startswith("rig.")]
-
-
-def _to_order(result: MatchResult) -> list[str]:
-    """What to order, in short."""
-    adapters = _adapters(result)
-    changed = [row for row in adapters if abs(row.tuned - row.start) > SAME_RELATIVE * abs(row.start)]
-    orders = [
-        f"{component(row.name)}: {amount(row.tuned, row.unit)} instead of {amount(row.start, row.unit)}"
-        + (" (at its bound)" if row.at_bound else "")
-        for row in changed[:MOST_POINTS]
-    ]
-    gain = next((trade for trade in result.adapters if trade.error_as_planned is not None), None)
-    if changed and gain is not None and gain.error_as_planned is not None:
-        orders.append(
-            f"for unmeasured torques the response error is then {number(gain.error_as_ordered, 2)} instead of "
-            f"{number(gain.error_as_planned, 2)} with the bed as planned"
-        )
-    if adapters and not changed:
-        orders = ["adapters as planned: no change of them helps"]
-    return orders or ["adapters as planned: none was allowed to change"]
-
-
-def _to_watch(result: MatchResult) -> list[str]:
-    """What limits the match or may spoil it, most important first."""
-    points = list(result.limits[1:])
-    points += [f"check failed: {check.what}: {check.outcome}" for check in checks(result) if not check.holds]
-    error = result.response_error
-    if _measured(result):
-        points.append(
-            f"response error {number(error.after, 2)} holds for measured torques; for unmeasured ones it is "
-            f"{number(error.unmeasured, 2)}"
-        )
-    wrong = wrong_values(result)
-    unstable = [f"{row.name} {row.off}" for row in wrong if not row.stable]
-    if unstable:
-        points.append(f"the loop becomes unstable with {sentence(unstable[:MOST_POINTS])}")
-    known = [row for row in wrong if row.stable and row.error is not None]
-    worst = max(known, key=lambda row: row.error or 0.0, default=None)
-    if worst is not None and (worst.error or 0.0) > error.after:
-        points.append(
-            f"{component(worst.name)} must be known best: {worst.off} makes the response error {number(worst.error, 2)}"
-        )
-    return points[:MOST_POINTS] or ["nothing: every check passed"]
 
 
 def _animations(result: MatchResult) -> list[str]:
@@ -173,22 +136,13 @@ def _animations(result: MatchResult) -> list[str]:
     return drawings
 
 
-def _measured(result: MatchResult) -> list[str]:
-    """Compared inputs whose torque the feed-forward takes as measured."""
-    loop = result.tuned.loop
-    simulated = [source.name for part in result.tuned.residual_vehicle.parts for source in part.inputs]
-    measured = loop.structure.measured_inputs(loop.measured, simulated)
-    compared = dict.fromkeys(pair.input for pair in result.case.compared)
-    return [name for name in compared if name in measured]
-
-
 def _measured_note(result: MatchResult) -> str:
-    names = _measured(result)
+    names = measured_inputs(result)
     return f"{sentence([name.replace('_', ' ') for name in names])} measured" if names else "feedback alone"
 
 
 def _explanations(result: MatchResult) -> list[str]:
-    names = _measured(result)
+    names = measured_inputs(result)
     error = result.response_error
     if not names:
         return ["No torque is measured for a feed-forward: these errors are those of feedback alone."]
@@ -225,6 +179,11 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
             row = {"name": name, "value": quantity.value, "unit": part.units[name], "vehicle": in_vehicle}
             rows.append(row | {"moved": moved})
     return rows
+
+
+def _entries(residual: list[dict[str, Any]]) -> list[EnteredNumber]:
+    """Values of the residual vehicle for the diagram."""
+    return [EnteredNumber(component(row["name"]), amount(row["value"], row["unit"], 5)) for row in residual]
 
 
 def _manoeuvre(name: str, torque: Any) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from matching.report.common.decimation import decimated
 from matching.report.common.line_styles import LINES, legend_above
 from matching.report.common.style import LIMIT, figure, styled
 
@@ -62,7 +63,7 @@ def trace(axes: Any, signal: Signal, window: tuple[float, float] | None = None) 
         inside = (signal.time >= window[0]) & (signal.time <= window[1])
     time = signal.time[inside]
     for name, values in signal.curves.items():
-        axes.plot(time, values[inside], **LINES[name])
+        axes.plot(*decimated(time, values[inside]), **LINES[name])
     axes.set_xlim(time[0], time[-1])
     axes.set_ylabel(signal.label)
     axes.set_title(signal.title, fontsize=9)

@@ -11,12 +11,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from modelling.bed.blocks import ControllerBlock
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.feed_forward_design import design_feed_forward
 from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import ResidualVehicle
-from modelling.bed.structures.pi import PI
+from modelling.bed.structures.pi import BLOCKS, PI
 from modelling.model.system import System
+
+FEED_FORWARD = ControllerBlock(
+    "Model of rig and vehicle, predicted across the dead time",
+    "command; the feedback below acts on how far readings deviate from the model",
+    takes=("measured torques",),
+)
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,7 @@ class ModelBased(PI):
 
     name = "model_based"
     summary = "model-based feed-forward of measured torques, predicted across the dead time, with the feedback of pi"
+    blocks = (FEED_FORWARD, *BLOCKS)
     has_feed_forward = True
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from modelling.bed.blocks import ControllerBlock
 from modelling.bed.loop import ControlStructure, Loop, LoopQuantity
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import design
@@ -38,6 +39,22 @@ LONG_DEAD_TIME = {
     "further_sensor_noise": 0.035,
 }  # fmt: skip
 
+BLOCKS = (
+    ControllerBlock(
+        "Kalman filter", "states and unmeasured torques now",
+        takes=("flange torque", "rotor speed", "further sensors", "measured torques"),
+        quantities=(
+            "torque_drift", "dynamometer_drift", "dynamometer_noise", "torque_sensor_noise", "rotor_speed_noise",
+            "further_sensor_noise",
+        ),
+        holds_residual_vehicle=True,
+    ),
+    ControllerBlock(
+        "Prediction across the dead time", "the same when the command acts", takes=("commands on their way",)
+    ),
+    ControllerBlock("State feedback", "command", quantities=("command_weight", "command_change_weight")),
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Observer(ControlStructure):
@@ -46,6 +63,7 @@ class Observer(ControlStructure):
     name = "observer"
     summary = "feed-forward of measured torques, disturbance observer for all others, prediction across the dead time"
     quantities = QUANTITIES
+    blocks = BLOCKS
     is_observer = True
     further_starts = (LONG_DEAD_TIME,)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from modelling.bed.blocks import ControllerBlock
 from modelling.bed.loop import ControlStructure, Loop, LoopQuantity
 from modelling.linear.state_space import StateSpace
 from modelling.model.system import System
@@ -27,6 +28,18 @@ QUANTITIES = {
     ),
     "lead_time": LoopQuantity("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
 }
+BLOCKS: tuple[ControllerBlock, ...] = (
+    ControllerBlock("Residual vehicle", "reference speed", takes=("flange torque",), holds_residual_vehicle=True),
+    ControllerBlock(
+        "Speed control", "torque for the speed error", takes=("rotor speed",),
+        quantities=("proportional_gain", "integral_gain"),
+    ),
+    ControllerBlock(
+        "Feed-forward", "torque wanted", takes=("flange torque", "reference's acceleration"),
+        quantities=("torque_feed_forward", "acceleration_feed_forward"),
+    ),
+    ControllerBlock("Lead", "command", quantities=("lead_time",)),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -36,6 +49,7 @@ class PI(ControlStructure):
     name = "pi"
     summary = "feedback alone: speed control with torque and acceleration feed-forward and a lead"
     quantities = QUANTITIES
+    blocks: tuple[ControllerBlock, ...] = BLOCKS
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:
         """Unless every gain is 0."""

@@ -19,7 +19,7 @@ from matching.report.common.style import LIMIT, MATCHED, figure, styled
 from matching.report.common.wording import number
 
 LOWEST_HZ, HIGHEST_HZ = 1e-2, 500.0  # below, only the integrator acts; above, the loop gain is negligible
-POINTS = 4000
+POINTS = 2000
 
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:

@@ -1,0 +1,62 @@
+"""Figures of Bokeh for a page: one look, and scripts and elements that need no network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+HEIGHT_PX = 260
+NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
+
+
+def acting_figure(title: str, x: str, y: str, **options: Any) -> Any:
+    """An empty figure with pan, zoom, reading of values and saving; ``x`` and ``y`` are its labels."""
+    from bokeh.models import HoverTool
+    from bokeh.plotting import figure
+
+    fig = figure(
+        title=title, x_axis_label=x, y_axis_label=y, height=HEIGHT_PX, sizing_mode="stretch_width",
+        tools="pan,wheel_zoom,box_zoom,reset,save", toolbar_location="above", **options,
+    )  # fmt: skip
+    fig.toolbar.logo = None
+    fig.toolbar.active_scroll = None
+    tips = [
+        ("", "$name"),
+        ("x", f"@x{{0.0000}} {x.rpartition(' in ')[2] if ' in ' in x else ''}"),
+        ("y", "@y{0.00000}"),
+    ]
+    fig.add_tools(HoverTool(tooltips=tips, mode="vline"))
+    return fig
+
+
+def place_legend(fig: Any) -> None:
+    """Below the figure, where it hides no curve on a narrow screen; a click hides or shows a curve."""
+    if not fig.legend:
+        return
+    legend = fig.legend[0]
+    legend.update(click_policy="hide", ncols=2, label_text_font_size="12px", border_line_color=None, margin=2)
+    fig.add_layout(legend, "below")
+
+
+def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool = False) -> dict[str, str]:
+    """Scripts and elements by name; ``library`` is Bokeh itself, ``script`` what makes the elements act.
+
+    Empty where there is no panel. Panels ``side_by_side`` stand below each other only where the page is narrow.
+    """
+    from bokeh.embed import components
+    from bokeh.layouts import column, row
+    from bokeh.resources import Resources
+
+    if not panels:
+        return {}
+    drawn = {}
+    for name, figures in panels.items():
+        if len(figures) == 1 or not side_by_side:
+            drawn[name] = column(list(figures), sizing_mode="stretch_width")
+            continue
+        for panel in figures:
+            panel.min_width = NARROWEST_PX
+        wraps = {"flex-wrap": "wrap"}
+        drawn[name] = row(list(figures), sizing_mode="stretch_width", styles=wraps)
+    script, elements = components(drawn)
+    return {"library": Resources(mode="inline", components=["bokeh"]).render(), "script": script, **elements}

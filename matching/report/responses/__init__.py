@@ -1,0 +1,1 @@
+"""Frequency responses of the compared functions, and their errors."""

@@ -1,0 +1,69 @@
+"""Figures that act: the curves of a drawn figure, their peaks kept, and nothing where there is no curve."""
+
+import re
+
+import numpy as np
+import pytest
+
+from matching.report.common.decimation import decimated
+from matching.report.common.style import figure, image, styled
+from matching.report.curves.acting_axes import acting
+
+pytest.importorskip("bokeh")
+
+
+def draw():
+    with styled():
+        fig = figure(6, 4)
+        curves, dots, bars = fig.subplots(1, 3)
+        x = np.geomspace(1, 100, 40)
+        curves.loglog(x, x**2, label="vehicle")
+        curves.fill_between(x, x, x**3, alpha=0.3, label="about 95 %")
+        curves.axvline(10)
+        curves.set_xlabel("Frequency in Hz")
+        curves.set_title("motor → <speed>")
+        dots.plot(x, -x, "o", label="measured")
+        bars.bar([1, 2], [3, 4])
+    return fig
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return draw()
+
+
+def test_curves_of_axes_become_panels(drawn):
+    made = acting({"responses": drawn})
+    assert set(made) == {"library", "script", "responses"}
+    text = made["script"]
+    assert text.count('"name":"Figure"') == 2  # the bars have no curve
+    for words in ("vehicle", "about 95 %", "measured", "Frequency in Hz", "motor "):
+        assert words in text
+    assert text.count('"name":"LogScale"') == 2
+    assert "http" not in re.sub(r"xmlns\S*", "", made["responses"])
+
+
+def test_a_figure_without_curves_stays_a_picture():
+    with styled():
+        fig = figure()
+        fig.subplots().bar([1], [2])
+    assert acting({"bars": fig}) == {}
+
+
+def test_the_picture_is_the_same_with_and_without():
+    first, second = draw(), draw()
+    acting({"responses": first})
+    assert image(first) == image(second)
+
+
+def test_a_long_curve_keeps_its_peaks_and_gaps():
+    x = np.arange(1e5)
+    y = np.sin(x / 300)
+    y[54321], y[20_000:30_000] = 40.0, np.nan
+    few, values = decimated(x, y, 400)
+    assert len(few) <= 401
+    assert np.nanmax(values) == 40
+    assert few[np.nanargmax(values)] == 54321
+    assert np.isnan(values).any()
+    assert (np.diff(few) > 0).all()
+    assert decimated(x[:300], y[:300], 400)[0].tolist() == x[:300].tolist()

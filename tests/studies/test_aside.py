@@ -1,0 +1,64 @@
+"""Work beside this process: the same values wherever they are worked out, also when the other process is killed."""
+
+import os
+import signal
+from concurrent.futures import BrokenExecutor, Future
+
+import pytest
+
+from matching.aside import Aside, beside
+
+
+def work(x):
+    return os.getpid(), x * x
+
+
+def fail():
+    raise ValueError("wrong")
+
+
+class Never:
+    """A process that never comes to what it was asked for."""
+
+    def submit(self, function, *arguments):
+        return Future()
+
+
+class Gone:
+    """A process that was killed."""
+
+    def submit(self, function, *arguments):
+        promise = Future()
+        promise.set_running_or_notify_cancel()
+        promise.set_exception(BrokenExecutor("killed"))
+        return promise
+
+
+@pytest.mark.parametrize("process", [None, Never(), Gone()])
+def test_what_nobody_else_does_is_done_here(process):
+    assert Aside(process).begin(work, 3).result() == (os.getpid(), 9)
+
+
+def test_one_process_alone_begins_no_other():
+    with beside(1) as aside:
+        assert aside.begin(work, 2).result() == (os.getpid(), 4)
+
+
+def test_two_processes_share_and_errors_come_through():
+    with beside(2) as aside:
+        aside.prepare("json")
+        first = aside.begin(work, 4)
+        other = first.promise.result(60)
+        assert first.result() == other == (other[0], 16)
+        assert other[0] != os.getpid()
+        with pytest.raises(ValueError, match="wrong"):
+            aside.begin(fail).result()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
+def test_a_killed_process_costs_nothing_but_time():
+    with beside(2) as aside:
+        process, _ = aside.begin(work, 1).promise.result(60)
+        os.kill(process, signal.SIGKILL)
+        assert aside.begin(work, 5).result()[1] == 25
+        assert aside.begin(work, 6).result()[1] == 36
