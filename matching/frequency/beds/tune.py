@@ -39,7 +39,7 @@ class TuningEffort:
     pool: int = 160
     rounds: int = 6
     steps: int = 20
-    most_steps: int = 100
+    most_steps: int = 200
     scenarios: int = 2
     fresh: int = 200
 
