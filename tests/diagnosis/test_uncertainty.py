@@ -1,5 +1,6 @@
 """Uncertainties against linear least squares with a known covariance."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.signal import lfilter
 
 from matching.diagnosis.candidates import backlash_one_flank
 from matching.diagnosis.candidates.cause import Cause
+from matching.diagnosis.data.weighting import Weighting
+from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.uncertainty import (
     Estimate,
     at_least,
@@ -17,7 +20,7 @@ from matching.diagnosis.fitting.uncertainty import (
     estimates,
     inflation,
 )
-from matching.diagnosis.verdict.influence import correlated_uncertainties
+from matching.diagnosis.verdict.influence import correlated_uncertainties, shift_by_memory
 
 J = np.random.default_rng(1).standard_normal((200, 2)) * [30.0, 0.2]
 
@@ -171,3 +174,32 @@ def test_a_gap_is_known_no_better_than_the_time_of_contact(monkeypatch: pytest.M
     )
     assert found[name].standard_uncertainty == pytest.approx(2.5e-5)
     assert found["other"] == Estimate(1.0, 0.1)
+
+
+class Weighted(KnownProblem):
+    """Errors of one sensor that count as a weighting has them."""
+
+    def residuals(self, batch: np.ndarray) -> np.ndarray:
+        errors = np.array([self.function(v) for v in batch])[:, :, None]
+        if self.weighting is None:
+            return errors[:, :, 0]
+        return self.weighting.weigh(errors, np.ones(errors.shape[1:], bool))[:, :, 0]
+
+
+def test_parameters_are_as_uncertain_as_fast_and_slow_changes_disagree() -> None:
+    """A gain of 1.2 on a fast wave and of 1.0 on a slow one: with a memory nearly the former, without it the mean."""
+    time = np.arange(4000)
+    fast, slow = np.sin(2 * np.pi * time / 7), np.sin(2 * np.pi * time / 1000)
+    signal, reading = fast + slow, 1.2 * fast + slow
+    weighting = Weighting(np.array([0.99]), np.array([0.02]))
+    problem = Weighted({"a": FREE}, lambda v: reading - v[0] * signal, weighting=weighting)
+    change, target = (x[1:] - 0.99 * x[:-1] for x in (signal, reading))
+    with_memory, without = (float(x @ y / (x @ x)) for x, y in ((change, target), (signal, reading)))
+    v = np.array([with_memory])
+    residual = problem.residuals(v[None])[0]
+    fit = Fit(problem, v, residual, problem.residuals(v[None] + 1)[0][:, None] - residual[:, None], 1.0)
+    assert with_memory > 1.19
+    assert shift_by_memory(fit)[0] == pytest.approx(without - with_memory, rel=1e-3)
+    plain = fit_at(replace(problem, weighting=None), np.array([without]), -signal[:, None])
+    assert shift_by_memory(plain)[0] > 0.03  # towards the gain of the fast wave
+    assert correlated_uncertainties(fit)["a"] == pytest.approx(with_memory - without, rel=1e-3)
