@@ -202,4 +202,4 @@ def test_parameters_are_as_uncertain_as_fast_and_slow_changes_disagree() -> None
     assert shift_by_memory(fit)[0] == pytest.approx(without - with_memory, rel=1e-3)
     plain = fit_at(replace(problem, weighting=None), np.array([without]), -signal[:, None])
     assert shift_by_memory(plain)[0] > 0.03  # towards the gain of the fast wave
-    assert correlated_uncertainties(fit)["a"] == pytest.approx(with_memory - without, rel=1e-3)
+    assert correlated_uncertainties(fit)["a"] == pytest.approx((with_memory - without) / np.sqrt(3), rel=1e-3)

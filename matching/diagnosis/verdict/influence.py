@@ -38,7 +38,7 @@ def correlated_uncertainties(fit: Fit) -> dict[str, float]:
     for name, influence, moved in zip(fit.problem.free, influences(fit).T, shift, strict=False):
         square = float(influence @ influence)
         scatter = float(np.sqrt(square / effective_share(influence))) if square > 0 else 0.0
-        out[name] = max(scatter, abs(float(moved)))
+        out[name] = max(scatter, abs(float(moved)) / np.sqrt(3))  # anywhere within ±moved (JCGM 100, 4.3.7)
     return out
 
 
