@@ -52,3 +52,40 @@ def test_what_is_reached_already_needs_no_improvement():
     found = required(budget, budget.measurands[0], 1.0)
     assert (found.wanted, found.alone, found.together) == (1.0, (), None)
     assert found.present == pytest.approx(1.96 * 0.1, rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def sum_of_two():
+    """y = a + b in mm with u(a) = 4 mm, u(b) = 3 mm and k = 2: U = 2·5 mm."""
+    inputs = {
+        name: {"value": 1.0, "unit": "mm", "uncertainty": u, "distribution": "normal"}
+        for name, u in (("a", 4.0), ("b", 3.0))
+    }
+    for table in inputs.values():
+        table["expanded_uncertainty"], table["coverage_factor"] = table.pop("uncertainty"), 1.0
+    tables = {"coverage_factor": 2.0, "measurand": {"formula": "a + b", "unit": "mm"}, "inputs": inputs}
+    return budget_from_tables(tables)
+
+
+def test_what_one_input_alone_must_become(sum_of_two):
+    """U = 9 mm leaves u² = 4.5² mm²: a to √(4.5² − 3²) mm, which is nearer to what it is, or b to √(4.5² − 4²) mm."""
+    answer = required(sum_of_two, sum_of_two.measurands[0], 9e-3)
+    assert (answer.present, answer.wanted) == (pytest.approx(10e-3, rel=1e-9), 9e-3)
+    assert [improvement.needed for improvement in answer.alone] == [
+        {"a": pytest.approx(1e-3 * (4.5**2 - 3**2) ** 0.5, rel=1e-9)},
+        {"b": pytest.approx(1e-3 * (4.5**2 - 4**2) ** 0.5, rel=1e-9)},
+    ]
+    assert [improvement.reached for improvement in answer.alone] == pytest.approx([9e-3, 9e-3], rel=1e-9)
+    content = answer.to_dict()
+    assert (content["present"], content["wanted"]) == (pytest.approx(10.0, rel=1e-9), pytest.approx(9.0, rel=1e-9))
+    assert content["alone"][0]["a"]["ratio"] == pytest.approx((4.5**2 - 3**2) ** 0.5 / 4, rel=1e-9)
+
+
+def test_what_all_together_must_become(sum_of_two):
+    """U = 6 mm leaves u² = 3² mm²: no input alone suffices; both to 3/√2 mm."""
+    answer = required(sum_of_two, sum_of_two.measurands[0], 6e-3)
+    assert answer.alone == ()
+    level = pytest.approx(3e-3 / 2**0.5, rel=1e-9)
+    assert (answer.present, answer.wanted) == (pytest.approx(10e-3, rel=1e-9), 6e-3)
+    assert answer.together.needed == {"a": level, "b": level}
+    assert answer.together.reached == pytest.approx(6e-3, rel=1e-9)
