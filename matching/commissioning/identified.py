@@ -89,9 +89,14 @@ def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tup
     before = set(bed_system(case).effects)
     added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
     linear = [effect for effect in added if effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias")]
-    notes = tuple(
-        f"{effect.kind} at {effect.at} was named; the match is linear and leaves it out"
-        for effect in added
-        if effect not in linear
-    )
-    return linear, notes
+    return linear, tuple(_left_out(effect) for effect in added if effect not in linear)
+
+
+def _left_out(effect: Effect) -> str:
+    """What has to be done about an effect that the match does not take."""
+    if effect.at.startswith("sensors."):
+        return (
+            f"{effect.kind} at {effect.at} was named: mend the sensor or its time stamps, for controller and "
+            "verification take its readings as they are"
+        )
+    return f"{effect.kind} at {effect.at} was named; the match is linear and leaves it out"

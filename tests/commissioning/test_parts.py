@@ -78,7 +78,8 @@ def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
     parameters = {names[name]: Estimate(value, spread.get(name, 1e-9)) for name, value in values.items()}
     slip = Effect("slip", "shafts.side", (("coefficient", Quantity(5000.0)),))
     friction = Effect("coulomb_friction", "inertias.rotor", (("torque", Quantity(3.0)),))
-    extended = bed_system(case).with_effects(slip, friction)
+    late = Effect("sensor_delay", "sensors.motor_speed", (("delay", Quantity(0.002)),))
+    extended = bed_system(case).with_effects(slip, friction, late)
     made = identified_case(case, SimpleNamespace(parameters=parameters, extended=extended))
     new = made.case
     assert new.rig.parameters["inertias.rotor.J"].value == 0.87
@@ -94,6 +95,7 @@ def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
     linear = slip.law.linear
     assert [one.kind for one in new.rig.effects] == [one.kind for one in new.vehicle.effects] == ["slip"] * linear
     assert any("coulomb_friction" in note for note in made.notes)
+    assert any("sensor_delay at sensors.motor_speed was named: mend the sensor" in note for note in made.notes)
 
 
 def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):
