@@ -40,6 +40,9 @@ def test_curves_of_axes_become_panels(drawn):
     for words in ("vehicle", "about 95 %", "measured", "Frequency in Hz", "motor "):
         assert words in text
     assert text.count('"name":"LogScale"') == 2
+    assert not re.search(r"[0-9a-f]{8}-[0-9a-f]{4}-", made["script"] + made["responses"])  # no random names
+    assert '"acting-' in made["responses"]
+    assert re.search(r'id="(acting-\d+)"', made["responses"])[1] in text
     assert "http" not in re.sub(r"xmlns\S*", "", made["responses"])
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 HEIGHT_PX = 260
+RANDOM = re.compile(
+    r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
+)  # names that Bokeh draws: the same page twice differs
 NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
 
 
@@ -59,4 +63,10 @@ def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool 
         wraps = {"flex-wrap": "wrap"}
         drawn[name] = row(list(figures), sizing_mode="stretch_width", styles=wraps)
     script, elements = components(drawn)
-    return {"library": Resources(mode="inline", components=["bokeh"]).render(), "script": script, **elements}
+    numbers: dict[str, str] = {}
+
+    def numbered(text: str) -> str:
+        return RANDOM.sub(lambda random: numbers.setdefault(random[0], f"acting-{len(numbers) + 1}"), text)
+
+    library = Resources(mode="inline", components=["bokeh"]).render()
+    return {"library": library, "script": numbered(script), **{name: numbered(elements[name]) for name in drawn}}
