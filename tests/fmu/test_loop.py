@@ -14,7 +14,7 @@ from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.verification import simulation
+from matching.frequency.verification import running_controller, simulation
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.ringing import pencil, thinned
 from modelling.bed.residual_vehicle import cut
@@ -142,7 +142,7 @@ def test_closed_round_the_fmu_the_rig_shows_the_same_shuffle(
     case = replace(case, loop=replace(case.loop, measured=knows))
     wanted, begin = run(case)
     with slave(export(result(structure))) as one:
-        monkeypatch.setattr(simulation, "_Sampled", Rounds(one))
+        monkeypatch.setattr(running_controller, "_Sampled", Rounds(one))
         found, _ = run(case)
         (speed,) = one.get(["wheel_left_interface_speed"])
     assert one.time == pytest.approx(8.0)
