@@ -27,11 +27,12 @@ CLASSES = {
     },
     "Diagnosis": {
         "matching.diagnosis.verdict.result": [
-            "Diagnosis", "NamedCause", "CauseParameter", "SensorErrors", "PooledErrors", "RemainingError",
+            "Diagnosis", "SensorErrors", "PooledErrors", "RemainingError",
         ],
+        "matching.diagnosis.verdict.causes": ["NamedCause", "CauseParameter"],
     },
     "Modes, responses, simulation": {
-        "modelling.modal.modes": ["Modes", "Mode"],
+        "modelling.modal.result": ["Modes", "Mode"],
         "modelling.linear.response": ["Response"],
         "modelling.simulation.result": ["Simulation"],
     },

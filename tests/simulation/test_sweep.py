@@ -26,6 +26,7 @@ BODIES = {"plain": {}, "light": {"motor": 0.05}, "stiff": {"stiffness": 30.0}}  
 PLACES = EFFECTS | {
     "quadratic_damping": ("shafts.link", {"coefficient": 0.05}),
     "gear_loss": ("shafts.link", {"efficiency": 0.3}),  # three times that is below 1
+    "table": ("shafts.link", {"twist_1": -0.02, "torque_1": -1.0, "twist_2": 0.02, "torque_2": 1.0}),
 }
 TIME = np.arange(101) * 1e-3
 ONE_AND_TWO = [(kind,) for kind in PLACES] + list(itertools.combinations(PLACES, 2))

@@ -68,5 +68,6 @@ def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool 
     def numbered(text: str) -> str:
         return RANDOM.sub(lambda random: numbers.setdefault(random[0], f"acting-{len(numbers) + 1}"), text)
 
-    library = Resources(mode="inline", components=["bokeh"]).render()
+    parts = Resources(mode="inline", components=["bokeh"]).js_raw  # render() adds addresses once Panel is loaded
+    library = "\n".join(f"<script>\n{part}\n</script>" for part in parts)
     return {"library": library, "script": numbered(script), **{name: numbered(elements[name]) for name in drawn}}
