@@ -24,6 +24,7 @@ def draw():
         curves.set_title("motor → <speed>")
         dots.plot(x, -x, "o", label="measured")
         bars.bar([1, 2], [3, 4])
+        bars.axvline(1.5)  # a mark is no curve
     return fig
 
 

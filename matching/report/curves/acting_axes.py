@@ -32,8 +32,12 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 
 
 def _is_drawable(axes: Any) -> bool:
-    curves = any(len(line.get_xdata()) > 1 for line in axes.lines)
-    return axes.get_visible() and curves and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+    return axes.get_visible() and any(map(_is_curve, axes.lines)) and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+
+
+def _is_curve(line: Any) -> bool:
+    """Not a point, nor a line across the axes, such as a mark."""
+    return len(line.get_xdata()) > 1 and line.get_transform() == line.axes.transData
 
 
 def _panel(axes: Any) -> Any:
@@ -53,9 +57,9 @@ def _panel(axes: Any) -> Any:
 
 
 def _curve(fig: Any, line: Any) -> None:
-    x, y = (np.asarray(values, float) for values in line.get_data())
-    if len(x) < 2 or line.get_transform() != line.axes.transData:  # a line across the axes, such as a mark
+    if not _is_curve(line):
         return
+    x, y = (np.asarray(values, float) for values in line.get_data())
     label = str(line.get_label())
     named = {} if label.startswith("_") else {"legend_label": label}
     x, y = (values.astype(np.float32) for values in decimated(x, y))
