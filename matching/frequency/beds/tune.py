@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
+import scipy.optimize
+import scipy.stats
 
 from matching.frequency.beds.design_point import Judged
-from matching.frequency.beds.tuner import Tuner
+from matching.frequency.beds.tuner import DAMPING_RESERVE, RESERVE, Tuner
 
 FURTHEST = 1.0  # decades that a round may go
 WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
 WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are far below it
 SETTLED = 1e-4  # change of the cost at which a round ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
+BLIND = 64  # settings over the whole bounds, where every start of the structure's ends with a requirement missed
 
 
 @dataclass(frozen=True)
@@ -62,13 +64,19 @@ class TuningEnd:
         """Whether every requirement is met."""
         return bool(self.judged.least.min() >= KEPT)
 
+    @property
+    def misses(self) -> bool:
+        """Whether a requirement is missed by more than the reserve by which the search draws it in."""
+        *damping, noise, rolled_off, margin = self.judged.least
+        return min(damping, default=0.0) < -DAMPING_RESERVE or min(noise, rolled_off, margin) < -RESERVE
+
 
 def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[dict[str, float], float]:
     """Weights by name, and their cost: sequential quadratic programming with exact derivatives.
 
     The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance. The search
     begins at the better one of the case's weights and the structure's further starts, and at the next one where it ends
-    with a requirement missed.
+    with a requirement missed; where all do by more than the reserve, at the best of settings drawn over the bounds.
     """
     effort, structure = effort or TuningEffort(), search.case.loop.structure
     starts = [
@@ -80,6 +88,8 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
         ends.append(_rounds(search, begin, effort, effort.most_steps // len(starts)))
         if ends[-1].keeps_all:
             break
+    if all(end.misses for end in ends):
+        ends.append(_rounds(search, _blind(search), effort, effort.most_steps // len(starts)))
     best, used = min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
     for _ in range(effort.scenarios):
         _end(search, best.logarithms)
@@ -97,13 +107,26 @@ def _end(search: Tuner, logarithms: np.ndarray) -> TuningEnd:
     return TuningEnd(logarithms, search.judged(logarithms))
 
 
+def _blind(search: Tuner) -> TuningEnd:
+    """The best of settings spread over all bounds."""
+    low, high = _bounds(search)
+    spread = low + (high - low) * scipy.stats.qmc.Sobol(len(low), seed=0).random(BLIND)
+    return _end(search, min(spread, key=lambda logarithms: search.judged(logarithms).merit))
+
+
+def _bounds(search: Tuner) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper logarithms (w,) of the weights."""
+    quantities, names = search.case.loop.structure.quantities, search.gains.names
+    low, high = (np.log10([getattr(quantities[name], side) for name in names]) for side in ("lower", "upper"))
+    return low, high
+
+
 def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: int) -> TuningEnd:
     """Rounds of the search, each from the best point of the one before with the beds that were least damped there."""
-    quantities, best, used = search.case.loop.structure.quantities, begin, 0
-    ends = [np.log10([getattr(quantities[name], side) for name in search.gains.names]) for side in ("lower", "upper")]
+    (low, high), best, used = _bounds(search), begin, 0
     for _ in range(effort.rounds):
         at = best.logarithms
-        within = list(zip(np.maximum(ends[0], at - FURTHEST), np.minimum(ends[1], at + FURTHEST), strict=True))
+        within = list(zip(np.maximum(low, at - FURTHEST), np.minimum(high, at + FURTHEST), strict=True))
         used += _improve(search, at, within, max(min(effort.steps, most_steps - used), 1))
         end = _end(search, search.best)
         worth = best.merit - end.merit >= max(WORTH_A_ROUND * best.merit, WORTH_AT_ALL)

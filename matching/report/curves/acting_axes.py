@@ -32,7 +32,9 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 
 
 def _is_drawable(axes: Any) -> bool:
-    return axes.get_visible() and any(map(_is_curve, axes.lines)) and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+    return (
+        axes.get_visible() and any(map(_is_curve, axes.lines)) and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+    )
 
 
 def _is_curve(line: Any) -> bool:
