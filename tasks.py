@@ -17,6 +17,7 @@ ENVIRONMENT = HERE / ".venv"
 BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 VARIABLES = {"WORKERS": "2", "FUZZ": "", "MUTANTS": "--anew", "FAULTS": "", "FIGURES": ""}
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "PYTHONNOUSERSITE": "1"}
+DROPPED = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PYTHONDONTWRITEBYTECODE")  # as the Makefile's unexport
 
 
 def targets() -> dict[str, tuple[str, list[str]]]:
@@ -55,7 +56,8 @@ def set_up(lock: str) -> None:
 
 
 def _run(words: list[str]) -> None:
-    if code := subprocess.run(words, cwd=HERE, env=FIXED | dict(os.environ), check=False).returncode:
+    kept = {name: value for name, value in os.environ.items() if name not in DROPPED}
+    if code := subprocess.run(words, cwd=HERE, env=FIXED | kept, check=False).returncode:
         sys.exit(code)
 
 
