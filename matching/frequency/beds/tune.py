@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
+import scipy
 
 from matching.frequency.beds.design_point import Judged
 from matching.frequency.beds.tuner import DAMPING_RESERVE, RESERVE, Tuner
