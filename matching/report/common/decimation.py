@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 MOST_POINTS = 2000  # of a curve; of longer ones the least and the largest value of every part are kept
@@ -14,11 +12,10 @@ def decimated(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np
     if len(x) <= most:
         return x, y
     edges = np.linspace(0, len(x), most // 2 + 1).astype(int)
-    kept = []
-    for begin, end in pairwise(edges):
-        part = y[begin:end]
-        if np.isnan(part).all():
-            kept += [begin]
-        else:
-            kept += sorted({begin + int(np.nanargmin(part)), begin + int(np.nanargmax(part))})
+    begins, ends = edges[:-1, None], edges[1:, None]
+    at = begins + np.arange((ends - begins).max())
+    values = np.where(at < ends, y[np.minimum(at, len(y) - 1)], np.nan)
+    missing = np.isnan(values)
+    least, largest = np.where(missing, np.inf, values).argmin(axis=1), np.where(missing, -np.inf, values).argmax(axis=1)
+    kept = np.unique(begins[:, 0] + np.stack([least, largest]))
     return x[kept], y[kept]
