@@ -2,6 +2,12 @@
 
 import sys
 
-from rigmatch import main
+INTERRUPTED = 130
+
+try:
+    from rigmatch import main
+except KeyboardInterrupt:  # while it starts
+    print("rigmatch: interrupted", file=sys.stderr)
+    sys.exit(INTERRUPTED)
 
 sys.exit(main())
