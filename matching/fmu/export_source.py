@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from matching.frequency.case.tuned import apply
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.common.errors import InputError, unknown
 from modelling.common.staging import unfinished
-from modelling.common.tables import read_toml
+from modelling.common.tables import finite, read_toml
 from modelling.fmu.block import Block, block
 from modelling.model.components import Sensor
 from modelling.model.files import from_dict
@@ -105,11 +104,12 @@ def tuned_case(path: str | Path) -> TunedCase:
             continue  # weights of an observer are tuned without being asked for: the case file holds them as tuned
         if name not in known:
             raise unknown(str(name), known, f"{path}: parameters[{number}].name")
-        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        tuned = finite(value)
+        if tuned is None:
             raise InputError(
                 f"{path}: parameters[{number}].tuned", "is no finite number", "leave it as the match wrote it"
             )
-        values[name] = float(value)
+        values[name] = tuned
     notes = []
     if result.get("status") != "matched":
         notes.append(f"the match is {str(result.get('status'))!r}, not 'matched': see its limits in {path}")
