@@ -24,15 +24,15 @@ class Search:
         self.known.clear()
 
     def judged(self, logarithms):
-        best, cost, left = self.valley(logarithms)
+        best, cost, left = self.minimum(logarithms)
         room = np.array([1.0, left, 0.5, 0.5])
         return self.known.setdefault(tuple(logarithms), Judged(cost + (logarithms[0] - best) ** 2, room, room))
 
-    def valley(self, logarithms):
+    def minimum(self, logarithms):
         return (4.0, 0.1, 0.2) if logarithms[0] > 3 else (0.0, 0.5, -self.missed)
 
     def slopes(self, logarithms):
-        return np.array([2 * (logarithms[0] - self.valley(logarithms)[0]), 0.0]), np.zeros((4, 2))
+        return np.array([2 * (logarithms[0] - self.minimum(logarithms)[0]), 0.0]), np.zeros((4, 2))
 
     @property
     def best(self):

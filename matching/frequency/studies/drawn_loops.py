@@ -19,9 +19,9 @@ from modelling.simulation.integrator.vector_function import VectorFunction
 AT_ONCE = 128  # draws: what they need on the whole grid stays in the processor's cache
 FOLLOWED = 1.0  # rad: largest step of the phase between frequencies that is believed
 HALVINGS = 16  # of a step between frequencies
-FINER = 9  # frequencies in a valley of the grid
-CANDIDATE = 1.3  # times the least so far: a valley whose bottom is expected above that is not looked into
-PARABOLAS = 4  # through three points of a valley among those, one after the other
+FINER = 9  # frequencies about a local minimum of the grid
+CANDIDATE = 1.3  # times the least so far: a local minimum expected above that is not looked into
+PARABOLAS = 4  # through three points about each local minimum, one after the other
 
 
 class Loops:
@@ -71,28 +71,28 @@ class Loops:
     def _deepest(self, x: np.ndarray, on_grid: np.ndarray) -> np.ndarray:
         """Least distances (b,) between the frequencies of a grid (f, b) too.
 
-        The square of the distance is a parabola at the bottom of a valley, also of a narrow one past a resonance. Every
-        valley of the grid that may hold the least is looked at more finely, as two may be one there, and the bottoms of
-        those are approached by parabolas.
+        The square of the distance is a parabola at a local minimum, also at a narrow one past a resonance. Every local
+        minimum of the grid that may be the least is looked at more finely, as two may be one there; those that are
+        found so are approached by parabolas.
         """
         grid = np.broadcast_to(np.log(self.frequencies)[:, None], on_grid.shape)
-        rows, draws = _valleys(on_grid)
-        valleys = _Valleys.of(grid, on_grid, rows, draws, draws).kept(on_grid.min(axis=0))
+        rows, draws = _local_minima(on_grid)
+        minima = _Minima.of(grid, on_grid, rows, draws, draws).kept(on_grid.min(axis=0))
         least = on_grid.min(axis=0)
 
         def squares(place: np.ndarray, drawn: np.ndarray) -> np.ndarray:
             return _distance(self._at(2j * np.pi * np.exp(place), x.T[:, None, drawn])) ** 2
 
-        places = valleys.places[0] + (valleys.places[2] - valleys.places[0]) * np.linspace(0, 1, FINER)[:, None]
-        finer = np.sqrt(squares(places, valleys.draws))
-        np.minimum.at(least, valleys.draws, finer.min(axis=0))
-        rows, columns = _valleys(finer)
-        valleys = _Valleys.of(places, finer, rows, columns, valleys.draws[columns]).kept(least)
+        places = minima.places[0] + (minima.places[2] - minima.places[0]) * np.linspace(0, 1, FINER)[:, None]
+        finer = np.sqrt(squares(places, minima.draws))
+        np.minimum.at(least, minima.draws, finer.min(axis=0))
+        rows, columns = _local_minima(finer)
+        minima = _Minima.of(places, finer, rows, columns, minima.draws[columns]).kept(least)
         for _ in range(PARABOLAS):
-            new = valleys.bottom()
-            at_new = squares(new[None], valleys.draws)[0]
-            np.minimum.at(least, valleys.draws, np.sqrt(at_new))
-            valleys = valleys.narrowed(new, at_new)
+            new = minima.bottom()
+            at_new = squares(new[None], minima.draws)[0]
+            np.minimum.at(least, minima.draws, np.sqrt(at_new))
+            minima = minima.narrowed(new, at_new)
         return least
 
     def turning(self, x: np.ndarray, determinants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -163,8 +163,8 @@ def determinant(D: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Valleys:
-    """Valleys of distances: squares (3, n) at places (3, n), logarithms of Hz, the lowest in the middle; draws (n,)."""
+class _Minima:
+    """Local minima of distances: squares (3, n) at places (3, n) in log Hz, the lowest in the middle; draws (n,)."""
 
     places: np.ndarray
     squares: np.ndarray
@@ -173,7 +173,7 @@ class _Valleys:
     @classmethod
     def of(
         cls, places: np.ndarray, distances: np.ndarray, rows: np.ndarray, columns: np.ndarray, draws: np.ndarray
-    ) -> _Valleys:
+    ) -> _Minima:
         """About the lowest places (rows, columns) of distances (f, b); one at an end begins or ends there."""
         three = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(distances) - 1)])
         return cls(places[three, columns], distances[three, columns] ** 2, draws)
@@ -187,7 +187,7 @@ class _Valleys:
         return falls + bends * down, bends
 
     def bottom(self) -> np.ndarray:
-        """Where the parabolas have their lowest points, (n,), within the valley."""
+        """Where the parabolas have their lowest points, (n,), within the three places."""
         slope, bends = self._parabola()
         with np.errstate(divide="ignore", invalid="ignore"):
             place = self.places[1] - slope / (2 * bends)
@@ -196,26 +196,26 @@ class _Valleys:
         apart = np.abs(inside - middle) > 1e-9
         return np.where(apart, inside, np.where(high - middle > middle - low, (middle + high) / 2, (low + middle) / 2))
 
-    def kept(self, least: np.ndarray) -> _Valleys:
+    def kept(self, least: np.ndarray) -> _Minima:
         """Those that may be deeper than what is the least (b,) of each draw so far."""
         slope, bends = self._parabola()
         with np.errstate(divide="ignore", invalid="ignore"):
             expected = self.squares[1] - slope**2 / (4 * bends)
         kept = ~(expected > (CANDIDATE * least[self.draws]) ** 2)
-        return _Valleys(self.places[:, kept], self.squares[:, kept], self.draws[kept])
+        return _Minima(self.places[:, kept], self.squares[:, kept], self.draws[kept])
 
-    def narrowed(self, place: np.ndarray, square: np.ndarray) -> _Valleys:
+    def narrowed(self, place: np.ndarray, square: np.ndarray) -> _Minima:
         """With one more place (n,) in each."""
         places, squares = np.concatenate([self.places, place[None]]), np.concatenate([self.squares, square[None]])
         order = np.argsort(places, axis=0)
         places, squares = np.take_along_axis(places, order, 0), np.take_along_axis(squares, order, 0)
         first = np.where(squares[1] <= squares[2], 0, 1)
         three, every = first + np.arange(3)[:, None], np.arange(places.shape[1])
-        return _Valleys(places[three, every], squares[three, every], self.draws)
+        return _Minima(places[three, every], squares[three, every], self.draws)
 
 
-def _valleys(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the lowest of every valley in columns (f, b), their ends included."""
+def _local_minima(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of every local minimum in columns (f, b), their ends included."""
     falls, rises = values[1:] <= values[:-1], values[:-1] <= values[1:]
     edge = np.ones((1, values.shape[1]), bool)
     rows, columns = np.nonzero(np.concatenate([edge, falls]) & np.concatenate([rises, edge]))
