@@ -12,6 +12,8 @@ from typing import Any, Protocol
 
 import sympy as sm
 
+from modelling.common.errors import InputError
+
 Symbols = Mapping[str, sm.Symbol]
 
 
@@ -143,6 +145,9 @@ class ShaftLaw:
         Name of the state that the damper in series adds, the deflection of the spring.
     quadratic : Expr
         Coefficient of damping in parallel that grows with the square of the rate, N·m·s²/rad².
+    contact : pair of callable or None
+        What passes on of the torque that spring, damper and parallel elements together would have: torque → torque,
+        and the derivative of it. Goes with a damper in series.
     parallel, parallel_stiffness : list of Expr
         Torques of parallel elements, and their tangent stiffness for small oscillations about rest.
     losses : list of callable
@@ -161,11 +166,24 @@ class ShaftLaw:
     gap: sm.Expr | None = None
     series: sm.Expr | None = None
     series_state: str = ""
+    contact: tuple[Callable[[sm.Expr], sm.Expr], Callable[[sm.Expr], sm.Expr]] | None = None
     quadratic: sm.Expr = sm.S.Zero
     parallel: list[sm.Expr] = field(default_factory=list)
     parallel_stiffness: list[sm.Expr] = field(default_factory=list)
     losses: list[Callable[[sm.Expr], sm.Expr]] = field(default_factory=list)
     torque: sm.Expr = sm.S.Zero
+
+    def put_in_series(self, coefficient: sm.Expr, state: str) -> None:
+        """Put a damper of a coefficient in series, whose spring's deflection is a state.
+
+        Raises
+        ------
+        InputError
+            If one is there.
+        """
+        if self.series is not None:
+            raise InputError(self.place, "slips twice", "leave out slip or tyre_slip, or put it on a shaft of its own")
+        self.series, self.series_state = coefficient, state
 
 
 @dataclass

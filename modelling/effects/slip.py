@@ -26,7 +26,7 @@ class Slip(Kind):
     linear = True
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
-        law.series, law.series_state = p["coefficient"], f"{law.place}.{self.kind}"
+        law.put_in_series(p["coefficient"], f"{law.place}.{self.kind}")
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         stiffness, twist = motion.value[f"{at}.stiffness"], motion.twist[at.split(".")[1]]

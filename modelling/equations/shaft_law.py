@@ -60,6 +60,12 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
     elastic = differentiate(potential, x)
     spring = twist.angle
     parallel = sm.Add(*law.parallel)
+    if law.quadratic != 0 and law.contact is not None:
+        raise InputError(
+            law.place,
+            "has quadratic damping and slip of a tyre at once",
+            "leave one of them out, or put it on a shaft of its own",
+        )
     if law.quadratic != 0 and law.series is not None:
         _close_with_quadratic_damping(law, assembly, elastic)
         return
@@ -80,11 +86,15 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
         if law.series is not None:
             rate = rate - torque / law.series
         torque = torque + parallel
+        if law.contact is not None:
+            torque = law.contact[0](torque)
         assembly.add_torque(law.place, -torque.xreplace({stand_in: rate}), twist)
         torque = torque.xreplace({stand_in: rate})
         parallel = sm.Integer(0)
     law.torque = torque + parallel.xreplace({stand_in: rate})
     tangent = _tangent(law, differentiate(elastic, x), x, spring) + sm.Add(*law.parallel_stiffness)
+    if law.contact is not None:
+        tangent = tangent * law.contact[1](_without_rate(law, elastic, x, spring) + sm.Add(*law.parallel))
     assembly.springs[law.place] = Spring(tangent, twist, spring)
     assembly.substitute(stand_in, rate)
 
@@ -123,6 +133,15 @@ def _tangent(law: ShaftLaw, stiffness: sm.Expr, x: sm.Symbol, spring: sm.Expr) -
     half = law.gap / 2
     pushed, pulled = (stiffness.xreplace({x: spring - side}) for side in (half, -half))
     return sm.Piecewise((pushed, spring > half), (pulled, spring < -half), (sm.Integer(0), True))
+
+
+def _without_rate(law: ShaftLaw, elastic: sm.Expr, x: sm.Symbol, spring: sm.Expr) -> sm.Expr:
+    """Torque of the spring alone, none within the lash."""
+    if law.gap is None:
+        return elastic.xreplace({x: spring})
+    zero, half = sm.Integer(0), law.gap / 2
+    pushed, pulled = sm.Max(zero, spring - half), sm.Min(zero, spring + half)
+    return elastic.xreplace({x: pushed}) + elastic.xreplace({x: pulled})
 
 
 def _gapped(

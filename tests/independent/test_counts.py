@@ -122,6 +122,9 @@ MOVING = [
      {"kind": "stribeck_friction", "at": "inertias.body", "torque": 2.0, "breakaway": 4.0, "speed": 8.0}],
     [{"kind": "backlash", "at": "shafts.side", "gap": 0.02}, {"kind": "hardening", "at": "shafts.side", "cubic": 3e6},
      {"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.5}],
+    [{"kind": "tyre_slip", "at": "shafts.side", "slip_stiffness": 900.0, "peak": 120.0},
+     {"kind": "tyre_slip", "at": "shafts.other", "slip_stiffness": 1100.0, "peak": 150.0, "shape": 1.4},
+     {"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.5}],
 ]  # fmt: skip
 
 

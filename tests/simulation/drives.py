@@ -43,6 +43,7 @@ EFFECTS = {
     "hardening": ("shafts.link", {"cubic": 4e4}),
     "hysteresis": ("shafts.link", {"torque": 2.0, "angle": 0.01}),
     "slip": ("shafts.link", {"coefficient": 15.0}),
+    "tyre_slip": ("shafts.link", {"slip_stiffness": 300.0, "peak": 8.0}),
     "compliance": ("shafts.link", {"stiffness": 900.0, "J": 0.02}),
     "coulomb_friction": ("inertias.load", {"torque": 1.2, "torque_reverse": 0.8}),
     "stribeck_friction": ("inertias.motor", {"torque": 0.5, "breakaway": 0.9, "speed": 0.8}),

@@ -53,9 +53,9 @@ def check(kinds, body, seed):
     """Whether the readings keep the tolerance; None where the two effects exclude each other."""
     try:
         system, inputs = drawn(kinds, body, seed)
+        model = compiled(system)
     except InputError:
         return None
-    model = compiled(system)
     start = {"speed(motor)": 3.0, "speed(load)": 3.0}
     got = simulate(model, TIME, inputs, start=start)
     fixed = {STICK_SPEED: got.stick_speed} if STICK_SPEED in model.parameters else None
@@ -80,6 +80,7 @@ def test_every_kind_takes_part():
         (("quadratic_damping", "lag"), "light"),
         (("hysteresis", "torque_ripple"), "stiff"),
         (("slip", "coulomb_friction"), "plain"),
+        (("tyre_slip", "backlash"), "plain"),
         (("backlash", "dead_time"), "light"),
     ],
 )

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
-from matching.frequency.independent.steady import RESISTS, Balance
+from matching.frequency.independent.steady import RESISTS, Balance, patch_slip
 from modelling.model.components import Effect
 from modelling.model.system import System
 
@@ -26,7 +26,7 @@ _PARALLEL: dict[str, Callable[[Parameters], float]] = {
     "quadratic_damping": lambda p: 0.0,
 }
 _NOTHING_AT_REST = {"quadratic_drag", "constant_torque", "wrong_parameter"}  # no torque that changes with the motion
-_SHAFTS = {"slip", "compliance", *_PARALLEL}
+_SHAFTS = {"slip", "tyre_slip", "compliance", *_PARALLEL}
 _BENT = {"hysteresis", "hardening", "backlash"}
 
 
@@ -49,11 +49,12 @@ class Chain:
         self._value = {name: quantity.value for name, quantity in system.parameters.items()}
         self._on_shaft: dict[str, dict[str, dict[str, float]]] = {}
         self._resists: list[tuple[int, str, dict[str, float]]] = []
+        self._rolling: dict[str, tuple[float, float]] = {}  # by shaft: speed of the road, torque
         for effect in system.effects:
             self._take(effect)
         self.nodes += [f"{shaft} compliance" for shaft, effects in self._on_shaft.items() if "compliance" in effects]
         self._slope = np.array([self._value.get(f"inertias.{name}.drag", 0.0) for name in self.nodes])
-        if system.operating_point is not None and (self._resists or self._bent()):
+        if system.operating_point is not None and (self._resists or self._bent() or self._patches()):
             self._move()
 
     def with_values(self, values: Parameters) -> Chain:
@@ -77,14 +78,21 @@ class Chain:
         """Shafts whose stiffness depends on the torque that they carry."""
         return [name for name, effects in self._on_shaft.items() if effects.keys() & _BENT]
 
+    def _patches(self) -> list[str]:
+        """Shafts with a tyre's contact patch in series, in the model's order."""
+        return [part.name for part in self.system.shafts if "tyre_slip" in self._on_shaft.get(part.name, {})]
+
     def _move(self) -> None:
         """Drag and stiffness as they are in steady motion at the operating point."""
         point = self.system.operating_point
         assert point is not None
         speeds, torques = dict(point.speeds), dict(point.torques)
-        springs, slips = [], []
+        springs: list[np.ndarray] = []
+        slips, patches = [], []
         for shaft in self.system.shafts:
             effects = self._on_shaft.get(shaft.name, {})
+            if "tyre_slip" in effects:
+                patches.append((len(springs), self.nodes.index(shaft.between[1]), effects["tyre_slip"]))
             springs.append(self._twist(shaft.name))
             slips.append(1 / effects["slip"]["coefficient"] if "slip" in effects else 0.0)
             if "compliance" in effects:
@@ -99,11 +107,16 @@ class Chain:
             tuple(self._resists),
             np.array([torques.get(source.name, np.nan) for source in self.system.inputs]),
             np.array([speeds.get(node, np.nan) for node in self.nodes]),
+            tuple(patches),
         )
         motion = balance.solve()
         if motion is None or balance.sticking(motion[0]):
             raise NotCovered("this operating point")
         self._slope = balance.resistance(motion[0])[1]
+        self._rolling = {
+            name: (float(motion[0][node]), float(motion[1][row]))
+            for name, (row, node, _) in zip(self._patches(), patches, strict=True)
+        }
         for name in self._bent():
             row = next(i for i, spring in enumerate(springs) if np.array_equal(spring, self._twist(name)))
             self._bend(name, abs(float(motion[1][row])))
@@ -151,7 +164,7 @@ class Chain:
             whole[:, i, i] = s**2 * self._value[f"inertias.{name}.J"] + s * self._slope[i]
         for shaft in self.system.shafts:
             complex_stiffness, twist = self.shaft(shaft.name, s)
-            whole += complex_stiffness[:, None, None] * np.outer(twist, twist)
+            whole += complex_stiffness[:, None, None] * np.outer(self._twist(shaft.name), twist)
             further = self._on_shaft.get(shaft.name, {}).get("compliance")
             if further:
                 middle = self.nodes.index(f"{shaft.name} compliance")
@@ -161,7 +174,7 @@ class Chain:
         return self.basis.T @ whole @ self.basis
 
     def shaft(self, name: str, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Complex stiffness (f,) of a shaft, on its second end's side, and its twist (nodes,) for unit angles."""
+        """Complex stiffness (f,) of a shaft, on its second end's side, and the twist (nodes,) that it answers to."""
         effects = self._on_shaft.get(name, {})
         stiffness = self._value[f"shafts.{name}.stiffness"] + s * self._value[f"shafts.{name}.damping"]
         parallel = sum(_PARALLEL[kind](p) for kind, p in effects.items() if kind in _PARALLEL)
@@ -170,7 +183,23 @@ class Chain:
             if parallel:
                 raise NotCovered(f"slip beside another effect at shafts.{name}")
             stiffness = stiffness * series / (stiffness + series)
+        if "tyre_slip" in effects:
+            if effects.keys() & _BENT:
+                raise NotCovered(f"slip of a tyre beside another effect at shafts.{name}")
+            return self._patch(name, stiffness, s)
         return stiffness + parallel, self._twist(name)
+
+    def _patch(self, name: str, carcass: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A carcass of complex stiffness (f,) on a patch whose slip is torque over speed; see :meth:`shaft`.
+
+        The slip that there is anyway turns the patch a little further for each turn of the road.
+        """
+        parameters, (speed, torque) = self._on_shaft[name]["tyre_slip"], self._rolling.get(name, (0.0, 0.0))
+        at_zero, (slip, by_torque) = parameters["slip_stiffness"], patch_slip(parameters, torque)
+        passed_on = 1 / (by_torque * at_zero)
+        second = self.unit(next(part.between[1] for part in self.system.shafts if part.name == name))
+        series = at_zero * s / (at_zero * s + abs(speed) * carcass)
+        return passed_on * carcass * series, self._twist(name) - slip * np.sign(speed) * second
 
     def drive(self, inputs: list[str]) -> np.ndarray:
         """Generalised torques (n, u) of unit torques at inputs of the system."""

@@ -28,6 +28,22 @@ RESISTS: dict[str, Callable[[Parameters, float], tuple[float, float]]] = {
     ),
     "stribeck_friction": _stribeck,
 }
+
+
+def patch_slip(p: Parameters, torque: float) -> tuple[float, float]:
+    """Slip of a tyre's contact patch at a torque (N·m), and its derivative by torque: the Magic Formula, inverted.
+
+    NaN beyond the peak.
+    """
+    shape, peak = p.get("shape", 1.65), p["peak"]
+    share = torque / peak
+    if abs(share) >= 1:
+        return np.nan, np.nan
+    angle = np.arcsin(share) / shape
+    factor = shape * peak / p["slip_stiffness"]
+    return factor * np.tan(angle), factor / (np.cos(angle) ** 2 * shape * peak * np.sqrt(1 - share**2))
+
+
 DRY = {"coulomb_friction", "stribeck_friction"}
 
 
@@ -44,6 +60,8 @@ class Balance:
     drag : ndarray (n,)
         N·m·s/rad.
     resists : tuple of (node, kind, parameters)
+    patches : tuple of (spring, node, parameters)
+        Springs with a tyre's contact patch in series, and the node that turns as the tyre does without slip.
     torques : ndarray (u,)
         N·m, NaN where it is to be found.
     speeds : ndarray (n,)
@@ -58,6 +76,7 @@ class Balance:
     resists: tuple[tuple[int, str, Parameters], ...]
     torques: np.ndarray
     speeds: np.ndarray
+    patches: tuple[tuple[int, int, Parameters], ...] = ()
 
     def solve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Speeds (n,) and torques of the springs (s,); None where Newton's method finds no balance."""
@@ -79,10 +98,17 @@ class Balance:
             torque, slope = self.resistance(x[:n])
             residual = linear @ x + known
             residual[:n] -= torque
-            if np.abs(residual).max() <= BALANCED * max(1.0, np.abs(x).max()):
-                return x[:n], x[n : n + s]
             tangent = linear.copy()
             tangent[:n, :n] -= np.diag(slope)
+            for row, node, parameters in self.patches:
+                slip, steeper = patch_slip(parameters, float(x[n + row]))
+                residual[n + row] -= abs(x[node]) * slip
+                tangent[n + row, node] -= np.sign(x[node]) * slip
+                tangent[n + row, n + row] -= abs(x[node]) * steeper
+            if not np.isfinite(residual).all():
+                return None
+            if np.abs(residual).max() <= BALANCED * max(1.0, np.abs(x).max()):
+                return x[:n], x[n : n + s]
             x = x - np.linalg.lstsq(tangent, residual)[0]
         return None
 

@@ -26,6 +26,7 @@ VALUES = {
     "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
+    "tyre_slip": {"slip_stiffness": 60.0, "peak": 12.0},
     "torque_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4}, "wrong_parameter": {"value": 3.3},
 }  # fmt: skip
 
@@ -86,7 +87,7 @@ def test_its_state_is_named_after_it(kind):
 def test_units_of_states():
     units = {kind: law.state_unit(PLACES[law.tables[0]], with_effect(kind).system)
              for kind, law in EFFECTS.items() if law.state}  # fmt: skip
-    assert units == {"hysteresis": "1", "lag": "N*m", "slip": "rad"}
+    assert units == {"hysteresis": "1", "lag": "N*m", "slip": "rad", "tyre_slip": "rad"}
     assert EFFECTS["lag"].state_unit("sensors.speed", from_dict(BASE)) == "rad/s"
 
 
