@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,17 @@ def append(record: Path, row: dict[str, Any]) -> None:
         os.fsync(file.fileno())
 
 
-def rows(record: Path) -> list[dict[str, Any]]:
-    """The rows of a record; a line that is damaged, or that a kill left half written, counts as not written."""
+def rows(record: Path, kinds: Mapping[str, type]) -> list[dict[str, Any]]:
+    """The rows of a record; a line that is damaged, or that a kill left half written, counts as not written.
+
+    ``kinds`` are what every row holds by key; a row of another build is none of this record's.
+    """
     whole = []
     for line in whole_lines(record):
         try:
             row = json.loads(line)
-            if row.pop(CHECKSUM) == _checksum(row):
+            as_built = all(isinstance(row[key], kind) for key, kind in kinds.items())
+            if row.pop(CHECKSUM) == _checksum(row) and as_built:
                 whole.append(row)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             continue

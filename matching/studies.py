@@ -21,6 +21,7 @@ from matching import records
 from matching.executors import LocalProcesses
 from modelling.common.errors import InputError
 
+KINDS = {"study": str, "chunk": str, "result": object}  # of a row on record, by key
 MOST_LOSSES = 3  # of workers in a row, without a chunk that ends between them
 
 _prepared: dict[str, Any] = {}
@@ -63,7 +64,7 @@ def run(
     """
     token = _token(content)
     keys = [json.dumps(chunk, sort_keys=True) for chunk in chunks]
-    kept = [] if record is None else records.rows(record)
+    kept = [] if record is None else records.rows(record, KINDS)
     results = {row["chunk"]: row["result"] for row in kept if row["study"] == token}
     open_chunks = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in results]
     done = len(keys) - len(open_chunks)

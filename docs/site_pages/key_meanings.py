@@ -60,7 +60,7 @@ OPERATING = {
     "road_load": "`constant` (N), `linear` (N·s/m), `quadratic` (N·s²/m²); added to the vehicle's drag",
 }
 CHANNEL = {
-    "channel": "its name in the recording; `data[:,3]` is a column of a matrix",
+    "channel": "its name in the recording; of a matrix in a `.mat` the column: `data[:,2]` or `data(:,3)` is the third",
     "unit": "replaces the unit in the recording",
     "sign": "−1 where it is positive in the other direction",
     "factor": "is multiplied by",

@@ -11,6 +11,7 @@ from matching.bed_test.growing import appeared, snapshots
 from matching.bed_test.result import COVERAGE_FACTOR, BedVerification
 from modelling.common.errors import InputError
 from modelling.common.output import write_all
+from modelling.measurement.readers.comma_separated import LARGEST_FILE, WINDOWS
 
 Tell = Callable[[str], None]
 
@@ -62,13 +63,31 @@ class ByHand:
             self.tell(f"waiting for {place}: {what}")
             appeared(place)
         if self.follow is None:
-            return place.read_text(encoding="utf-8")
+            return _text(place, place)
         text = ""
         with TemporaryDirectory(prefix="rigmatch-") as folder:
             for (copy,) in snapshots([place], self.follow, Path(folder)):
-                text = copy.read_text(encoding="utf-8")
+                text = _text(copy, place)
                 try:
                     self.tell(f"{place.name}: {estimate(copy)}")
                 except InputError as fault:
                     self.tell(f"{place.name}: not yet: {str(fault).replace(str(copy), str(place))}")
         return text
+
+
+def _text(path: Path, place: Path) -> str:
+    """Text of a recording, in an encoding that recordings are read in.
+
+    Raises
+    ------
+    InputError
+        If it is too large, or no text.
+    """
+    if path.stat().st_size > LARGEST_FILE:
+        raise InputError(str(place), "is too large", "cut the recording: at most 2 GB are read")
+    for encoding in ("utf-8-sig", WINDOWS):
+        try:
+            return path.read_text(encoding=encoding)
+        except UnicodeDecodeError:
+            continue
+    raise InputError(str(place), "is no text", "save it as UTF-8 CSV")

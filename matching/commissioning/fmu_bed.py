@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,7 +23,7 @@ class Slave:
     Raises
     ------
     InputError
-        If FMPy is not installed, the file is no such FMU, or lacks a variable that is needed.
+        If FMPy is not installed, the file is no such FMU, lacks a variable that is needed, or does not run.
     """
 
     def __init__(self, path: Path, needed: Sequence[str]):
@@ -41,41 +42,57 @@ class Slave:
         for name in needed:
             if name not in self._references:
                 raise InputError(str(path), f"has no variable {name!r}", "its names are those of the rig file")
-        self._folder = fmpy.extract(str(path))
-        self._slave: Any = FMU2Slave(
-            guid=about.guid, unzipDirectory=self._folder, modelIdentifier=about.coSimulation.modelIdentifier,
-            instanceName="rigmatch",
-        )  # fmt: skip
-        self._slave.instantiate()
-        self._time = 0.0
+        self._path, self._time = path, 0.0
+        self._folder = ""
+        with self._said():
+            self._folder = fmpy.extract(str(path))
+            self._slave: Any = FMU2Slave(
+                guid=about.guid, unzipDirectory=self._folder, modelIdentifier=about.coSimulation.modelIdentifier,
+                instanceName="rigmatch",
+            )  # fmt: skip
+            self._slave.instantiate()
+
+    @contextlib.contextmanager
+    def _said(self) -> Iterator[None]:
+        """What the FMU, or FMPy for it, complains of in one line."""
+        try:
+            yield
+        except Exception as fault:  # FMPy raises plain exceptions
+            raise InputError(f"{self._path}: t = {self._time:g} s", f"does not run: {fault}", "mend the FMU") from None
 
     def initialise(self, values: Mapping[str, float]) -> None:
         """Set parameters, SI, of which those that the FMU lacks are left out, and begin."""
-        self._slave.setupExperiment(startTime=0.0)
+        with self._said():
+            self._slave.setupExperiment(startTime=0.0)
         self.set({name: value for name, value in values.items() if name in self._references})
-        self._slave.enterInitializationMode()
-        self._slave.exitInitializationMode()
+        with self._said():
+            self._slave.enterInitializationMode()
+            self._slave.exitInitializationMode()
 
     def set(self, values: Mapping[str, float]) -> None:
         """Values by name, SI."""
         if values:
-            self._slave.setReal(
-                [self._references[name] for name in values], [float(value) for value in values.values()]
-            )
+            with self._said():
+                self._slave.setReal(
+                    [self._references[name] for name in values], [float(value) for value in values.values()]
+                )
 
     def get(self, names: Sequence[str]) -> np.ndarray:
         """Values (v,) by name, SI."""
-        return np.array(self._slave.getReal([self._references[name] for name in names]))
+        with self._said():
+            return np.array(self._slave.getReal([self._references[name] for name in names]))
 
     def advance(self, span: float) -> None:
         """One communication step, s."""
-        self._slave.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
+        with self._said():
+            self._slave.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
         self._time += span
 
     def close(self) -> None:
         """Leave nothing behind."""
-        self._slave.terminate()
-        self._slave.freeInstance()
+        with contextlib.suppress(Exception):  # it may have ended with an error already
+            self._slave.terminate()
+            self._slave.freeInstance()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def __enter__(self) -> Self:

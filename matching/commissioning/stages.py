@@ -13,6 +13,7 @@ from modelling.common.output import write_all
 
 Files = Mapping[str, str | bytes]
 RECORD = "commission.jsonl"
+KINDS = {"step": str, "inputs": str, "files": dict, "figures": dict}  # of a row on record, by key
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Stages:
     def done(self, name: str, inputs: str) -> dict[str, Any] | None:
         """Figures of a step that was done on the same inputs (a checksum) and whose files are all as they were."""
         figures = None
-        for row in rows(self.folder / RECORD):
+        for row in rows(self.folder / RECORD, KINDS):
             if row["step"] == name and row["inputs"] == inputs and self._unchanged(name, row["files"]):
                 figures = row["figures"]
         return figures

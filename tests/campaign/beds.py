@@ -35,6 +35,7 @@ from modelling.measurement.read import read_signals
 from tests.campaign.beds_score import report
 from tests.campaign.drawn_bed import DrawnBed, draw_bed, write_case
 
+ROW = {"number": int}  # of the record
 ORDER = CommissionOrder(rounds=3, excitation=ExcitationOrder(duration=8.0, beds=4))
 STILL_UNKNOWN = 0.002  # of the box of the first model: what a match with the true values counts with
 GAVE_UP = 10.0  # change that stands for a run that the controller ended
@@ -52,9 +53,9 @@ def main() -> None:
     record = given.out / f"beds_{given.seed}.jsonl"
     given.out.mkdir(parents=True, exist_ok=True)
     for number in given.numbers or range(min(given.beds, given.first or given.beds)):
-        if number not in {row["number"] for row in rows(record)}:
+        if number not in {row["number"] for row in rows(record, ROW)}:
             append(record, work(given.seed, number, given.out / f"{given.seed}_{number}"))
-    report(list(rows(record)), given.out)
+    report(list(rows(record, ROW)), given.out)
 
 
 def work(seed: int, number: int, folder: Path) -> dict[str, Any]:

@@ -55,3 +55,12 @@ def test_a_growing_recording_is_waited_for_and_followed(tmp_path, monkeypatch):
     assert str(place) in said[1]
     assert said[2] == "1_verify.csv: 3 lines"
     assert clock.now == pytest.approx(4 * 0.25 + 2.0)
+
+
+def test_a_recording_in_the_encoding_of_a_spreadsheet_is_taken_and_no_text_is_one_line(tmp_path):
+    place, hand = tmp_path / "1_verify.csv", ByHand(tmp_path, None, never)
+    place.write_bytes("angle [°]\n1\n".encode("cp1252"))
+    assert hand.recording("1_verify", {}, "", never) == "angle [°]\n1\n"
+    place.write_bytes(b"\xff\x81\x8d")
+    with pytest.raises(InputError, match=r"1_verify\.csv: is no text"):
+        hand.recording("1_verify", {}, "", never)

@@ -19,9 +19,10 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from tests.fuzz.corpus import FOUND, ROOT, Seed, seeds
+from tests.fuzz.corpus import seeds
 from tests.fuzz.inputs import fuzz_input
 from tests.fuzz.minimise import minimised
+from tests.fuzz.seed import FOUND, ROOT, Seed
 from tests.fuzz.targets import TARGETS, failure
 
 BATCH = 250

@@ -4,40 +4,12 @@ from __future__ import annotations
 
 import functools
 import json
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-import tomli_w
-
 from matching.frequency.case.load import load_case
-from modelling.effects import EFFECTS
-from modelling.effects.place import place_in_file
-from modelling.model.files import from_dict
+from tests.fuzz.corpus_runs import seeds_of_runs
+from tests.fuzz.seed import MODEL, RECORDINGS, ROOT, Seed, every_effect, recording
 
-ROOT = Path(__file__).resolve().parents[2]
-FOUND = Path(__file__).parent / "found"
-RECORDINGS = Path(__file__).parent / "recordings"  # the drive below as asammdf, SciPy, h5py and pyarrow write it
-MODEL = """title = "two discs"
-[inertias.motor]
-J = {value = 0.05, lower = 0.01, upper = 0.1}
-[inertias.load]
-J = "0.2 kg*m^2"
-drag = 0.01
-[shafts.link]
-between = ["motor", "load"]
-stiffness = 500
-damping = 0.3
-[inputs.torque]
-on = "motor"
-[sensors.speed]
-measures = "speed"
-of = "motor"
-uncertainty = 0.1
-[sensors.link_torque]
-measures = "torque"
-of = "link"
-"""
 CHANNELS = """[channels]
 torque = "T_EM"
 speed = { channel = "n_EM", unit = "1/min", sign = -1 }
@@ -73,48 +45,6 @@ WORDS = (
 )
 
 
-@dataclass(frozen=True)
-class Seed:
-    """An input that the program answers, and the files that it names."""
-
-    target: str
-    name: str
-    content: bytes
-    beside: dict[str, bytes] = field(default_factory=dict)
-
-
-def recording(names: tuple[str, ...] = ("time [s]", "torque [N*m]", "speed [rad/s]", "link_torque [N*m]")) -> bytes:
-    """A few dozen samples of a drive, CSV."""
-    t = np.arange(60) / 100
-    columns = (t, 5 * np.sin(9 * t), 3 * np.cos(7 * t), 4 * np.sin(8 * t))
-    rows = [",".join(f"{value:.6g}" for value in row) for row in np.stack(columns, axis=1)]
-    return "\n".join([",".join(names), *rows, ""]).encode()
-
-
-def _every_effect() -> bytes:
-    """A chain with one shaft, input, sensor or inertia for each kind of effect."""
-    data: dict = {"title": "all effects", "inertias": {"i0": {"J": 1.0}}, "shafts": {}, "inputs": {}, "sensors": {}}
-    for n in range(len(EFFECTS)):
-        data["inertias"][f"i{n + 1}"] = {"J": 1.0}
-        data["shafts"][f"s{n}"] = {"between": [f"i{n}", f"i{n + 1}"], "stiffness": 100.0, "damping": 1.0}
-        data["inputs"][f"u{n}"] = {"on": f"i{n}"}
-        data["sensors"][f"y{n}"] = {"measures": "angle" if n % 2 else "speed", "of": f"i{n}"}
-    base = from_dict(data)
-    data["effects"] = []
-    for n, (kind, law) in enumerate(EFFECTS.items()):
-        places = law.places(base) or law.shared_places(base)
-        values = {
-            key: min(max(0.5, parameter.lower), parameter.upper)
-            for key, parameter in law.parameters.items()
-            if not parameter.optional
-        }
-        at = place_in_file(places[n % len(places)])
-        if law.arrays:
-            at, values = f"shafts.s{n}", {"twist": [-0.1, 0.0, 0.1], "torque": [-1.0, 0.0, 2.0]}
-        data["effects"].append({"kind": kind, "at": at} | values)
-    return tomli_w.dumps(data).encode()
-
-
 @functools.cache
 def seeds() -> tuple[Seed, ...]:
     """All seeds, in an order that does not change."""
@@ -129,7 +59,7 @@ def seeds() -> tuple[Seed, ...]:
             beside = {"rig.toml": files["rig.toml"], "vehicle.toml": files["vehicle.toml"]} if case else {}
             found.append(Seed("case" if case else "model", f"{folder.name}_{name[:-5]}", content, beside))
     found += [Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))]
-    found += [Seed("model", "two_discs", MODEL.encode()), Seed("model", "every_effect", _every_effect())]
+    found += [Seed("model", "two_discs", MODEL.encode()), Seed("model", "every_effect", every_effect())]
     budgets = [*sorted(ROOT.glob("examples/gum/*.toml")), *sorted(ROOT.glob("examples/sensors/*.toml"))]
     found += [Seed("budget", path.stem, path.read_bytes()) for path in budgets]
     fidelity = (ROOT / "examples/fidelity/tab2.toml").read_bytes()
@@ -154,7 +84,7 @@ def seeds() -> tuple[Seed, ...]:
     starter = ROOT / "matching" / "starter"
     beside |= {"drive.csv": recording()} | {path.name: path.read_bytes() for path in sorted(starter.glob("*.toml"))}
     found += [Seed("words", words.split("\n")[0] + str(i), words.encode(), beside) for i, words in enumerate(WORDS)]
-    found.append(Seed("result", "starter", _result(starter / "case.toml"), beside))
+    found.append(Seed("result", "starter", tuned_result(starter / "case.toml"), beside))
     found += [
         Seed(
             "binary",
@@ -164,10 +94,10 @@ def seeds() -> tuple[Seed, ...]:
         )
         for path in sorted(RECORDINGS.iterdir())
     ]
-    return tuple(found)
+    return (*found, *seeds_of_runs())
 
 
-def _result(case: Path) -> bytes:
+def tuned_result(case: Path) -> bytes:
     """As much of a match's result as is read again: every quantity tuned to its start value."""
     rows = [{"name": move.name, "start": move.start, "tuned": move.start} for move in load_case(case).moves]
     return json.dumps({"status": "matched", "parameters": rows}, indent=1).encode()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass
 
-from tests.fuzz.corpus import Seed, seeds
+from tests.fuzz.corpus import seeds
 from tests.fuzz.mutate import mutated
+from tests.fuzz.seed import Seed
 from tests.fuzz.targets import TARGETS
 
 

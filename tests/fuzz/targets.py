@@ -33,7 +33,8 @@ from modelling.measurement.read import read_recording
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import modes
 from modelling.model.files import dumps, from_dict, load
-from tests.fuzz.corpus import ROOT, Seed
+from tests.fuzz.runs import RUNS
+from tests.fuzz.seed import ROOT, Seed
 
 LONGEST_LINE = 1500  # characters of a message: place, what is wrong and what is right are cut at 400 each
 SECONDS = 20.0  # of processor time; most inputs take a hundredth of one
@@ -139,7 +140,7 @@ TARGETS = {
     "result": Target(".json", _result, 0.5),
     "words": Target(".txt", _words, 0.5),
     "binary": Target("", _binary, 0.1),
-}
+} | {name: Target(*what) for name, what in RUNS.items()}
 
 
 def failure(seed: Seed, content: bytes, folder: Path, *, deep: bool) -> str:

@@ -6,14 +6,17 @@ import pytest
 
 from modelling.common.errors import InputError
 from tests.fuzz import targets
-from tests.fuzz.corpus import FOUND, Seed, seeds
+from tests.fuzz.corpus import seeds
 from tests.fuzz.inputs import fuzz_input
 from tests.fuzz.minimise import minimised
 from tests.fuzz.mutate import mutated
+from tests.fuzz.runs import RUNS
+from tests.fuzz.seed import FOUND, Seed
 from tests.fuzz.targets import TARGETS, failure
 
 SHORT_RUN, SHORT_COUNT, PARTS = 0, 5000, 5
-QUICK = tuple(kind for kind in TARGETS if kind not in ("words", "binary"))  # these take processes and results
+COSTLY = ("words", "binary", *RUNS)  # they take processes, or calculate
+QUICK = (*(kind for kind in TARGETS if kind not in COSTLY), "drive", "trace", "loggers", "by_hand", "record")
 
 
 @pytest.mark.parametrize("seed", seeds(), ids=lambda seed: f"{seed.target}-{seed.name}")
@@ -53,7 +56,7 @@ def test_the_same_number_gives_the_same_input_and_another_one_another():
 
 
 def test_every_kind_of_file_and_every_way_to_change_it_is_drawn():
-    drawn = {fuzz_input(1, number).seed.target for number in range(300)}
+    drawn = {fuzz_input(1, number).seed.target for number in range(5000)}
     assert drawn == set(TARGETS)
     assert len({mutated(f"{n}", b'[a]\nx = 1.5\ny = "2 m"\n', [b"b\nc"]) for n in range(200)}) > 150
 

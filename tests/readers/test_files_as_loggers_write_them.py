@@ -123,3 +123,18 @@ def test_a_unit_that_overrides_the_file_is_told(tmp_path):
     assert not read_recording(path, SYSTEM).notes
     path.write_text(path.read_text(encoding="utf-8").replace("rad/s", "U/min"), encoding="utf-8")
     assert not read_recording(path, SYSTEM, {"motor_speed": Channel("motor_speed", "1/min")}).notes
+
+
+@pytest.mark.parametrize("names", [("data[:,0]", "data[:,2]", "data[:, 1]"), ("data(:,1)", "data(:,3)", "data(:,2)")])
+def test_columns_of_a_matrix(tmp_path, names):
+    """As a .mat with one matrix of all signals: columns count from 0 in brackets, from 1 in parentheses."""
+    from scipy.io import savemat
+
+    path = tmp_path / "run.mat"
+    savemat(path, {"data": np.stack([TIME, SPEED, TORQUE], axis=1), "beside": 3.0})
+    called = dict(zip(("time", "motor_torque", "motor_speed"), map(Channel, names), strict=True))
+    check(read_recording(path, SYSTEM, called | {"motor_speed": Channel(names[2], "1/min")}))
+    with pytest.raises(InputError, match=r"'data\[:,3\]': is no column of a 4 × 3 matrix; columns are data\[:,0\]"):
+        read_recording(path, SYSTEM, called | {"motor_speed": Channel("data[:,3]")})
+    with pytest.raises(InputError, match=r"'beside\[:,0\]': is no column of a 1 matrix"):
+        read_recording(path, SYSTEM, called | {"motor_speed": Channel("beside[:,0]")})

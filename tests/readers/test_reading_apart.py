@@ -86,24 +86,25 @@ def test_a_package_that_is_missing_is_named(reading):
     assert error.value.name == "no_such_package"
 
 
-def test_mdf_parquet_and_hdf5_are_read_apart(tmp_path):
+def test_mdf_parquet_and_mat_are_read_apart(tmp_path):
     """None of their libraries comes into this process."""
     (tmp_path / "a.parquet").write_bytes(b"PAR1" + bytes(50) + b"PAR1")
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600))
+    (tmp_path / "b.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + bytes(600))
     code = f"""
 import sys
 from modelling.common.errors import InputError
 from modelling.measurement.readers import read_table
-for name in ("a.parquet", "a.mat"):
+for name in ("a.parquet", "a.mat", "b.mat"):
     try:
         read_table({str(tmp_path)!r} + "/" + name)
     except InputError as error:
         print(str(error).split(";")[0])
-print(sorted({{"asammdf", "pyarrow", "h5py"}} & {{*sys.modules}}))
+print(sorted({{"asammdf", "pyarrow", "h5py", "scipy.io"}} & {{*sys.modules}}))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()
-    assert [" is no " in line for line in lines] == [True, True, False], lines
+    assert [" is no " in line for line in lines] == [True, True, True, False], lines
     assert lines[-1] == "[]"
     assert done.stderr == ""
     assert mdf.is_foreign(tmp_path / "a.mf4")

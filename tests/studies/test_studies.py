@@ -1,5 +1,6 @@
 """Studies on executors of several kinds: prepared once a worker, resumed after a kill, unharmed by a lost worker."""
 
+import hashlib
 import json
 import os
 import signal
@@ -52,11 +53,18 @@ def test_what_is_on_record_is_not_done_again(tmp_path):
         assert len(record.read_text().splitlines()) == 6  # another study is not mixed up with it
 
 
+def summed(row):
+    """A line of another build with a right checksum."""
+    row.pop("sha256", None)
+    return json.dumps(row | {"sha256": hashlib.sha256(json.dumps(row).encode()).hexdigest()[:32]}).encode()
+
+
 @pytest.mark.parametrize("damage", [
     lambda line: line.replace(b'"square": 4', b'"square": 5'), lambda line: line[:-9], lambda line: b"",
     lambda line: b"nonsense", lambda line: line.replace(b'"sha256"', b'"sha255"'), lambda line: b"\xff" + line,
     lambda line: b'{"study": 1, "chunk": [], "result": {}}', lambda line: b"[" * 5000, lambda line: b"null",
-], ids=range(9))  # fmt: skip
+    lambda line: summed({"step": "1_match"}), lambda line: summed({**json.loads(line), "chunk": [2]}),
+], ids=range(11))  # fmt: skip
 def test_a_damaged_line_of_a_record_is_computed_anew(tmp_path, damage):
     record, worked = tmp_path / "record.jsonl", []
 

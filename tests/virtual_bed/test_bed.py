@@ -1,5 +1,6 @@
 """The virtual bed, stepped as an FMU, against the engine's own runs."""
 
+import zipfile
 from importlib.util import find_spec
 
 import numpy as np
@@ -10,6 +11,7 @@ from plant.hidden import Hidden
 from plant.systems import two_mass
 
 from matching.commissioning.fmu_bed import FmuBed
+from modelling.common.errors import InputError
 from virtual_bed.bed import Actuator, Reader, VirtualBed
 
 pytestmark = pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy and a C compiler")
@@ -50,6 +52,15 @@ def test_the_motion_is_the_engine_s(drive, truth, tmp_path):
     found = stepped(drive, tmp_path)
     for name, wanted in truth.items():
         np.testing.assert_allclose(found[name], wanted[:COUNT], rtol=1e-6, atol=1e-6 * np.abs(wanted).max())
+
+
+def test_an_fmu_that_does_not_run_is_one_line(drive, tmp_path):
+    """Its binary is missing."""
+    path, bare = VirtualBed(drive, EFFECTS).write(tmp_path / "bed.fmu", STEP), tmp_path / "bare.fmu"
+    with zipfile.ZipFile(path) as whole, zipfile.ZipFile(bare, "w") as archive:
+        archive.writestr("modelDescription.xml", whole.read("modelDescription.xml"))
+    with pytest.raises(InputError, match=r"bare\.fmu: t = 0 s: does not run: .*; mend the FMU"):
+        FmuBed(bare, list(drive.inputs), list(drive.sensors))
 
 
 def test_sensors_are_late_scaled_shifted_and_rounded(drive, truth, tmp_path):

@@ -57,7 +57,7 @@ def read(
 
 def _table(done: subprocess.CompletedProcess[bytes], path: Path, most: int) -> Table:
     line, _, numbers = done.stdout.partition(b"\n")
-    if not line:
+    if not line or done.returncode:
         raise InputError(str(path), f"the library that reads it crashed ({_end(done.returncode)})", DAMAGED)
     head = json.loads(line)
     if "wrong" in head:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat, whosmat
 
 from modelling.common.errors import InputError
 from modelling.measurement.readers.table import Table
 
 
-def is_foreign(path: Path) -> bool:
-    """Whether it is of version 7.3, which the HDF5 library reads."""
+def is_foreign(_: Path) -> bool:
+    """A damaged file may crash SciPy's reader of version 5 as well as the HDF5 library of version 7.3."""
+    return True
+
+
+def _is_version_7_3(path: Path) -> bool:
     with path.open("rb") as file:
         header = file.read(128)
     return header.startswith(b"MATLAB") and header[124:126] in (b"\x00\x02", b"\x02\x00")
@@ -31,8 +35,10 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         If it is no such file, a used channel has another length than time, or h5py is missing for version 7.3.
     """
     known = set(used or ()) | {"time"}
+    columns_of = {name: place for name in sorted(known) if (place := _column_of_matrix(name))}
+    wanted = None if used is None else known | {matrix for matrix, _ in columns_of.values()}
     try:
-        variables, others = (_version_7_3 if is_foreign(path) else _version_5)(path, None if used is None else known)
+        variables, others = (_version_7_3 if _is_version_7_3(path) else _version_5)(path, wanted)
     except (InputError, MemoryError):
         raise
     except Exception as fault:  # the libraries raise many kinds for what is not a .mat file
@@ -44,6 +50,11 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     ]
     if not known & {*variables} and len(structs) == 1:
         variables = structs[0]
+    variables |= {
+        name: _column(path, name, variables[matrix], number)
+        for name, (matrix, number) in columns_of.items()
+        if name not in variables and matrix in variables
+    }
     units_in_file = variables.get("units")
     units = (
         {name: unit for name, unit in units_in_file.items() if isinstance(unit, str) and unit}
@@ -76,8 +87,34 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     return Table(names, [units.get(name, "") for name in names], values, others=others)
 
 
+def _column_of_matrix(name: str) -> tuple[str, int] | None:
+    """Matrix and column, from 0: ``data[:,2]`` counts from 0, as NumPy does, ``data(:,3)`` from 1, as MATLAB does."""
+    if place := re.fullmatch(r"(.+)\[ *: *, *(\d{1,6}) *\]", name):
+        return place[1].strip(), int(place[2])
+    if place := re.fullmatch(r"(.+)\( *: *, *([1-9]\d{0,5}) *\)", name):
+        return place[1].strip(), int(place[2]) - 1
+    return None
+
+
+def _column(path: Path, name: str, matrix: Any, number: int) -> np.ndarray:
+    """A column (t,) of a matrix (t, columns).
+
+    Raises
+    ------
+    InputError
+        If it is no matrix, or has not so many columns.
+    """
+    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or number >= matrix.shape[1]:
+        size = " × ".join(map(str, np.shape(matrix))) or "1"
+        right = "columns are data[:,0], data[:,1], … or data(:,1), data(:,2), …"
+        raise InputError(f"{path}: {name!r}", f"is no column of a {size} matrix", right)
+    return np.asarray(matrix[:, number])
+
+
 def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Values by name, structs as dicts, and the names of what is not read."""
+    from scipy.io import loadmat, whosmat  # for the process that reads alone
+
     names = {name: kind for name, _, kind in whosmat(path)}
     read = [name for name, kind in names.items() if wanted is None or name in wanted or kind == "struct"]
     variables = loadmat(path, simplify_cells=True, variable_names=read) if read else {}

@@ -1,0 +1,212 @@
+"""What is calculated, written and shown from files: the targets of the fuzzer that go beyond reading.
+
+Beside answering or refusing in one line, text of a file has to stay text: XML and HTML are parsed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import xml.etree.ElementTree as ET
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from html.parser import HTMLParser
+from pathlib import Path
+
+from matching import studies
+from matching.api import simulate
+from matching.bed_test.judge import judge
+from matching.bed_test.recorded import read_recordings
+from matching.commissioning.by_hand import ByHand
+from matching.commissioning.stages import RECORD, Stages
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.loggers import read_loggers
+from matching.excitation.plan import ExcitationOrder, plan_excitation
+from matching.explore.files.case_form import CaseForm
+from matching.explore.files.workspace import opened
+from matching.explore.signals.measurement import read_as_suggested
+from matching.fmu.export_source import read_export_source
+from matching.frequency.case.load import load_case
+from matching.records import CHECKSUM
+from matching.report.common.style import image
+from matching.report.drawing.figures import model_figure
+from modelling.common.output import strict_json
+from modelling.fmu.description import description
+from modelling.fmu.export import page_of
+from modelling.fmu.source import sources
+from modelling.measurement.channels import read_channels
+from modelling.measurement.read import read_recording
+from modelling.model.files import load
+
+DRAWN_SHARE = 8  # one model in so many is drawn
+LARGEST_DRAWN = 40  # inertias
+TAGS = re.compile(
+    "a|article|b|body|br|caption|code|col|colgroup|dd|details|div|dl|dt|em|figure|h[1-6]|head|html|i|li|math|meta|m[a-z]+"
+    "|ol|p|pre|section|small|span|strong|style|sub|summary|sup|table|tbody|td|th|thead|title|tr|ul"
+)  # that the program writes
+
+
+def _one_in(share: int, path: Path) -> bool:
+    return zlib.crc32(path.read_bytes()) % share == 0
+
+
+def drive(path: Path, deep: bool) -> None:
+    """A vehicle, a rig or a residual vehicle of the user's own, as the case reads them."""
+    role = (path.parent / "role.txt").read_text()
+    path.replace(path.parent / f"{role}.toml")
+    load_case(path.parent / "case.toml")
+
+
+def trace(path: Path, deep: bool) -> None:
+    """A recorded torque that a case names as its manoeuvre."""
+    path.replace(path.parent / "trace.csv")
+    load_case(path.parent / "case.toml")
+
+
+def loggers(path: Path, deep: bool) -> None:
+    """A second logger's recording of a motion."""
+    read_loggers(f"{path.parent / 'first.csv'}+{path}", load(path.parent / "model.toml"))
+
+
+def bed(path: Path, deep: bool) -> None:
+    """A recording of the controlled bed, judged."""
+    case = load_case(path.parent / "case.toml")
+    recordings = read_recordings([path], case)
+    if deep:
+        strict_json(judge(case, recordings).to_dict())
+
+
+def by_hand(path: Path, deep: bool) -> None:
+    """A recording that somebody puts into the folder of a commissioning."""
+    text = ByHand(path.parent, None, str).recording(path.stem, {}, "record", str)
+    path.write_text(text, encoding="utf-8")
+    read_recordings([path], load_case(path.parent / "case.toml"))
+
+
+def diagnosed(path: Path, deep: bool) -> None:
+    """A recording, diagnosed."""
+    system = load(path.parent / "model.toml")
+    recording = read_recording(path, system)
+    if deep:
+        strict_json(diagnose(system, [recording]).to_dict())
+
+
+def record(path: Path, deep: bool) -> None:
+    """A record to go on from, whose checksums are those of its changed lines."""
+    text = path.read_text(errors="replace")
+    lines = [_with_checksum(line) for line in text.split("\n")]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with ThreadPoolExecutor(1) as pool:
+        studies.run(_work, str, 1, [1, 2], pool, content="S", record=path)
+    path.replace(path.parent / RECORD)
+    Stages(path.parent).done("1_export", "I")
+
+
+def _work(prepared: str, chunk: int) -> list[float]:
+    return [float(prepared), chunk]
+
+
+def _with_checksum(line: str) -> str:
+    try:
+        row = json.loads(line)
+        if isinstance(row, dict):
+            if row.get("study") == "S":
+                row["study"] = hashlib.sha256(b"S").hexdigest()
+            row.pop(CHECKSUM, None)
+            row[CHECKSUM] = hashlib.sha256(json.dumps(row).encode()).hexdigest()[:32]
+            return json.dumps(row)
+    except (ValueError, RecursionError):
+        pass
+    return line
+
+
+def columns(path: Path, deep: bool) -> None:
+    """A channel file that names columns of a matrix."""
+    read_recording(path.parent / "drive.mat", load(path.parent / "model.toml"), read_channels(path))
+
+
+def groups(path: Path, deep: bool) -> None:
+    """A channel file that names groups of an MDF file."""
+    read_recording(path.parent / "drive.mf4", load(path.parent / "model.toml"), read_channels(path))
+
+
+def simulated(path: Path, deep: bool) -> None:
+    """A model over recorded inputs."""
+    system = load(path)
+    if deep:
+        simulate(system, path.parent / "drive.csv")
+
+
+def written(path: Path, deep: bool) -> None:
+    """A model as C, XML, HTML and SVG."""
+    source = read_export_source(path)
+    described = description(source.block, "m", "2.0", "{0}", 1e-3, "m.c")
+    ET.fromstring(described.encode())
+    for name, text in sources(source.block, "m", "2.0", "{0}").items():
+        _check_c(name, text)
+    _check_html(page_of("index.html", block=source.block, fmi="2.0"))
+    system = load(path)
+    _check_html(system._repr_html_())
+    if deep and len(system.inertias) <= LARGEST_DRAWN and _one_in(DRAWN_SHARE, path):
+        ET.fromstring(image(model_figure(system), "svg"))
+
+
+def _check_c(name: str, text: str) -> None:
+    """Comments end where they were meant to, and nothing stands in the file but ASCII."""
+    if not text.isascii() or "??" in text:
+        raise AssertionError(f"{name}: not plain ASCII, or a trigraph")
+    if "*/" in text.replace("/*", "").partition("*/")[2] and text.count("/*") != text.count("*/"):
+        raise AssertionError(f"{name}: comments that do not match")
+
+
+class _Tags(HTMLParser):
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Only tags that the program writes, and no attribute that runs anything."""
+        if not TAGS.fullmatch(tag) or any(name.startswith("on") for name, _ in attrs):
+            raise AssertionError(f"HTML holds <{tag[:20]}>")
+
+
+def _check_html(page: str) -> None:
+    parser = _Tags()
+    parser.feed(page)
+    parser.close()
+
+
+def opened_to_edit(path: Path, deep: bool) -> None:
+    """A model or a case, open in the browser, with every field shown and some written again."""
+    workspace = opened([path], path.parent / "out")
+    for document in workspace.models.values():
+        for name, quantity in list(document.system.parameters.items())[-2:]:
+            document.written(name)
+            document.set_value(name, quantity.value)
+    if workspace.case is not None:
+        form = CaseForm(workspace.case)
+        for field in [table[-1] for table in form.fields.values()][:1]:
+            form.set(field, field.text)
+    elif deep and "model" in workspace.models:
+        read_as_suggested(path.parent / "drive.csv", workspace.models["model"].system)
+
+
+def planned(path: Path, deep: bool) -> None:
+    """A case, for which the recording that identifies its bed is planned."""
+    case = load_case(path)
+    if deep:
+        strict_json(plan_excitation(case, ExcitationOrder(duration=6.0, beds=2)).to_dict())
+
+
+RUNS = {
+    "drive": (".toml", drive, 1.5),
+    "trace": (".csv", trace, 0.2),
+    "loggers": (".csv", loggers, 0.2),
+    "bed": (".csv", bed, 0.1),
+    "by_hand": (".csv", by_hand, 0.1),
+    "diagnosed": (".csv", diagnosed, 0.02),
+    "record": (".jsonl", record, 0.3),
+    "columns": (".toml", columns, 0.05),
+    "groups": (".toml", groups, 0.02),
+    "simulated": (".toml", simulated, 0.5),
+    "written": (".toml", written, 0.4),
+    "opened": (".toml", opened_to_edit, 0.15),
+    "planned": (".toml", planned, 0.02),
+}
