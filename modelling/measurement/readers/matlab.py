@@ -55,12 +55,7 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
         for name, (matrix, number) in columns_of.items()
         if name not in variables and matrix in variables
     }
-    units_in_file = variables.get("units")
-    units = (
-        {name: unit for name, unit in units_in_file.items() if isinstance(unit, str) and unit}
-        if isinstance(units_in_file, dict)
-        else {}
-    )
+    units = _units(variables.get("units"))
     sizes = [np.size(variables[name]) for name in known & {*variables}]
     length = np.size(variables["time"]) if "time" in variables else max(sizes, key=sizes.count, default=0)
     for name in sorted(known & {*variables}):
@@ -85,6 +80,12 @@ def read(path: Path, used: Collection[str] | None = None) -> Table:
     values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
     others = tuple(name for name in (*others, *variables) if name not in names and name != "units")
     return Table(names, [units.get(name, "") for name in names], values, others=others)
+
+
+def _units(struct: Any) -> dict[str, str]:
+    """Unit by channel of a struct ``units``, where the file has one."""
+    entries = struct.items() if isinstance(struct, dict) else ()
+    return {name: unit for name, unit in entries if isinstance(unit, str) and unit}
 
 
 def _column_of_matrix(name: str) -> tuple[str, int] | None:
