@@ -94,7 +94,8 @@ def watched() -> bool:
 def _bar(what: str) -> Any:
     from tqdm import tqdm
 
-    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False)
+    tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked
+    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, miniters=1)
 
 
 def cores() -> int:

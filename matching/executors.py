@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
-from threading import Thread
+from threading import Thread, active_count
 from typing import Any
 
 from modelling.common.errors import InputError
@@ -24,12 +25,13 @@ class LocalProcesses(Executor):
     new ones.
     """
 
-    def __init__(self, workers: int | None = None):
+    def __init__(self, workers: int | None = None, like_this_process: bool = False):
         self.workers = workers
+        self._method = "fork" if like_this_process and _can_fork() else "spawn"
         self._pool = self._begun()
 
     def _begun(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.workers, get_context("spawn"), _begin_worker)
+        return ProcessPoolExecutor(self.workers, get_context(self._method), _begin_worker)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         """As :meth:`concurrent.futures.Executor.submit`."""
@@ -53,8 +55,12 @@ class LocalProcesses(Executor):
 
 
 @contextmanager
-def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
+def executor_of(
+    workers: int | None = None, scheduler: str | None = None, *, like_this_process: bool = False
+) -> Iterator[Executor]:
     """Processes of this machine, or a Dask cluster by its scheduler's address; what waits is dropped at the end.
+
+    Processes ``like_this_process`` know all that it has imported and worked out, where the machine can fork.
 
     Raises
     ------
@@ -65,7 +71,7 @@ def executor_of(workers: int | None = None, scheduler: str | None = None) -> Ite
         with _cluster(scheduler) as executor:
             yield executor
         return
-    processes = LocalProcesses(workers)
+    processes = LocalProcesses(workers, like_this_process)
     try:
         yield processes
     except BaseException:  # an interruption too: nobody waits for what is still computed
@@ -92,6 +98,11 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         raise InputError("--scheduler", f"{scheduler!r} does not answer ({said})", right) from None
     with client:
         yield client.get_executor()
+
+
+def _can_fork() -> bool:
+    """Only Linux's libraries bear it, and only without other threads, whose locks would never be let go."""
+    return sys.platform == "linux" and active_count() == 1
 
 
 def _begin_worker() -> None:

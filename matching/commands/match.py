@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         beds = BEDS_OF_FEEDBACK
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with beside(workers) as aside:
-        aside.prepare("matching.frequency.search.match", "matching.report.match.figures")
+        aside.prepare("matching.report.match.figures", "matching.report.curves.moving_figures", "bokeh.plotting")
         with steps("match") as tell:
             found = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
         result, files = _written(found, arguments.seed, aside)
@@ -68,13 +68,14 @@ def _written(found: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[st
     from matching.report.match.page import page
     from matching.report.match.text import content
 
+    aside.share(found)
+    acting = aside.begin(moving_figures, found)
     tasks = {name: aside.begin(svg, found, name) for name in drawers(found)}
     made = provenance(found.case, seed)
-    result = content(found) | {"made_by": made.to_dict()}
-    acting, curves = moving_figures(found), curve_data(found)
+    result, curves = content(found) | {"made_by": made.to_dict()}, curve_data(found)
     drawn = {name: tasks[name].result() for name in reversed(tasks)}
     drawn = {name: drawn[name] for name in tasks}
-    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, acting, curves)}
+    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, acting.result(), curves)}
     return result, files | {f"figures/{name}.svg": image for name, image in drawn.items()} | case_files(found.tuned)
 
 

@@ -4,11 +4,12 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from modelling.modal.result import Modes
     from modelling.model.system import System
 
 HELP = """Modes of a model: frequencies, where the kinetic and the potential energy sits, left/right symmetry.
-Undamped unless --damped; of more than 300 degrees of freedom the lowest 100. Writes modes.json, modes.svg (frequencies
-and shares of the first modes) and energy_shares.svg (all shares)."""
+Undamped unless --damped; of more than 300 degrees of freedom the lowest 100. Writes modes.json, and with --out the
+figures modes.svg (frequencies and shares of the first modes) and energy_shares.svg (all shares)."""
 EXAMPLES = (
     "rigmatch modes examples/road_to_rig/vehicle.toml --out out/modes",
     'rigmatch modes rig.toml --damped --change "inertias.rotor_left.J=1.8 kg*m^2" --out out/modes',
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'e.g. --change "inertias.rotor_left.J=1.8 kg*m^2", may be repeated',
     )
     completed(change, _parameters)
-    parser.add_argument("--out", metavar="DIR", default=".", help="directory to write to (default: here)")
+    parser.add_argument("--out", metavar="DIR", help="directory to write to (default: here, without figures)")
 
 
 def _parameters(arguments: argparse.Namespace) -> list[str]:
@@ -44,40 +45,60 @@ def _parameters(arguments: argparse.Namespace) -> list[str]:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Find the modes and write files; the result object is the content of ``modes.json``."""
-    from matching.report.common.style import VEHICLE, image
-    from matching.report.modes.figures import Column, energy_figure, shares_figure
     from modelling.common.errors import InputError
     from modelling.common.output import write_results
-    from modelling.modal.damped_modes import damped_modes
-    from modelling.modal.modes import modes
-    from modelling.modal.reduction import reduced, reduced_values, speed_ratios
-    from modelling.modal.sensitivity import what_if
     from modelling.model.files import load
 
     system = load(arguments.model)
     try:
         changes = _changes(arguments.change, system)
-        analysed = damped_modes(system) if arguments.damped else modes(system)
+        analysed = _modes(system, arguments.damped)
         result = analysed.to_dict()
         if len(analysed) < len(analysed.coordinates) and not arguments.damped:
             result["degrees_of_freedom"] = len(analysed.coordinates)
         if arguments.reduced:
-            result["reference"] = system.reference
-            result["reduced"] = reduced_values(system)
-            at_reference = reduced(analysed, speed_ratios(system))
-            for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
-                entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
+            _add_reduced(result, system, analysed)
         if changes:
+            from modelling.modal.sensitivity import what_if
+
             rows = [change.to_dict() for change in what_if(system, changes)]
             result["what_if"] = {"changes": changes, "modes": rows}
     except InputError as error:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
     title = system.title or str(arguments.model)
-    files: dict[str, str | bytes] = {
+    files = _figures(analysed, title) if arguments.out is not None else {}
+    return write_results(arguments.out or ".", "modes.json", result, files)
+
+
+def _modes(system: "System", damped: bool) -> "Modes":
+    """Only what is asked for is imported: the answer comes while one waits for it."""
+    if damped:
+        from modelling.modal.damped_modes import damped_modes
+
+        return damped_modes(system)
+    from modelling.modal.modes import modes
+
+    return modes(system)
+
+
+def _add_reduced(result: dict[str, Any], system: "System", analysed: "Modes") -> None:
+    from modelling.modal.reduction import reduced, reduced_values, speed_ratios
+
+    result["reference"] = system.reference
+    result["reduced"] = reduced_values(system)
+    at_reference = reduced(analysed, speed_ratios(system))
+    for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
+        entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
+
+
+def _figures(analysed: "Modes", title: str) -> dict[str, str | bytes]:
+    from matching.report.common.style import VEHICLE, image
+    from matching.report.modes.figures import Column, energy_figure, shares_figure
+
+    return {
         "modes.svg": image(energy_figure([Column(title, VEHICLE, analysed)])),
         "energy_shares.svg": image(shares_figure(analysed, title)),
     }
-    return write_results(arguments.out, "modes.json", result, files)
 
 
 def _changes(assignments: list[str], system: "System") -> dict[str, float]:
@@ -100,7 +121,7 @@ def _changes(assignments: list[str], system: "System") -> dict[str, float]:
 def summary(result: dict[str, Any]) -> str:
     """The mode table, and reduced values where asked for."""
     from matching.report.common.table import aligned
-    from matching.report.modes.figures import mode_table
+    from matching.report.modes.mode_table import mode_table
 
     lines = [aligned(mode_table(result["modes"]))]
     if "degrees_of_freedom" in result:

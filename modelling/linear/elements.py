@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
+import scipy
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model
@@ -65,7 +65,7 @@ class Elements:
         return self.spring_transformation if self.spring_transformation.ndim == 2 else self.spring_transformation[0]
 
 
-def rank(rows: np.ndarray | sparse.sparray) -> int:
+def rank(rows: np.ndarray | scipy.sparse.sparray) -> int:
     """Rank of rows (r, n), dense or sparse, each taken to length one, by elimination that keeps to what is not zero.
 
     Rows of a drivetrain have a few entries each, so the work grows with their number, where an SVD takes its cube.
@@ -83,14 +83,14 @@ def rank(rows: np.ndarray | sparse.sparray) -> int:
     return len(pivots)
 
 
-def _entries(rows: np.ndarray | sparse.sparray) -> Iterator[dict[int, float]]:
+def _entries(rows: np.ndarray | scipy.sparse.sparray) -> Iterator[dict[int, float]]:
     """What is not zero in each row (r, n), by column, at length one."""
     if isinstance(rows, np.ndarray):
         for row in rows / np.linalg.norm(rows, axis=1, keepdims=True):
             columns = np.flatnonzero(row)
             yield dict(zip(columns.tolist(), row[columns].tolist(), strict=True))
         return
-    scaled = sparse.csr_array(rows)
+    scaled = scipy.sparse.csr_array(rows)
     for i, length in enumerate(np.sqrt(scaled.power(2).sum(axis=1))):
         part = slice(scaled.indptr[i], scaled.indptr[i + 1])
         yield dict(zip(scaled.indices[part].tolist(), (scaled.data[part] / length).tolist(), strict=True))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import linalg
+import scipy
 
 from modelling.equations.compiled import Model
 from modelling.linear.elements import CLOSED_BY_RAD, rank
@@ -28,14 +27,14 @@ class SparseElements:
     springs: tuple[str, ...]
     J: np.ndarray
     stiffness: np.ndarray
-    mass_transformation: sparse.csr_array
-    spring_transformation: sparse.csr_array
+    mass_transformation: scipy.sparse.csr_array
+    spring_transformation: scipy.sparse.csr_array
 
-    def mass_matrix(self) -> sparse.csc_array:
+    def mass_matrix(self) -> scipy.sparse.csc_array:
         """M (n, n), kg·m²."""
         return _weighted(self.J[0], self.mass_transformation)
 
-    def stiffness_matrix(self) -> sparse.csc_array:
+    def stiffness_matrix(self) -> scipy.sparse.csc_array:
         """K (n, n), N·m/rad."""
         return _weighted(self.stiffness[0], self.spring_transformation)
 
@@ -52,8 +51,8 @@ def sparse_elements(model: Model, p: np.ndarray, x: np.ndarray | None = None) ->
     return SparseElements(tuple(a.masses), tuple(a.springs), J.toarray().T, stiffness.toarray().T, turns, twists)
 
 
-def _evaluated(model: Model, x: np.ndarray, p: np.ndarray) -> list[sparse.csr_array]:
-    return [sparse.csr_array(out.sparse()) for out in model.elements(x, p)]
+def _evaluated(model: Model, x: np.ndarray, p: np.ndarray) -> list[scipy.sparse.csr_array]:
+    return [scipy.sparse.csr_array(out.sparse()) for out in model.elements(x, p)]
 
 
 def _rest_state(model: Model, p: np.ndarray) -> np.ndarray:
@@ -66,9 +65,9 @@ def _rest_state(model: Model, p: np.ndarray) -> np.ndarray:
         wanted = np.zeros(len(springs))
         for name, gap in gaps.items():
             wanted[springs[name]] = p[model.parameters.index(gap)] / 2 + CLOSED_BY_RAD
-        x = linalg.lsqr(deflections, wanted, atol=1e-14, btol=1e-14, iter_lim=4 * len(x))[0]
+        x = scipy.sparse.linalg.lsqr(deflections, wanted, atol=1e-14, btol=1e-14, iter_lim=4 * len(x))[0]
     return x
 
 
-def _weighted(weights: np.ndarray, rows: sparse.csr_array) -> sparse.csc_array:
-    return sparse.csc_array(rows.T @ sparse.diags_array(weights) @ rows)
+def _weighted(weights: np.ndarray, rows: scipy.sparse.csr_array) -> scipy.sparse.csc_array:
+    return scipy.sparse.csc_array(rows.T @ scipy.sparse.diags_array(weights) @ rows)

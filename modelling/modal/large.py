@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import eigh
-from scipy.sparse import linalg
+import scipy
 
 from modelling.common.errors import InputError
 from modelling.linear.sparse_elements import SparseElements
@@ -35,11 +33,13 @@ def lowest(parts: SparseElements, count: int) -> tuple[np.ndarray, np.ndarray]:
     if np.any(parts.stiffness < 0) and _below(stiffness, mass, -1e-11 * largest):
         raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
     inverse = _factors(stiffness + shift * mass)
-    solve = linalg.LinearOperator((n, n), inverse.solve, dtype=float)
+    solve = scipy.sparse.linalg.LinearOperator((n, n), inverse.solve, dtype=float)
     start = np.random.default_rng(0).standard_normal(n)
     for spare in (SPARE, 4 * SPARE):
         size = min(count + spare, n - 2)
-        squares, shapes = linalg.eigsh(stiffness, size, mass, sigma=-shift, OPinv=solve, v0=start, ncv=min(n, 3 * size))
+        squares, shapes = scipy.sparse.linalg.eigsh(
+            stiffness, size, mass, sigma=-shift, OPinv=solve, v0=start, ncv=min(n, 3 * size)
+        )
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
         if _complete(stiffness, mass, squares, count):
@@ -47,15 +47,17 @@ def lowest(parts: SparseElements, count: int) -> tuple[np.ndarray, np.ndarray]:
     return _dense(stiffness, mass, count)
 
 
-def _dense(stiffness: sparse.csc_array, mass: sparse.csc_array, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _dense(
+    stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The same by dense matrices, for modes repeated so often that Lanczos iterations miss some: slow, but all."""
     if stiffness.shape[0] > LARGEST_REPEATED:
         raise InputError("inertias", "many equal branches give the same mode too often", "join equal branches to one")
-    squares, shapes = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1))
+    squares, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1))
     return squares[None], shapes[None]
 
 
-def _complete(stiffness: sparse.csc_array, mass: sparse.csc_array, squares: np.ndarray, count: int) -> bool:
+def _complete(stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, squares: np.ndarray, count: int) -> bool:
     """Whether all modes up to the widest gap after the ones asked for are among ω² (m,), in order."""
     gaps = np.diff(squares[count - 1 :])
     if not gaps.max(initial=0.0) > 1e-8 * squares[-1]:
@@ -64,13 +66,16 @@ def _complete(stiffness: sparse.csc_array, mass: sparse.csc_array, squares: np.n
     return _below(stiffness, mass, (squares[last] + squares[last + 1]) / 2) == last + 1
 
 
-def _below(stiffness: sparse.csc_array, mass: sparse.csc_array, square: float) -> int:
+def _below(stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, square: float) -> int:
     """Number of modes with ω² below ``square``."""
     return int(np.sum(_factors(stiffness - square * mass).U.diagonal() < 0))
 
 
-def _factors(matrix: sparse.csc_array) -> linalg.SuperLU:
+def _factors(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
     """LU factors with pivots from the diagonal, in an order that keeps them sparse."""
-    return linalg.splu(
-        sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    return scipy.sparse.linalg.splu(
+        scipy.sparse.csc_matrix(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
@@ -144,7 +144,7 @@ def _split_repeated(
                 first = last
 
 
-def _moved(rows: np.ndarray | sparse.csr_array, shapes: np.ndarray) -> np.ndarray:
+def _moved(rows: np.ndarray | scipy.sparse.csr_array, shapes: np.ndarray) -> np.ndarray:
     """Amplitudes (b, r, m) of masses or springs; sparse rows (r, n) go with one case only."""
     return rows @ shapes if isinstance(rows, np.ndarray) else (rows @ shapes[0])[None]
 

@@ -8,7 +8,8 @@ import pytest
 
 from matching.cli import main
 from matching.report.common.style import RIG, VEHICLE, image
-from matching.report.modes.figures import Column, energy_figure, mode_table, shares_figure
+from matching.report.modes.figures import Column, energy_figure, shares_figure
+from matching.report.modes.mode_table import mode_table
 from modelling.modal.modes import modes
 from modelling.model.files import dumps, from_dict, load
 

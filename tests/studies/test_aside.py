@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from concurrent.futures import BrokenExecutor, Future
 
 import pytest
@@ -53,6 +54,42 @@ def test_two_processes_share_and_errors_come_through():
         assert other[0] != os.getpid()
         with pytest.raises(ValueError, match="wrong"):
             aside.begin(fail).result()
+
+
+class Counted:
+    """A value that counts how often it is sent."""
+
+    sent = 0
+
+    def __reduce__(self):
+        Counted.sent += 1
+        return Counted, ()
+
+
+def count_and(value, number):
+    return type(value).__name__, number
+
+
+def test_a_shared_value_is_sent_once():
+    with beside(2) as aside:
+        value = Counted()
+        aside.share(value)
+        tasks = [aside.begin(count_and, value, number) for number in range(3)]
+        assert [task.promise.result(60) for task in tasks] == [("Counted", number) for number in range(3)]
+        assert Counted.sent == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked here")
+def test_the_other_process_knows_what_was_worked_out_before_it_began(monkeypatch):
+    with beside(2) as aside:
+        monkeypatch.setattr(sys.modules[__name__], "fail", lambda: "known")
+        aside.start()
+        monkeypatch.undo()
+        assert aside.begin(call_fail).promise.result(60) == "known"
+
+
+def call_fail():
+    return fail()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")

@@ -81,6 +81,8 @@ def match(
     case, simple = fitted_simple_vehicle(case)
     question = question_of(case)
     tell("vehicle, rig and manoeuvre")
+    if aside is not None:
+        aside.start()
     if case.loop.structure.is_observer:
         effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
         return _with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)

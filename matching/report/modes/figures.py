@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from matching.report.common.style import figure, styled
-from matching.report.common.wording import ABSENT, spaced
+from matching.report.modes.mode_table import short_name
 from modelling.common import escape
 from modelling.modal.result import Mode, Modes
 
@@ -99,7 +99,7 @@ def _shares(axes: Any, column: Column, energy: str) -> None:
         label = f"mode {mode.number}, {mode.frequency:.4g} Hz"
         axes.bar(place, values, width, color=_tint(column.colour, tint), edgecolor=_EDGE, linewidth=0.6, label=label)
     axes.set_xticks(
-        range(len(names)), [_short(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
+        range(len(names)), [short_name(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
     )
     axes.set_ylim(0, 100)
     axes.grid(False, axis="x")
@@ -148,32 +148,12 @@ def _share_table(axes: Any, shares: np.ndarray, names: Sequence[str], title: str
             in_layout=False,  # inside the axes: needs no room, and to measure a thousand texts takes seconds
         )
     axes.set_xticks(
-        range(len(names)), [_short(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
+        range(len(names)), [short_name(name) for name in names], rotation=40, ha="right", rotation_mode="anchor"
     )
     axes.set_title(title, fontsize=9)
     axes.grid(False)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
-
-
-def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dict[str, str]]:
-    """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy."""
-    return [
-        {
-            "mode": str(mode["number"]),
-            "frequency [Hz]": f"{mode['frequency']:.4g}",
-            "damping ratio": f"{mode['damping_ratio']:.4f}",
-            "symmetry": mode["symmetry"],
-            "kinetic energy": _largest(mode["kinetic"], components),
-            "potential energy": _largest(mode["potential"], components),
-        }
-        for mode in modes
-    ]
-
-
-def _largest(shares: dict[str, float], count: int) -> str:
-    ranked = sorted(shares.items(), key=lambda item: -round(item[1], 6))[:count]  # equal ones in the model's order
-    return ", ".join(f"{_short(name)} {100 * share:.0f} %" for name, share in ranked if share >= 0.05) or ABSENT
 
 
 def _components(modes: Iterable[Mode], energy: str) -> list[str]:
@@ -187,10 +167,6 @@ def _largest_shares(shares: Any, names: Sequence[str], count: int) -> list[str]:
         return list(names)[:count]
     ranked = np.argsort(-np.max(np.asarray(shares), axis=0), kind="stable")[:count]
     return [names[i] for i in sorted(ranked)]
-
-
-def _short(name: str) -> str:
-    return spaced(name.rsplit(".", 1)[1])
 
 
 def _tint(colour: str, strength: float) -> tuple[float, ...]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.report.common.table import aligned, table
-from matching.report.modes.figures import mode_table, shares_figure
+from matching.report.modes.figures import shares_figure
+from matching.report.modes.mode_table import mode_table
 from modelling.common import display
 from modelling.modal.result import Modes
 
