@@ -6,6 +6,7 @@ import numpy as np
 
 from modelling.common.errors import InputError, listed
 from modelling.measurement.readers.table import Table, time_hint
+from modelling.units.quantities import LARGEST
 
 
 def check_header(table: Table, source: str) -> None:
@@ -37,12 +38,17 @@ def column(table: Table, name: str, rows: np.ndarray, scale: float, source: str)
     Raises
     ------
     InputError
-        If a value is infinite.
+        If a value is infinite, or larger than any quantity.
     """
-    values = table.values[rows, table.names.index(name)] * scale
+    with np.errstate(over="ignore"):
+        values = table.values[rows, table.names.index(name)] * scale
     if np.isinf(values).any():
         row = int(rows[np.argmax(np.isinf(values))])
         raise InputError(
             f"{source}: {table.place(row)}", f"{name!r} is infinite", "write a finite number or leave it empty"
         )
+    if (np.abs(values) > LARGEST).any():
+        row = int(rows[np.nanargmax(np.abs(values))])
+        wrong = f"{name!r} is {table.values[row, table.names.index(name)]:g}"
+        raise InputError(f"{source}: {table.place(row)}", wrong, f"at most {LARGEST:g} (SI) is read: leave it empty")
     return values

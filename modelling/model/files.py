@@ -188,7 +188,7 @@ def _effect_place(table: dict, possible: Collection[str], place: str) -> str:
     several = table.get("at")
     names = several if isinstance(several, list) and several else [text(table, "at", place)]
     for name in names:
-        if name not in possible:
+        if not isinstance(name, str) or name not in possible:
             raise unknown(str(name), list(possible), f"{place}.at")
     return shared_place(names)
 

@@ -131,6 +131,7 @@ SPOILED = {
         '"backlash"', '"backlach"', r"effects\[1\]\.kind: 'backlach' .*did you mean 'backlash'\?",
     ),
     "effect nowhere": ('at = "shafts.link"', "", r"effects\[1\]: 'at' is missing"),
+    "effect at a list of lists": ('"shafts.link"', '[["shafts.link"]]', r"effects\[1\]\.at: .* does not exist"),
     "effect at a stranger": ('"shafts.link"', '"shafts.lnik"', r"effects\[1\]\.at: .*did you mean 'shafts.link'\?"),
     "effect key misspelt": ("gap = 0.02", "gaps = 0.02", r"effects\[1\] \(backlash\): 'gaps' .*did you mean 'gap'\?"),
     "effect key missing": ("gap = 0.02", "", r"effects\[1\] \(backlash\): 'gap' is missing; give it in rad"),
