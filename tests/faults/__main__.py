@@ -6,17 +6,23 @@ in the temporary folder. Writes ``out/faults/report.md``; ends with 1 if anythin
 """
 
 import argparse
+import itertools
 import random
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
-from tests.faults.commands import QUICK, ROOT, SLOW, End, contents, run, words_of
+from tests.faults.commands import IN_STEPS, QUICK, ROOT, SERVED, SLOW, End, contents, run, words_of
+from tests.faults.inputs import written
 
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)
 PROMPT_SECONDS = 1.0
+SERVED_SECONDS = 8.0  # until the page is served, at most
+Trial = Callable[[], None]
 BROKEN = {
     "fails": "exit 1",
     "makes nothing": "exit 0",
@@ -35,12 +41,12 @@ ODD_NAMES = (
 
 
 class Trials:
-    """What was tried and what went wrong."""
+    """What was tried and what went wrong; trials may run side by side in threads."""
 
     def __init__(self, folder: Path, commands: dict[str, list[str]]):
         self.folder, self.commands = folder, commands
-        self.cache = str(folder / "cache")
-        self.count, self.wrong = 0, list[str]()
+        self.cache, self.inputs = str(folder / "cache"), written(folder / "inputs")
+        self.numbers, self.wrong = itertools.count(1), list[str]()
         self.reference: dict[str, dict[str, bytes]] = {}
         self.seconds: dict[str, float] = {}
         for name in commands:
@@ -51,12 +57,12 @@ class Trials:
 
     def run(self, name: str, what: str, out: Path | None = None, **how: object) -> tuple[End, Path]:
         """Run a command into a folder of its own; complains of what is left of it."""
-        self.count += 1
-        out = out or self.folder / f"{self.count}"
-        temporary = self.folder / f"temporary {self.count}"
+        number = next(self.numbers)
+        out = out or self.folder / f"{number}"
+        temporary = self.folder / f"temporary {number}"
         temporary.mkdir()
         changed = {"TMPDIR": str(temporary), "RIGMATCH_CACHE": self.cache} | how.pop("changed", {})  # type: ignore
-        end = run(words_of(self.commands[name], out), changed, **how)  # type: ignore
+        end = run(words_of((self.commands | SERVED)[name], out, self.inputs), changed, **how)  # type: ignore
         killed = how.get("number") == signal.SIGKILL
         self.check(not end.left, what, f"processes {end.left} go on")
         self.check(killed or not list(temporary.iterdir()), what, f"leaves {[*temporary.iterdir()]}")
@@ -82,7 +88,12 @@ class Trials:
         if end.code == 0:
             self.same(name, out, what)
         else:
-            self.check(not out.exists() or not contents(out), what, f"leaves {out}")
+            left = set(contents(out)) & self.last(name) if out.exists() else set()
+            self.check(not left, what, f"leaves {sorted(left)}")
+
+    def last(self, name: str) -> set[str]:
+        """Results that are written together, at a command's end."""
+        return set(IN_STEPS.get(name, self.reference[name]))
 
     def ended(self, name: str, number: signal.Signals, after: float) -> None:
         """A command that is ended by a signal, then run again."""
@@ -93,38 +104,60 @@ class Trials:
             self.check(end.code == 0 or end.seconds < PROMPT_SECONDS, what, f"ends {end.seconds:.1f} s later")
         marked = out.exists() and any(out.glob("unfinished-*"))
         before = contents(out) if out.exists() else {}
-        self.check(
-            marked or not before or set(before) >= set(self.reference[name]) or "writing" in str(before), what, "half"
-        )
+        last = self.last(name)
+        self.check(marked or not last & set(before) or last <= set(before) or "writing" in str(before), what, "half")
         if name == "new" and before:
             return
         again, _ = self.run(name, f"{what}, again", out=out)
         self.check(again.code == 0, what, f"again: ends with {again.code}: {again.said[:300]!r}")
         self.same(name, out, what)
 
+    def served(self, number: signal.Signals, after: float) -> None:
+        """The page's server, which goes on until it is ended."""
+        what = f"explore, {number.name} after {after:.2f} s"
+        end, _ = self.run("explore", what, number=number, after=after)
+        self.check(end.code in (128 + number, -number), what, f"ends with {end.code}: {end.said[:300]!r}")
+        self.check(end.seconds < PROMPT_SECONDS, what, f"ends {end.seconds:.1f} s later")
 
-def disturb(trials: Trials, draw: random.Random) -> None:
-    """What commands may be short of, and what they may meet."""
-    shortages: dict[str, Callable[[], dict]] = {
-        "files no longer than 1 kB": lambda: {"limit": "-f 1"},
-        "little memory": lambda: {"limit": f"-v {draw.randrange(150_000, 1_500_000)}"},
-        "few open files": lambda: {"limit": f"-n {draw.randrange(6, 40)}"},
-        "no home": lambda: {"changed": {"HOME": "/proc/nowhere", "RIGMATCH_CACHE": None, "XDG_CACHE_HOME": None}},
-        "C locale": lambda: {"changed": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}},
-        "Turkish locale": lambda: {"changed": {"LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}},
-    }
-    for what, how in shortages.items():
+    def odd(self, name: str) -> None:
+        """A folder of results with an odd name."""
+        end, out = self.run("modes", f"modes to {name!r}", out=self.folder / name)
+        self.check(end.code == 0, f"modes to {name!r}", f"ends with {end.code}: {end.said[:300]!r}")
+        self.same("modes", out, f"modes to {name!r}")
+
+
+def moments(trials: Trials, draw: random.Random, count: int) -> Iterator[Trial]:
+    """Commands that are ended, and some servers."""
+    for _ in range(count):
         name = draw.choice(list(trials.commands))
-        trials.clear(name, f"{name}, {what}", **how())
+        number, after = draw.choice(SIGNALS), draw.uniform(0.0, 1.1 * trials.seconds[name])
+        yield partial(trials.ended, name, number, after)
+    for number in SIGNALS:
+        yield partial(trials.served, number, draw.uniform(0.0, SERVED_SECONDS))
+
+
+def disturbances(trials: Trials, draw: random.Random) -> Iterator[Trial]:
+    """What commands may be short of, and what they may meet."""
+    for name in trials.commands:
+        shortages: dict[str, dict] = {
+            "files no longer than 1 kB": {"limit": "-f 1"},
+            "little memory": {"limit": f"-v {draw.randrange(150_000, 1_500_000)}"},
+            "few open files": {"limit": f"-n {draw.randrange(6, 40)}"},
+            "no home": {"changed": {"HOME": "/proc/nowhere", "RIGMATCH_CACHE": None, "XDG_CACHE_HOME": None}},
+            "C locale": {"changed": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}},
+            "Turkish locale": {"changed": {"LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}},
+        }
+        chosen = shortages if name in QUICK else draw.sample(list(shortages), 2)
+        for what in chosen:
+            yield partial(trials.clear, name, f"{name}, {what}", **shortages[what])
     for kind, script in BROKEN.items():
         compiler = trials.folder / f"cc {kind}"
         compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo "{kind}" && exit\n{script}\n')
         compiler.chmod(0o755)
-        trials.clear("export", f"export, a compiler that {kind}", changed={"CC": str(compiler)})
-    for odd in ODD_NAMES:
-        end, out = trials.run("modes", f"modes to {odd!r}", out=trials.folder / odd)
-        trials.check(end.code == 0, f"modes to {odd!r}", f"ends with {end.code}: {end.said[:300]!r}")
-        trials.same("modes", out, f"modes to {odd!r}")
+        for name in {"export", "commission"} & set(trials.commands):
+            yield partial(trials.clear, name, f"{name}, a compiler that {kind}", changed={"CC": str(compiler)})
+    for name in ODD_NAMES:
+        yield partial(trials.odd, name)
 
 
 def main() -> int:
@@ -132,18 +165,20 @@ def main() -> int:
     parser.add_argument("--moments", type=int, default=100, help="random moments at which a command is ended")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--quick", action="store_true", help="without match, map and tolerance")
+    parser.add_argument("--at-once", type=int, default=2, help="trials side by side")
     asked = parser.parse_args()
     draw = random.Random(asked.seed)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it begins in the background
-    with tempfile.TemporaryDirectory(prefix="faults-") as folder:
+    with tempfile.TemporaryDirectory(prefix="faults-") as folder, ThreadPoolExecutor(asked.at_once) as pool:
         trials = Trials(Path(folder), QUICK if asked.quick else QUICK | SLOW)
-        for _ in range(asked.moments):
-            name = draw.choice(list(trials.commands))
-            trials.ended(name, draw.choice(SIGNALS), draw.uniform(0.0, 1.1 * trials.seconds[name]))
-        disturb(trials, draw)
+        todo = [*moments(trials, draw, asked.moments), *disturbances(trials, draw)]
+        for done in [pool.submit(trial) for trial in todo]:
+            done.result()
     report = ROOT / "out" / "faults" / "report.md"
     report.parent.mkdir(parents=True, exist_ok=True)
-    head = f"{trials.count} runs, seed {asked.seed}, {asked.moments} moments: {len(trials.wrong)} went wrong\n"
+    head = (
+        f"{next(trials.numbers) - 1} runs, seed {asked.seed}, {asked.moments} moments: {len(trials.wrong)} went wrong\n"
+    )
     report.write_text("\n".join([head, *(f"- {line}" for line in trials.wrong)]), encoding="utf-8", errors="replace")
     print(head, end="")
     return bool(trials.wrong)

@@ -13,12 +13,18 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 REFERENCE, COMPACT = EXAMPLES / "road_to_rig", EXAMPLES / "compact_bev"
-QUICK = {  # words; {out} is the folder of results
+QUICK = {  # words; {out} is the folder of results, {inputs} that of tests.faults.inputs
     "modes": ["modes", str(REFERENCE / "vehicle.toml"), "--out", "{out}"],
     "uncertainty": ["uncertainty", str(EXAMPLES / "sensors" / "torque_M2.toml"), "--draws", "20000", "--out", "{out}"],
     "fidelity": ["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--draws", "200", "--out", "{out}"],
     "export": ["export", str(REFERENCE / "case.toml"), "--fmu", "{out}/rvm.fmu"],
     "new": ["new", "{out}"],
+    "simulate": ["simulate", "{inputs}/model.toml", "{inputs}/drive.csv", "--out", "{out}"],
+    "show": ["show", "{inputs}/case.toml", "--out", "{out}"],
+    "diagnose": ["diagnose", "{inputs}/model.toml", "{inputs}/drive.csv", "--out", "{out}"],
+    "verify": ["verify", "{inputs}/case.toml", "{inputs}/bed_run.csv", "--out", "{out}"],
+    "excite": ["excite", "{inputs}/case.toml", "--duration", "6", "--beds", "2", "--out", "{out}"],
+    "commission": ["commission", "{inputs}/matched", "--bed", "{inputs}/bed", "--rounds", "1", "--out", "{out}"],
 }
 SLOW = {
     "match": ["match", str(COMPACT / "case.toml"), "--starts", "2", "--workers", "2", "--out", "{out}"],
@@ -27,6 +33,8 @@ SLOW = {
     "tolerance": ["tolerance", str(COMPACT / "case.toml"), "--tolerance", "rig.*.stiffness=0.02", "-n", "300",
                   "--workers", "2", "--out", "{out}"],
 }  # fmt: skip
+SERVED = {"explore": ["explore", "{inputs}/model.toml", "--no-browser", "--out", "{out}"]}  # until it is ended
+IN_STEPS = {"commission": ("commission.json", "report.html")}  # writes a folder a step; what is written last
 DATES = re.compile(rb'"date": "[^"]*"|made on [0-9-]+')
 
 
@@ -45,9 +53,9 @@ class End:
         return self.code == 0 or (self.code == 2 and self.said.count("\n") == 1 and "a fault of" not in self.said)
 
 
-def words_of(command: Sequence[str], out: Path) -> list[str]:
+def words_of(command: Sequence[str], out: Path, inputs: Path) -> list[str]:
     """The command line of a command."""
-    return [sys.executable, "-m", "matching", *(word.format(out=out) for word in command)]
+    return [sys.executable, "-m", "matching", *(word.format(out=out, inputs=inputs) for word in command)]
 
 
 def run(
