@@ -37,9 +37,13 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
         if deep := _DEEP_KEY.search(written := content.decode().replace("\r\n", "\n")):
             raise InputError(
-                f"{path}, line {written.count(chr(10), 0, deep.start()) + 1}", "has a key of too many parts"
+                f"{path}, line {written.count(chr(10), 0, deep.start()) + 1}",
+                "has a key of too many parts",
+                "write at most 50",
             )
         tables = tomllib.loads(written)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:
