@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from matching.frequency.beds.closed_loop import closed_matrices, damping, sampled_beds
-from matching.frequency.beds.tuner import DAMPING_RESERVE, WORST_BED_SHARE
+from matching.frequency.beds.tune import WORST_BED_SHARE, TuningEffort, TuningEnd, add_scenarios
+from matching.frequency.beds.tuner import DAMPING_RESERVE
 from matching.frequency.beds.worst import worst_positions
 
 
@@ -38,13 +39,16 @@ def begun(small_search, small_case):
 
 def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
     search, start = begun
-    assert not search.add_worst(start)  # every bed of the box is stable with a reserve
+    effort = TuningEffort(pool=6)
+    assert not add_scenarios(
+        search, TuningEnd(start, search.judged(start)), effort
+    )  # every bed of the box is stable with a reserve
     poles = np.linalg.eigvals(closed_matrices(search.sampled_pool, search.gains.controller(start)))
     least = damping(poles, search.model.sample_time)[1].min()
     # a reserve as large as the least damped bed of the pool has
     needed = least / (WORST_BED_SHARE * (1 + DAMPING_RESERVE))
     search.required = replace(search.required, damping_ratio=needed)
-    assert search.add_worst(start)
+    assert add_scenarios(search, TuningEnd(start, replace(search.judged(start), least=-np.ones(4))), effort)
     added = search.positions[6:]
     assert len(added)
     values = [search.case.uncertainty.at(position) for position in added]
@@ -57,3 +61,21 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
     np.testing.assert_allclose(np.sort(of_added), np.sort(ratios / least - 1), rtol=1e-6)
     _, slopes = search.slopes(start)
     assert np.isfinite(slopes).all()
+
+
+def test_the_search_sees_further_beds_where_they_miss_what_they_need(begun):
+    """Of 108 beds beyond a pool of 20, those damped by less than the fifth of them, less the reserve."""
+    search, start = begun
+    box, controller = search.case.uncertainty, search.gains.controller(start)
+    further = box.spread(128)[20:]
+    poles = np.linalg.eigvals(closed_matrices(sampled_beds(search.case, [box.at(at) for at in further]), controller))
+    ratios = damping(poles, search.model.sample_time)[1]
+    fifth = np.sort(ratios)[4:6].mean()
+    search.required = replace(
+        search.required, damping_ratio=fifth / ((1 + DAMPING_RESERVE) * (1 - DAMPING_RESERVE / 2))
+    )
+    assert add_scenarios(
+        search, TuningEnd(start, replace(search.judged(start), least=np.ones(4))), TuningEffort(pool=20)
+    )
+    added = search.positions[[i for i in search.guarded if search.shares.get(i) == 1.0]]
+    np.testing.assert_array_equal(added, further[np.argsort(ratios)[:5]])

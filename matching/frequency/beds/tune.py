@@ -7,14 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from matching.frequency.beds.closed_loop import SampledBeds, sampled_beds
 from matching.frequency.beds.design_point import Judged
 from matching.frequency.beds.tuner import DAMPING_RESERVE, RESERVE, Tuner
+from matching.frequency.beds.worst import worst_positions
+from modelling.common.errors import InputError
 
 FURTHEST = 1.0  # decades that a round may go
 WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
 WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are far below it
 SETTLED = 1e-4  # change of the cost at which a round ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
+WORST_BED_SHARE = 0.1  # of the damping that drawn beds need, for the worst of the box: stable, with a reserve
+BEYOND_POOL = 5.4  # times the pool: beds that are looked through once for what the pool has missed
+MOST_ADDED = 12  # of those, the least damped ones
 BLIND = 64  # settings over the whole bounds, where every start of the structure's ends with a requirement missed
 
 
@@ -29,9 +35,10 @@ class TuningEffort:
     rounds, steps : int
         At most, and steps of each.
     most_steps : int
-        Of all rounds together, as many from every start; worst beds get what is left.
+        Of all rounds together, as many from every start; added beds get what is left, one round at least.
     scenarios : int
-        Times that the least damped beds of the whole box are added to the pool, at most, each with one more round.
+        Times that the least damped beds of the whole box, and of further beds that fill it, are added to the pool, at
+        most, each with one more round.
     fresh : int
         Beds that judge the result.
     """
@@ -91,13 +98,37 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
         ends.append(_rounds(search, _blind(search), effort, effort.most_steps // len(starts)))
     best, used = min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
     for _ in range(effort.scenarios):
-        _end(search, best.logarithms)
-        if not search.add_worst(best.logarithms):
+        if not add_scenarios(search, _end(search, best.logarithms), effort):
             break
         begin = _end(search, best.logarithms)
-        best = _rounds(search, begin, replace(effort, rounds=1), effort.most_steps - used)
+        best = _rounds(search, begin, replace(effort, rounds=1), max(effort.most_steps - used, effort.steps))
         used += best.steps
     return dict(zip(search.gains.names, (10.0**best.logarithms).tolist(), strict=True)), best.judged.cost
+
+
+def add_scenarios(search: Tuner, at: TuningEnd, effort: TuningEffort) -> bool:
+    """Whether beds miss their damping there that the search did not see; it sees the least damped from now on."""
+    logarithms, box = at.logarithms, search.case.uncertainty
+    try:
+        worst = worst_positions(
+            lambda positions: search.rooms_of(_beds(search, positions), logarithms),
+            search.positions[list(search.guarded)],
+        )
+        unstable = worst[search.rooms_of(_beds(search, worst), logarithms) < WORST_BED_SHARE - 1]
+        count = 0 if at.misses else round(BEYOND_POOL * effort.pool)  # what beds miss anyway, more beds do not cure
+        further = box.spread(effort.pool + count)[effort.pool :]
+        room = search.rooms_of(_beds(search, further), logarithms) if count else np.zeros(0)
+    except InputError:
+        return False
+    missed = further[np.argsort(room)[: min(MOST_ADDED, int((room < -DAMPING_RESERVE / 2).sum()))]]
+    for positions, share in ((unstable, WORST_BED_SHARE), (missed, 1.0)):
+        if len(positions):
+            search.add(positions, share)
+    return bool(len(unstable) or len(missed))
+
+
+def _beds(search: Tuner, positions: np.ndarray) -> SampledBeds:
+    return sampled_beds(search.case, [search.case.uncertainty.at(position) for position in positions])
 
 
 def _end(search: Tuner, logarithms: np.ndarray) -> TuningEnd:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,7 +18,6 @@ from matching.frequency.beds.closed_loop import (
     closed_matrices,
     damping_ratios,
     errors,
-    sampled_beds,
     side_by_side,
 )
 from matching.frequency.beds.design_point import DesignPoint, Judged
@@ -34,7 +33,6 @@ from matching.frequency.beds.gains import Gains
 from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
-from matching.frequency.beds.worst import worst_positions
 from matching.frequency.case.case import Case
 from modelling.bed.observer_design import runs_ahead
 from modelling.bed.observer_model import ObserverModel, observer_model
@@ -43,7 +41,6 @@ from modelling.common.errors import InputError
 
 RESERVE = 0.03  # relative, by which requirements are drawn in: figures of the search are a little coarse
 DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is long
-WORST_BED_SHARE = 0.1  # of the damping that drawn beds need, for the worst of the box: stable, with a reserve
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
 LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
@@ -60,8 +57,9 @@ class Tuner:
         Whose errors are the cost.
     pool, positions : tuple of Bed, ndarray (b, p)
         All that have to stay damped, and where in the case's box they are. The search sees those that ``guarded``
-        numbers: the least damped ones, see :meth:`guard`. From ``worst_from`` on they are the worst of the box, see
-        :meth:`add_worst`.
+        numbers: the least damped ones, see :meth:`guard`, and those that were added.
+    shares : mapping of int to float
+        What part of the damping that drawn beds need a bed has to keep, by number, where it is not all of it.
     gains : Gains
         Its w weights are the variables of the search, as decimal logarithms.
     """
@@ -75,7 +73,7 @@ class Tuner:
     positions: np.ndarray
     gains: Gains
     guarded: tuple[int, ...] = ()
-    worst_from: int = sys.maxsize
+    shares: Mapping[int, float] = field(default_factory=dict)
     known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
     _last: tuple[tuple[float, ...], DesignPoint] | None = None
 
@@ -110,34 +108,27 @@ class Tuner:
         self.known.clear()
         self._last = None
 
-    def add_worst(self, logarithms: np.ndarray) -> bool:
-        """Add the least damped beds of the box at a point (w,) to the pool; whether any of them misses what it needs.
+    def rooms_of(self, beds: SampledBeds, logarithms: np.ndarray) -> np.ndarray:
+        """What is left (b,) of the damping that each bed needs at a point (w,), as a share of it.
 
-        Where the design has no solution none is added.
+        Raises
+        ------
+        InputError
+            If the design has no solution there.
         """
-        box = self.case.uncertainty
-        try:
-            controller = self.gains.controller(logarithms)
-        except InputError:
-            return False
+        return self._damping_room(np.linalg.eigvals(closed_matrices(beds, self.gains.controller(logarithms))))
 
-        def room(positions: np.ndarray) -> np.ndarray:
-            beds = sampled_beds(self.case, [box.at(position) for position in positions])
-            return self._damping_room(np.linalg.eigvals(closed_matrices(beds, controller)))
-
-        worst = worst_positions(room, self.positions[list(self.guarded)])
-        worst = worst[room(worst) < WORST_BED_SHARE - 1] if len(worst) else worst
-        if not len(worst):
-            return False
-        count = len(self.positions)
-        self.worst_from = min(self.worst_from, count)
-        self.positions = np.vstack([self.positions, worst])
-        self.pool = (*self.pool, *(bed_of(self.case, box.at(position)) for position in worst))
-        del self.sampled_pool
-        self.guarded = (*self.guarded, *range(count, len(self.positions)))
+    def add(self, positions: np.ndarray, share: float = 1.0) -> None:
+        """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need."""
+        count, box = len(self.positions), self.case.uncertainty
+        self.positions = np.vstack([self.positions, positions])
+        self.pool = (*self.pool, *(bed_of(self.case, box.at(position)) for position in positions))
+        self.__dict__.pop("sampled_pool", None)
+        added = range(count, len(self.positions))
+        self.shares = {**self.shares, **dict.fromkeys(added, share)}
+        self.guarded = (*self.guarded, *added)
         self.known.clear()
         self._last = None
-        return True
 
     @property
     def best(self) -> np.ndarray:
@@ -211,7 +202,7 @@ class Tuner:
     @property
     def _shares(self) -> np.ndarray:
         """What part (b,) of the damping that drawn beds need each of the guarded ones has to keep."""
-        return np.where(np.array(self.guarded) < self.worst_from, 1.0, WORST_BED_SHARE)
+        return np.array([self.shares.get(number, 1.0) for number in self.guarded])
 
     @property
     def _damping(self) -> float:
