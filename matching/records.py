@@ -40,7 +40,7 @@ def rows(record: Path, kinds: Mapping[str, type]) -> list[dict[str, Any]]:
 
 def whole_lines(record: Path) -> list[str]:
     """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too."""
-    if not record.exists():
+    if not record.is_file():
         return []
     text = record.read_bytes()
     whole = text[: text.rfind(b"\n") + 1]

@@ -35,7 +35,9 @@ class Slave:
         try:
             about = fmpy.read_model_description(str(path))
         except Exception as fault:  # FMPy raises what its parsers raise
-            raise InputError(str(path), f"cannot be read as an FMU: {fault}", "give an FMU or a folder") from None
+            raise InputError(
+                str(path), f"cannot be read as an FMU: {fault or type(fault).__name__}", "give an FMU or a folder"
+            ) from None
         if about.fmiVersion != "2.0" or about.coSimulation is None:
             raise InputError(str(path), "is no FMI 2.0 FMU for co-simulation", "export the bed as one")
         self._references = {variable.name: variable.valueReference for variable in about.modelVariables}

@@ -19,6 +19,7 @@ from modelling.model.components import Sensor
 from modelling.model.files import from_dict
 from modelling.model.system import System
 
+LARGEST_RESULT = 50_000_000  # bytes
 STEP = 1e-3  # s, suggested for a model, which has no loop
 
 
@@ -124,7 +125,13 @@ def _residual_vehicle(path: Path) -> ExportSource:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:  # what is no regular file has no size, so at most so much is read
+            content = file.read(LARGEST_RESULT + 1)
+        if len(content) > LARGEST_RESULT:
+            raise InputError(str(path), "is too large for the result of a match", "at most 50 MB are read")
+        result = json.loads(content.decode("utf-8"))
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
     except OSError as fault:

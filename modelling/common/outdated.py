@@ -25,7 +25,7 @@ def outdated(directory: Path, new: Path) -> Iterator[Path]:
 def _listed(result: Path) -> set[str]:
     """Names of pictures and pages that a result file lists; none where it is no such file."""
     try:
-        if result.stat().st_size > LARGEST_BYTES:
+        if not result.is_file() or result.stat().st_size > LARGEST_BYTES:
             return set()
         content = json.loads(result.read_bytes())
     except (OSError, ValueError, RecursionError):
