@@ -58,11 +58,14 @@ class Trials:
     def run(self, name: str, what: str, out: Path | None = None, **how: object) -> tuple[End, Path]:
         """Run a command into a folder of its own; complains of what is left of it."""
         number = next(self.numbers)
-        out = out or self.folder / f"{number}"
+        out = out or self.folder / f"{number}" / "results"
+        out.parent.mkdir(exist_ok=True)
         temporary = self.folder / f"temporary {number}"
         temporary.mkdir()
         changed = {"TMPDIR": str(temporary), "RIGMATCH_CACHE": self.cache} | how.pop("changed", {})  # type: ignore
-        end = run(words_of((self.commands | SERVED)[name], out, self.inputs), changed, **how)  # type: ignore
+        shown = Path(out.name) if name in IN_STEPS else out  # it stands in results of steps
+        words = words_of((self.commands | SERVED)[name], shown, self.inputs)
+        end = run(words, changed, out.parent, **how)  # type: ignore
         killed = how.get("number") == signal.SIGKILL
         self.check(not end.left, what, f"processes {end.left} go on")
         self.check(killed or not list(temporary.iterdir()), what, f"leaves {[*temporary.iterdir()]}")

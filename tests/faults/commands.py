@@ -59,14 +59,17 @@ def words_of(command: Sequence[str], out: Path, inputs: Path) -> list[str]:
 
 
 def run(
-    words: Sequence[str], changed: Mapping[str, str | None], number: int = 0, after: float = 0.0, limit: str = ""
-) -> End:
-    """Run a command line, with a signal to it after some seconds, or under a limit of bash's ``ulimit``."""
+    words: Sequence[str], changed: Mapping[str, str | None], folder: Path, number: int = 0, after: float = 0.0,
+    limit: str = "",
+) -> End:  # fmt: skip
+    """Run a command line in a folder, with a signal to it after some seconds, or under a limit of bash's ``ulimit``."""
     where = {k: v for k, v in {**os.environ, "PYTHONPATH": str(ROOT), **changed}.items() if v is not None}
     if limit:
         words = ["bash", "-c", f'ulimit {limit}; exec "$@"', "bash", *words]
     began = time.monotonic()
-    process = subprocess.Popen(words, env=where, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        words, env=where, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     if number:
         try:
             process.wait(after)

@@ -167,6 +167,7 @@ BAD = {
     "other name": (["{t}/model.toml", "--fmu", "{t}/a.zip"], "let it end in .fmu"),
     "not a result": (["{t}/result.json", "--fmu", "{t}/a.fmu"], "holds no result of a match"),
     "not JSON": (["{t}/broken.json", "--fmu", "{t}/a.fmu"], "is not JSON"),
+    "an endless file": (["{t}/endless.json", "--fmu", "{t}/a.fmu"], "is too large for the result of a match"),
     "alone": (["{t}/alone/result.json", "--fmu", "{t}/a.fmu"], "case.toml: does not exist"),
     "a bad model": (["{t}/bad.toml", "--fmu", "{t}/a.fmu"], "inertias.a.J"),
     "target in a file": (["{t}/model.toml", "--fmu", "{t}/model.toml/a.fmu"], "cannot be written"),
@@ -181,6 +182,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(words, line, tmp_path, cap
     (tmp_path / "bad.toml").write_text(MODEL.replace("J = 1", "J = 0"))
     (tmp_path / "result.json").write_text("{}")
     (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "endless.json").symlink_to("/dev/zero")
     (tmp_path / "empty").mkdir()
     (tmp_path / "alone").mkdir()
     (tmp_path / "alone" / "result.json").write_text('{"status": "matched", "parameters": []}')
