@@ -1,5 +1,7 @@
 """What every test begins with."""
 
+import gc
+
 import matplotlib as mpl
 import pytest
 from hypothesis import settings
@@ -16,6 +18,12 @@ settings.load_profile("repeatable")
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
     floating_point.restore()
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays: the collector of circular garbage need not walk through it again and again."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 def pytest_terminal_summary(terminalreporter, config) -> None:

@@ -3,10 +3,14 @@
 import importlib.util
 import pickle
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from matching.frequency.in_time.table import TruthInTime
+
+NOT_ASKED = TruthInTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -51,7 +55,7 @@ def once(tmp_path_factory):
 @pytest.fixture(scope="session")
 def reference(once):
     """The reference match; its script asserts the acceptance figures."""
-    return once("reference", script("road_to_rig").main)
+    return replace(once("reference", script("road_to_rig").main), simulated_in_time=NOT_ASKED)
 
 
 @pytest.fixture(scope="session")
@@ -61,4 +65,4 @@ def adapters(once):
 
 @pytest.fixture(scope="session")
 def compact(once):
-    return once("compact", script("compact_bev").main)
+    return replace(once("compact", script("compact_bev").main), simulated_in_time=NOT_ASKED)

@@ -24,7 +24,7 @@ def small(tmp_path):
 
 
 def test_dead_time_of_20_ms_with_feedback_alone(small):
-    result = match(with_loop(small, "pi", dead_time=0.02), starts=2)
+    result = match(with_loop(small, "pi", dead_time=0.02), starts=1)
     assert result.status == "limited"
     told = " ".join(result.limits)
     angle = 360 * 0.02 * result.targets[0].vehicle
@@ -39,7 +39,7 @@ def test_bounds_out_of_reach(small):
     body = next(move for move in small.moves if "body" in move.name)
     gain = next(move for move in small.moves if "proportional" in move.name)
     moves = (replace(body, lower=1.0, upper=2.0, start=1.5), replace(gain, lower=1.0, upper=2.0, start=1.0))
-    result = match(replace(with_loop(small, "pi"), moves=moves), starts=2)
+    result = match(replace(with_loop(small, "pi"), moves=moves), starts=1)
     assert result.status == "limited"
     assert f"({result.targets[0].vehicle:.3f} Hz" in " ".join(result.limits)
 
@@ -55,7 +55,7 @@ def test_dynamometer_too_small(small):
         asked = demands(case).broken({f"rig.{name}": value for name, value in rig.items()})
         assert asked[0][2] >= demand * (1 - 1e-6)
 
-    result = match(case, starts=2)
+    result = match(case, starts=1)
     assert result.status == "limited"
     first = result.limits[0]
     assert "a torque at dynamometer dyno" in first

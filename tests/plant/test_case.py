@@ -30,16 +30,16 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     [
         ("two_mass", "coulomb_friction", False, 30.0),
         ("two_mass", "coulomb_friction", False, 3.0),
-        ("test_bed", "hysteresis", False, 30.0),
+        pytest.param("test_bed", "hysteresis", False, 30.0, marks=pytest.mark.long),
         ("test_bed", "hysteresis", False, 3.0),
         pytest.param("vehicle", "slip", False, 30.0, marks=pytest.mark.long),
         pytest.param("vehicle", "slip", False, 3.0, marks=pytest.mark.long),
-        ("vehicle", "wrong_parameter", False, 30.0),
+        pytest.param("vehicle", "wrong_parameter", False, 30.0, marks=pytest.mark.long),
         ("vehicle", "wrong_parameter", False, 3.0),
         ("two_mass", "crosstalk", False, 30.0),
         ("two_mass", "crosstalk", False, 3.0),
         ("two_mass", "backlash", True, 3.0),  # a wide gap's motion is chaotic: other processors, other worths
-        ("test_bed", "dead_time", True, 30.0),
+        pytest.param("test_bed", "dead_time", True, 30.0, marks=pytest.mark.long),
         ("test_bed", "dead_time", True, 3.0),
     ],
 )

@@ -15,8 +15,8 @@ PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
 @pytest.mark.parametrize(
     ("case", "free", "length"),
     [
-        ("case00", (), 8000),
-        ("case01", ("torque",), 6000),
+        ("case00", (), 3000),
+        ("case01", ("torque",), 3000),
         ("case02", ("gap",), 3200),
         ("case04", ("cubic",), 3000),
         ("case06", ("delay",), 3000),

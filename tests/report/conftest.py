@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 
 from matching.frequency.case.load import load_case
+from matching.frequency.in_time.table import truth_in_time
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.verify import verify
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+IN_TIME = 1200  # samples of the manoeuvre on beds that are not the model: enough to draw
 GAINS = {
     "proportional_gain": 60.0,
     "integral_gain": 60.0,
@@ -60,6 +65,10 @@ def hand_made(case):
             )
         )
     errors = seen.errors
+    parts = parts_of(tuned)
+    torques, lead = manoeuvre_torques(parts)
+    begun = {name: torque[: lead + IN_TIME] for name, torque in torques.items()}
+    in_time = truth_in_time(tuned, control_law(parts), begun, lead)
     return MatchResult(
         "limited",
         ("Set by hand: nothing was tuned",),
@@ -86,4 +95,5 @@ def hand_made(case):
         1.0,
         (1.0, 1.005, None),
         2.0,
+        simulated_in_time=in_time,
     )

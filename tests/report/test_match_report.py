@@ -25,8 +25,13 @@ VOID = {"meta", "img", "br", "link", "input", "hr"}
 
 
 @pytest.fixture(scope="session")
-def drawn(hand_made):
-    return {name: image(figure) for name, figure in figures(hand_made).items()}
+def as_figures(hand_made):
+    return figures(hand_made)
+
+
+@pytest.fixture(scope="session")
+def drawn(as_figures):
+    return {name: image(figure) for name, figure in as_figures.items()}
 
 
 @pytest.fixture(scope="session")
@@ -123,8 +128,8 @@ def test_json_has_the_agreed_shape(hand_made):
     assert result["asked"]["modulus_margin"] == 0.5
 
 
-def test_responses_are_drawn_in_their_colours(hand_made):
-    axes = figures(hand_made)["responses"].axes[0]
+def test_responses_are_drawn_in_their_colours(hand_made, as_figures):
+    axes = as_figures["responses"].axes[0]
     lines = {line.get_color(): line for line in axes.get_lines() if line.get_linestyle() != ":"}
     assert {VEHICLE, RIG, MATCHED} <= set(lines)
     np.testing.assert_allclose(lines[VEHICLE].get_ydata(), np.abs(hand_made.curves.vehicle[:, 0]))

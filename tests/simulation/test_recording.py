@@ -208,9 +208,9 @@ def test_bytes_that_are_no_text_and_files_that_are_not_there(tmp_path):
 
 @pytest.mark.parametrize("nonsense", [b"x", b"1,", b"\n", b"0,1,1,1,1\n", b"\xff\xfe\x00"], ids=repr)
 @pytest.mark.parametrize("header", [True, False])
-def test_megabytes_of_nonsense_are_refused_quickly(tmp_path, nonsense, header):
+def test_a_megabyte_of_nonsense_is_refused(tmp_path, nonsense, header):
     path = tmp_path / "nonsense.csv"
-    path.write_bytes((HEADER.encode() + b"\n" if header else b"") + nonsense * (3_000_000 // len(nonsense)))
+    path.write_bytes((HEADER.encode() + b"\n" if header else b"") + nonsense * (1_000_000 // len(nonsense)))
     with pytest.raises(InputError):
         read_recording(path, SYSTEM)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
-from structure.imports import modules
+from structure.imports import modules, tree
 
 ARRAY = re.compile(r"\b(?:ndarray|NDArray|csr_array|csc_array)\b")
 SHAPE = re.compile(r"\((?:…|\.\.\.|[a-z0-9][\w +−·*/-]*)(?:, ?[\w… .+−·*/-]+)*,?\)")
@@ -45,12 +45,6 @@ def public_functions() -> list[Documented]:
         if not module.startswith("modelling.effects.") or module.endswith("interface")
         for found in _public(module, tree(module))
     ]
-
-
-@cache
-def tree(module: str) -> ast.Module:
-    """The syntax tree of a module."""
-    return ast.parse(modules()[module].read_text(encoding="utf-8"))
 
 
 def _public(module: str, parsed: ast.Module) -> Iterator[Documented]:

@@ -37,13 +37,19 @@ def dotted(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def tree(module: str) -> ast.Module:
+    """The syntax tree of a module."""
+    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+
+
+@cache
 def arrows() -> list[Arrow]:
     """Every import of one module of the program by another."""
     known = modules()
     found = []
-    for source, path in known.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node, inside, for_types in _imports(tree, False, False):
+    for source in known:
+        for node, inside, for_types in _imports(tree(source), False, False):
             for name in _names(node):
                 target = name if name in known else name.rpartition(".")[0]
                 if target in known and target != source:

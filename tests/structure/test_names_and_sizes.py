@@ -5,7 +5,7 @@ import re
 from collections import defaultdict
 
 import pytest
-from structure.imports import modules
+from structure.imports import modules, tree
 
 LONGEST_FILE = 300  # lines, all counted
 LONGEST_FUNCTION = 60  # lines, all counted
@@ -36,22 +36,22 @@ FILES_WITH_VAGUE_NAMES = {  # still to be gone through
 
 @pytest.fixture(scope="module")
 def trees() -> dict[str, ast.Module]:
-    return {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in modules().items()}
+    return {module: tree(module) for module in modules()}
 
 
 def test_no_class_name_stands_twice(trees):
     places = defaultdict(list)
-    for module, tree in trees.items():
-        for node in ast.walk(tree):
+    for module, parsed in trees.items():
+        for node in ast.walk(parsed):
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(module)
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
-def variables(tree: ast.Module) -> set[tuple[str, int]]:
+def variables(parsed: ast.Module) -> set[tuple[str, int]]:
     """Names of variables and parameters, with the line they begin in."""
-    stored = {(each.id, each.lineno) for each in ast.walk(tree) if isinstance(each, ast.Name) and _is_stored(each)}
-    return stored | {(each.arg, each.lineno) for each in ast.walk(tree) if isinstance(each, ast.arg)}
+    stored = {(each.id, each.lineno) for each in ast.walk(parsed) if isinstance(each, ast.Name) and _is_stored(each)}
+    return stored | {(each.arg, each.lineno) for each in ast.walk(parsed) if isinstance(each, ast.arg)}
 
 
 def _is_stored(name: ast.Name) -> bool:
@@ -62,17 +62,17 @@ def test_variables_say_what_they_hold(trees):
     """But in the files that are still to be gone through."""
     vague = [
         f"{module}:{line} {name}"
-        for module, tree in trees.items()
+        for module, parsed in trees.items()
         if module not in FILES_WITH_VAGUE_NAMES
-        for name, line in sorted(variables(tree), key=lambda each: each[1])
+        for name, line in sorted(variables(parsed), key=lambda each: each[1])
         if name in VAGUE_NAMES
     ]
     assert vague == []
 
 
 def functions(trees):
-    for module, tree in trees.items():
-        for node in ast.walk(tree):
+    for module, parsed in trees.items():
+        for node in ast.walk(parsed):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield module, node
 

@@ -231,9 +231,9 @@ def test_command(case, tmp_path, capsys):
 def test_python_users_bring_their_own_executor(case, tmp_path):
     record = tmp_path / "tolerance.jsonl"
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
-        first = rm.tolerance(case.path, 40, threads, seed=3, added=ADDED, record=record)
+        first = rm.tolerance(case.path, 12, threads, seed=3, added=ADDED, record=record)
         assert len(record.read_text().splitlines()) == 1
-        assert rm.tolerance(case.path, draws=40, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
+        assert rm.tolerance(case.path, draws=12, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
         small = replace(case, moves=tuple(move for move in case.moves if "gain" in move.name)[:1])
         axes = (Axis("loop.dead_time", "s", (2e-3,), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3))
         drawn = rm.map(small, *axes, executor=processes, starts=1, record=tmp_path / "map.jsonl")

@@ -72,7 +72,7 @@ def open_lash(
     vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
 ) -> OpenLash:
     """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts; ``step`` in s."""
-    count = round(JUDGED_S / step)
+    count = min(round(JUDGED_S / step), len(vehicles[0]) // 2)
     before, last = slice(-2 * count, -count), slice(-count, None)
     swings, cycling = [], 0
     for vehicle, bed in zip(vehicles, beds, strict=True):

@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import scipy
 
 from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.parts import Parts
 from modelling.bed.residual_vehicle import cut
+from modelling.linear.propagate import linear_motion
 from modelling.model.system import System
 
 PLACE = "residual_vehicle."
@@ -42,18 +42,16 @@ def emulated(
         else tuple(body(part) for part in cut(parts.case.emulated_vehicle, parts.case.rig).parts)
     )
     count = len(next(iter(traces.values())))
-    time = np.arange(count) * loop["sample_time"]
-    lag = ([1.0], [loop["torque_sensor_lag"], 1.0])
+    step, rate = loop["sample_time"], np.array([[1 / loop["torque_sensor_lag"]]])
     measured = {
-        cut.torque: sign * scipy.signal.lsim(lag, traces[dyno.torque_sensor], time)[1]
+        cut.torque: sign * linear_motion(-rate, rate, traces[dyno.torque_sensor][:, None], step)[:, 0]
         for dyno, cut, sign in zip(parts.dynamometers, parts.cuts, parts.toward, strict=True)
     }
     outputs: dict[str, np.ndarray] = {}
     for part in bodies:
         space, nothing = part.space, np.zeros(count)
-        system = space.A, space.B, space.C, space.D
         drive = np.stack([measured.get(name, torques.get(name, nothing)) for name in space.inputs], axis=1)
-        y = scipy.signal.lsim(system, drive, time)[1].reshape(count, -1)
+        y = linear_motion(space.A, space.B, drive, step) @ space.C.T + drive @ space.D.T
         outputs |= {PLACE + name: y[:, i] for i, name in enumerate(space.outputs)}
     return outputs
 

@@ -15,6 +15,7 @@ from modelling.equations.compiled import compiled
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.linear.discretise import discretise
 from modelling.linear.elements import elements
+from modelling.linear.propagate import propagated
 from modelling.linear.reference_motion import operating_motion
 from modelling.model.system import System
 from modelling.simulation.plan import steps_per_second
@@ -77,6 +78,11 @@ class LinearMotion:
             if k >= i:
                 new += push @ issued[k - i]
         return new
+
+    def free(self, drives: np.ndarray) -> np.ndarray:
+        """States (t, x) from the start under torques (t, d) in N·m alone, no command; the last torque stays."""
+        following = np.concatenate([drives[1:], drives[-1:]])
+        return propagated(self.whole, drives @ self.drives[0].T + following @ self.drives[1].T, self.start)
 
 
 class NonlinearMotion:
@@ -158,6 +164,15 @@ class NonlinearMotion:
         middles = (np.arange(self._pieces) + 0.5) / self._pieces
         path = self._run(x, commands.T, np.outer(drives[0], 1 - middles) + np.outer(drives[1], middles))
         return path[:, -1].full().ravel()
+
+    def free(self, drives: np.ndarray) -> np.ndarray:
+        """As :meth:`LinearMotion.free`."""
+        states, no_commands = np.empty((len(drives), len(self.start))), np.zeros((len(drives), 0))
+        x = self.start
+        for k in range(len(drives)):
+            states[k] = x
+            x = self.advance(x, drives[k : k + 2] if k + 1 < len(drives) else drives[[k, k]], no_commands, k)
+        return states
 
 
 def body_motion(linear_body: Body, step: float) -> LinearMotion:

@@ -99,11 +99,7 @@ def free_motion(
         motion: LinearMotion | NonlinearMotion = body_motion(linear_body, step)
     else:
         motion = NonlinearMotion(None, system, step)
-    states, no_commands = np.empty((count, len(motion.start))), np.zeros((count, 0))
-    x = motion.start
-    for k in range(count):
-        states[k] = x
-        x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], no_commands, k)
+    states = motion.free(drives)
     _check(states, count * step)
     return _readings(system, parts, linear_body, motion, states, drives)
 
