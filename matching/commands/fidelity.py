@@ -6,7 +6,7 @@ from typing import Any
 HELP = (
     "Judge how faithfully a test bed reproduces a manoeuvre: partial fidelities of system dynamics, residual vehicle "
     "model and measurement, their total R_XiL with its uncertainty, and which causes reduce it; write fidelity.json, "
-    "the table and figures. Recordings that the case names may be CSV, MDF, .mat or Parquet."
+    "the table, figures and the page fidelity.html. Recordings that the case names may be CSV, MDF, .mat or Parquet."
 )
 EXAMPLES = (
     "rigmatch fidelity examples/fidelity/tab2.toml --out out/fidelity",
@@ -38,8 +38,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         One line that names option, file or key.
     """
     from matching.report.common import style
+    from matching.report.common.provenance import made_from
     from matching.report.fidelity import figures as fidelity_figures
     from matching.report.fidelity import text
+    from matching.report.fidelity.page import page
     from matching.validity.fidelity.case_file import read_case
     from matching.validity.fidelity.result import xil_fidelity
     from modelling.common.errors import InputError
@@ -54,14 +56,15 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     judged = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
     fidelity = xil_fidelity(*judged, arguments.draws, arguments.seed)
     answer = fidelity.to_dict()
-    files: dict[str, str | bytes] = {
-        "fidelity.txt": text.summary(answer),
-        "delay.svg": style.image(fidelity_figures.delay_curve(fidelity)),
-    }
+    figures = {"delay": fidelity_figures.delay_curve(fidelity)}
     if fidelity.attribution is not None:
-        files["attribution.svg"] = style.image(fidelity_figures.attribution_figure(fidelity))
+        figures["attribution"] = fidelity_figures.attribution_figure(fidelity)
     if fidelity.bands:
-        files["bands.svg"] = style.image(fidelity_figures.bands_figure(fidelity))
+        figures["bands"] = fidelity_figures.bands_figure(fidelity)
+    images = {name: style.image(figure) for name, figure in figures.items()}
+    files: dict[str, str | bytes] = {f"{name}.svg": content for name, content in images.items()}
+    files["fidelity.txt"] = text.summary(answer)
+    files["fidelity.html"] = page(fidelity, figures, images, made_from(arguments.case, arguments.seed))
     return write_results(arguments.out, "fidelity.json", answer, files)
 
 

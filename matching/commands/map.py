@@ -7,7 +7,8 @@ HELP = """Match the case at every pair of values of two quantities and draw the 
 quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and the
 number of values, or all of them: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images get
 the same value. Every point is then solved again from its neighbours' solutions until none improves. Writes map.json,
-map.svg and map.png. Points are kept in map.partial.jsonl as they come; a map that was stopped continues from them."""
+report.html, map.svg and map.png. Points are kept in map.partial.jsonl as they come; a map that was stopped continues
+from them."""
 EXAMPLES = (
     "rigmatch map case.toml --x loop.dead_time=1ms:8ms:6 --y rig.shafts.flange_left.stiffness --out out/map",
     'rigmatch map case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag --starts 1 --out out/map',
@@ -47,8 +48,10 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.map import map_case
     from matching.frequency.studies.map_axis import axis
+    from matching.report.common.provenance import provenance
     from matching.report.common.style import image
     from matching.report.map.figure import map_figure
+    from matching.report.map.page import page
     from modelling.common.output import write_results
 
     case = load_case(arguments.case)
@@ -63,10 +66,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         )
     result = study.to_dict()
     drawn = map_figure(study)
-    pictures = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
-    written = write_results(arguments.out, "map.json", result, pictures)
+    files: dict[str, str | bytes] = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
+    files["report.html"] = page(study, image(drawn), provenance(case, arguments.seed))
+    written = write_results(arguments.out, "map.json", result, files)
     record.unlink(missing_ok=True)
-    return written
+    return written | {"report": str(Path(arguments.out) / "report.html")}
 
 
 def summary(result: dict[str, Any]) -> str:
@@ -83,4 +87,4 @@ def summary(result: dict[str, Any]) -> str:
     better = [point for point in points if point["objective"] != point["first"]]
     if better:
         lines.append(f"{len(better)} points improved from their neighbours' solutions")
-    return "\n".join(lines)
+    return "\n".join([*lines, f"report: {result['report']}"] if "report" in result else lines)

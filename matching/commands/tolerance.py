@@ -5,9 +5,9 @@ from typing import Any
 
 HELP = """Draw the rig's quantities from the ranges in its file (and of --tolerance), keep the controller as it is,
 and give the spread of modulus margin, loop modes and response error, the yield, and which quantities cause the
-spread. CASE is the case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json
-and tolerance.svg; finished parts are kept in tolerance.partial.jsonl until the end: a study that was stopped
-continues from them."""
+spread. CASE is the case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json,
+report.html and tolerance.svg; finished parts are kept in tolerance.partial.jsonl until the end: a study that was
+stopped continues from them."""
 EXAMPLES = (
     "rigmatch tolerance out/road_to_rig/case.toml -n 10000 --out out/tolerance",
     "rigmatch tolerance case.toml --tolerance 'rig.*.stiffness=0.05' --tolerance loop.dead_time=0.1 --out out/t",
@@ -52,7 +52,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.executors import executor_of
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.tolerance import tolerance
+    from matching.report.common.provenance import provenance
     from matching.report.common.style import image
+    from matching.report.tolerance.page import page
     from matching.report.tolerance.view import plot
     from modelling.common.output import write_results
 
@@ -67,16 +69,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             case, arguments.draws, executor, seed=arguments.seed, added=added, record=record, progress=advance
         )
     result = study.to_dict()
-    written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": image(plot(study))})
+    drawn = plot(study)
+    picture = image(drawn)
+    report = page(study, drawn, picture, provenance(case, arguments.seed))
+    written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": picture, "report.html": report})
     record.unlink(missing_ok=True)
-    return written
+    return written | {"report": str(Path(arguments.out) / "report.html")}
 
 
 def summary(result: dict[str, Any]) -> str:
     """Spread, yield and drivers in a few lines."""
     from matching.report.tolerance.view import summary as lines
 
-    return lines(result)
+    return lines(result) + (f"\nreport: {result['report']}" if "report" in result else "")
 
 
 def _tolerance(assignment: str) -> tuple[str, float]:

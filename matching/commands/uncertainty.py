@@ -5,7 +5,8 @@ from typing import Any
 
 HELP = (
     "Evaluate a measurement uncertainty budget after the GUM: first and second order, degrees of freedom, Monte Carlo "
-    "(JCGM 101) and the check of one by the other; write uncertainty.json, the budget table and figures."
+    "(JCGM 101) and the check of one by the other; write uncertainty.json, the budget table, figures and the page "
+    "uncertainty.html."
 )
 EXAMPLES = (
     "rigmatch uncertainty examples/sensors/torque_M2.toml --out out/torque",
@@ -42,7 +43,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         One line that names option, file or key.
     """
     from matching.report.common import style
+    from matching.report.common.provenance import made_from
     from matching.report.uncertainty import figures as uncertainty_figures
+    from matching.report.uncertainty.page import page
     from matching.validity.budget.budget_file import read_budget
     from matching.validity.uncertainty.evaluate import evaluate
     from modelling.common.errors import InputError
@@ -59,13 +62,17 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     answer = uncertainty.to_dict()
     files: dict[str, str | bytes] = {"uncertainty.txt": summary(answer)}
     prefixes: list[str] = []
+    figures = {}
     for result in uncertainty.measurands:
         prefix = f"{file_stem(result.measurand.name)}_" if len(uncertainty.measurands) > 1 else ""
         if prefix in prefixes:
             prefix = f"{prefix}{len(prefixes) + 1}_"
         prefixes.append(prefix)
-        files[f"{prefix}contributions.svg"] = style.image(uncertainty_figures.contributions(result))
-        files[f"{prefix}ishikawa.svg"] = style.image(uncertainty_figures.ishikawa(result))
+        figures[f"{prefix}contributions"] = uncertainty_figures.contributions(result)
+        figures[f"{prefix}ishikawa"] = uncertainty_figures.ishikawa(result)
+    images = {name: style.image(figure) for name, figure in figures.items()}
+    files |= {f"{name}.svg": content for name, content in images.items()}
+    files["uncertainty.html"] = page(uncertainty, figures, images, made_from(arguments.budget, arguments.seed))
     return write_results(arguments.out, "uncertainty.json", answer, files)
 
 

@@ -37,7 +37,7 @@ def test_curves_of_axes_become_panels(drawn):
     made = acting({"responses": drawn})
     assert set(made) == {"library", "script", "responses"}
     text = made["script"]
-    assert text.count('"name":"Figure"') == 2  # the bars have no curve
+    assert text.count('"name":"Figure"') == 3
     for words in ("vehicle", "about 95 %", "measured", "Frequency in Hz", "motor "):
         assert words in text
     assert text.count('"name":"LogScale"') == 2
@@ -47,11 +47,27 @@ def test_curves_of_axes_become_panels(drawn):
     assert "http" not in re.sub(r"xmlns\S*", "", made["responses"])
 
 
-def test_a_figure_without_curves_stays_a_picture():
+def test_a_figure_without_curves_or_bars_stays_a_picture():
     with styled():
         fig = figure()
-        fig.subplots().bar([1], [2])
-    assert acting({"bars": fig}) == {}
+        fig.subplots().axvline(1.5)
+    assert acting({"mark": fig}) == {}
+
+
+def test_bars_and_histograms_say_names_and_values():
+    with styled():
+        fig = figure()
+        named, counted = fig.subplots(1, 2)
+        named.barh(["flange", "shaft"], [3.0, 0.25], color="#0072B2", label="share")
+        named.barh([0], [1.5], left=[3.0], color="#D55E00", hatch="///")
+        counted.stairs([2, 0, 5], [0.0, 1.0, 2.0, 3.0], fill=True)
+        counted.axvline(1.2, linestyle="--", label="required")
+    text = acting({"bars": fig})["script"]
+    for words in ('"flange, share"', '"shaft, share"', '"0.25"', '"0 to 1: 2"', '"2 to 3: 5"', "required"):
+        assert words in text
+    assert "1 to 2" not in text  # nothing was counted there
+    assert "right_diagonal_line" in text
+    assert text.count('"type":"map","entries":[[0.0,"flange"],[1.0,"shaft"]]') == 1
 
 
 def test_the_picture_is_the_same_with_and_without():

@@ -220,6 +220,7 @@ def test_command(case, tmp_path, capsys):
     words = ["tolerance", case.path, "-n", "100", "--workers", "1", "--out", tmp_path, "--json"]
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time=0.1"]]) == 0
     result = json.loads(capsys.readouterr().out)
+    assert "drawn beds are stable" in Path(result.pop("report")).read_text()
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
     assert (tmp_path / "tolerance.svg").exists()

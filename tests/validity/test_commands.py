@@ -38,6 +38,7 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == {
         "uncertainty.json",
         "uncertainty.txt",
+        "uncertainty.html",
         "contributions.svg",
         "ishikawa.svg",
     }

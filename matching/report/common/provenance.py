@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,12 +49,17 @@ class Provenance:
 
 def provenance(case: Case, seed: int) -> Provenance:
     """Of a case that was read from a file, and the seed of its match."""
+    return made_from(case.path, seed, ("vehicle", "rig"))
+
+
+def made_from(file: str | Path, seed: int, names: Sequence[str] = ()) -> Provenance:
+    """Of an input file (TOML; empty for none), of the files that it names under the keys ``names``, and a seed."""
     now = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
     date = time.strftime("%Y-%m-%d", time.gmtime(now))
-    path = Path(case.path)
-    if not case.path or not path.is_file():
+    path = Path(file)
+    if not file or not path.is_file():
         return Provenance(date, VERSION, seed, (), "")
-    content = read_toml(path)
-    files = [path, *(path.parent / content[key] for key in ("vehicle", "rig") if isinstance(content.get(key), str))]
-    checked = tuple((str(file), hashlib.sha256(file.read_bytes()).hexdigest()) for file in files if file.is_file())
+    content = read_toml(path) if names else {}
+    files = [path, *(path.parent / content[key] for key in names if isinstance(content.get(key), str))]
+    checked = tuple((str(each), hashlib.sha256(each.read_bytes()).hexdigest()) for each in files if each.is_file())
     return Provenance(date, VERSION, seed, checked, path.read_text(encoding="utf-8"))

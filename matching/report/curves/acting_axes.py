@@ -12,6 +12,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from matching.report.common.decimation import MOST_POINTS, decimated
+from matching.report.curves.acting_bars import draw_bars, has_bars
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend
 
 DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
@@ -22,8 +23,8 @@ SCALES = {"linear": "linear", "log": "log"}  # others have no counterpart: such 
 def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
     """Scripts and elements by the figures' names (:func:`matching.report.curves.embedding.embedded_figures`).
 
-    Axes without curves, or with scales that the browser's library does not have, are left out; so is everything where
-    that library is not installed.
+    Axes without curves or bars, or with scales that the browser's library does not have, are left out; so is
+    everything where that library is not installed.
     """
     if find_spec("bokeh") is None:
         return {}
@@ -32,9 +33,8 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 
 
 def _is_drawable(axes: Any) -> bool:
-    return (
-        axes.get_visible() and any(map(_is_curve, axes.lines)) and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
-    )
+    drawable = any(map(_is_curve, axes.lines)) or has_bars(axes)
+    return bool(axes.get_visible() and drawable and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES))
 
 
 def _is_curve(line: Any) -> bool:
@@ -54,6 +54,8 @@ def _panel(axes: Any) -> Any:
             _area(fig, area)
     for line in axes.lines:
         _curve(fig, line)
+    if has_bars(axes):
+        draw_bars(fig, axes)
     place_legend(fig)
     return fig
 

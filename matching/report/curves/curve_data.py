@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 
 from matching.frequency.search.result import MatchResult
+from matching.report.common.csv_table import csv_table
 from matching.report.match.checks import signals
 from matching.report.responses.response_figure import curves_of
-
-DIGITS = 7  # of every number
 
 
 def curve_data(result: MatchResult) -> dict[str, str]:
@@ -21,7 +16,7 @@ def curve_data(result: MatchResult) -> dict[str, str]:
     if drawn := signals(result):
         columns = {f"{signal.title}, {who} [{signal.label.rpartition(' in ')[2]}]": values
                    for signal in drawn for who, values in signal.curves.items()}  # fmt: skip
-        tables["manoeuvre"] = _table(["time [s]", *columns], [drawn[0].time, *columns.values()])
+        tables["manoeuvre"] = csv_table(["time [s]", *columns], zip(drawn[0].time, *columns.values(), strict=True))
     return tables
 
 
@@ -32,13 +27,4 @@ def _responses(result: MatchResult) -> str:
             name = f"{pair.sensor} / {pair.input}, {who}"
             head += [f"{name}, modulus [SI]", f"{name}, phase [deg]"]
             columns += [np.abs(values), np.degrees(np.angle(values))]
-    return _table(head, columns)
-
-
-def _table(head: Sequence[str], columns: Iterable[np.ndarray]) -> str:
-    """Rows of numbers below a head."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([f"{value:.{DIGITS}g}" for value in row] for row in zip(*columns, strict=True))
-    return text.getvalue()
+    return csv_table(head, zip(*columns, strict=True))

@@ -32,13 +32,13 @@ def map_figure(result: Map) -> Figure:
     Where measured and unmeasured torques have different errors, each has a panel. Small maps show fields with the
     errors in numbers instead of contours.
     """
-    panels = _panels(result)
+    drawn = panels(result)
     with styled():
-        fig = figure(1.2 + 5.4 * len(panels), 5.6)
+        fig = figure(1.2 + 5.4 * len(drawn), 5.6)
         limiting: list[str] = []
-        for place, (title, errors) in enumerate(panels):
-            axes = fig.add_subplot(1, len(panels), place + 1)
-            columns, rows = _edges(result.x), _edges(result.y)
+        for place, (title, errors) in enumerate(drawn):
+            axes = fig.add_subplot(1, len(drawn), place + 1)
+            columns, rows = edges(result.x), edges(result.y)
             _label(axes, result)
             _errors(fig, axes, result, errors, columns, rows)
             limiting = map_marks.hatch(axes, result, columns, rows)
@@ -53,7 +53,7 @@ def map_figure(result: Map) -> Figure:
     return fig
 
 
-def _panels(result: Map) -> list[tuple[str, np.ndarray]]:
+def panels(result: Map) -> list[tuple[str, np.ndarray]]:
     """Titles and errors (y, x): one panel where measured and unmeasured torques have the same errors."""
     measured, unmeasured = result.errors(), result.errors("unmeasured")
     known = np.isfinite(measured) & np.isfinite(unmeasured)
@@ -147,7 +147,7 @@ def _scale(result: Map) -> str:
     return f"rms of |log(H_rig/H_vehicle)|, {number(result.band[0])}–{number(result.band[1])} Hz"
 
 
-def _edges(axis: Axis) -> np.ndarray:
+def edges(axis: Axis) -> np.ndarray:
     """Borders of the fields around an axis' values, one more than there are values."""
     values = np.log(axis.values) if axis.by_ratio else np.asarray(axis.values)
     if len(values) == 1:

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from matching.frequency.search.result import MatchResult, ParameterResult
+from matching.report.common.screen_point import ScreenPoint
 from matching.report.common.wording import amount, component, number, percent, sentence, spaced
 from matching.report.match.checks import checks, needs, wrong_values
 
 SAME_RELATIVE = 1e-9  # values that differ by no more count as equal
 MOST_POINTS = 4  # of a list on the first screen
-
-
-@dataclass(frozen=True)
-class ScreenPoint:
-    """One line of a list, and why it stands there."""
-
-    text: str
-    reason: str = ""
 
 
 def adapters_of(result: MatchResult) -> list[ParameterResult]:

@@ -28,13 +28,13 @@ def plot(study: Tolerance) -> Figure:
             left.axvline(spread.nominal, color="black", linewidth=1.2, label="nominal")
             if spread.name == "modulus_margin":
                 left.axvline(study.asked, color=LIMIT, linestyle="--", linewidth=1.2, label="required")
-            left.set_xlabel(_label(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
+            left.set_xlabel(result_words(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
             left.set_ylabel("share of draws\nin %")
             left.locator_params(axis="x", nbins=6)
             left.legend(fontsize=7)
             drivers = spread.drivers[:DRIVERS_DRAWN][::-1]
             right.barh(range(len(drivers)), [100 * share for _, share in drivers], color=VEHICLE)
-            right.set_yticks(range(len(drivers)), [_short(name) for name, _ in drivers], fontsize=7)
+            right.set_yticks(range(len(drivers)), [short_name(name) for name, _ in drivers], fontsize=7)
             right.set_xlim(0, 100)
             right.set_xlabel("share of the variance in %", fontsize=8)
         fig.align_ylabels(rows[:, 0])
@@ -60,23 +60,23 @@ def summary(result: Mapping[str, Any]) -> str:
         f"{result['title']}: {result['draws']} draws of {len(result['varied'])} quantities",
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
         f"{result['modulus_margin_asked']:g} {shares['modulus_margin']:.1%}"
-        + "".join(f", {_label(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
+        + "".join(f", {result_words(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
         f"{'':46} {'nominal':>9} {'5 %':>9} {'(interval)':20} {'95 %':>9} {'(interval)':20} {'draws':>8}   driven by",
     ]
     for spread in result["quantities"]:
         drivers = [
-            f"{_short(driver['name'])} {driver['share']:.0%}"
+            f"{short_name(driver['name'])} {driver['share']:.0%}"
             for driver in spread["drivers"][:DRIVERS_PRINTED]
             if driver["share"] > LEAST_SHARE_PRINTED
         ]
         low, high = (_quantile(spread, level) for level in ("0.05", "0.95"))
-        name = _label(spread["name"]) + (f" [{spread['unit']}]" if spread["unit"] else "")
+        name = result_words(spread["name"]) + (f" [{spread['unit']}]" if spread["unit"] else "")
         lines.append(
             f"{name:46} {spread['nominal']:9.4g} {low} {high} {spread['draws']:8}   {', '.join(drivers) or ABSENT}"
         )
     lines.append("interval: where the quantile of all such beds lies with 95 % confidence, by the number of draws")
     checked = result["checked_exactly"]
-    worst = ", ".join(f"{_label(name)} {value:.1g}" for name, value in checked["largest_difference"].items())
+    worst = ", ".join(f"{result_words(name)} {value:.1g}" for name, value in checked["largest_difference"].items())
     lines.append(
         f"{checked['draws']} of the draws were worked out exactly as well; largest relative difference: {worst}"
     )
@@ -89,9 +89,11 @@ def _quantile(spread: Mapping[str, Any], level: str) -> str:
     return f"{spread['quantiles'][level]:9.4g} {f'({low} to {high})':20}"
 
 
-def _label(name: str) -> str:
+def result_words(name: str) -> str:
+    """A result of the study in words."""
     return spaced(name.replace("target_mode", "loop mode near vehicle mode", 1))
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
+    """A quantity as figures name it."""
     return name.removeprefix("rig.")

@@ -1,0 +1,1 @@
+"""The page of a study: one frame for map, tolerances, fidelity and uncertainty."""

@@ -1,0 +1,137 @@
+"""Pages of map, tolerances, fidelity and uncertainty: the verdict first, figures that act, data to calculate with."""
+
+import csv
+import io
+from base64 import b64decode
+from html import unescape
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+import rigmatch as rm
+from matching.frequency.studies.distribution import Spread
+from matching.frequency.studies.map import Map
+from matching.frequency.studies.map_axis import Axis
+from matching.frequency.studies.map_point import Point
+from matching.frequency.studies.tolerance import Tolerance
+from matching.report.common.style import image
+from matching.report.fidelity import page as fidelity_page
+from matching.report.fidelity.figures import attribution_figure, delay_curve
+from matching.report.map import page as map_page
+from matching.report.map.figure import map_figure
+from matching.report.tolerance import page as tolerance_page
+from matching.report.tolerance.view import plot
+from matching.report.uncertainty import page as uncertainty_page
+from matching.report.uncertainty.figures import contributions
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STIFFNESS = "rig.shafts.flange.stiffness"
+
+
+def tables(html):
+    """CSV tables of a page by the name that a browser saves them under."""
+    parts = html.split('download="')[1:]
+    texts = {part.split('"')[0]: unescape(part.split("charset=utf-8,")[1].split('"')[0]) for part in parts}
+    return {name: list(csv.DictReader(io.StringIO(unquote(text)))) for name, text in texts.items()}
+
+
+def a_map(title="<map>"):
+    """Matched at 1 ms, limited at 2 ms."""
+    rows = [
+        [
+            Point(1e-3, y, "matched", 0.01 * y, 0.02, 0.005, True, 0.5 + y, (), objective=1.0, values={STIFFNESS: y}),
+            Point(2e-3, y, "limited", 0.3, 0.4, 0.005, False, 0.1, ("so",), ("stability",)),
+        ]
+        for y in (1.0, 2.0)
+    ]
+    axes = Axis("loop.dead_time", "s", (1e-3, 2e-3), 1e-3), Axis(STIFFNESS, "N*m/rad", (1.0, 2.0), 1.0)
+    return Map(title, (0.5, 30.0), *axes, tuple(map(tuple, rows)))
+
+
+def test_a_map_says_what_to_choose_and_gives_every_point():
+    found = a_map()
+    html = map_page.page(found, image(map_figure(found)))
+    assert "&lt;map&gt;" in html
+    assert "<map>" not in html
+    assert "2 of 4 matched" in html
+    assert f"The least response error is 0.01, at loop.dead_time 1 ms, {STIFFNESS} 1 N·m/rad." in html
+    assert "largest modulus margin, 2.5; error 0.02" in html
+    assert "loop.dead_time: 1 ms<" in html
+    assert "no stable loop found" in html
+    assert "at 2 of 4 points" in html
+    rows = tables(html)["map.csv"]
+    assert [(float(row["loop.dead_time [s]"]), row["status"]) for row in rows] == [
+        (1e-3, "matched"), (2e-3, "limited"), (1e-3, "matched"), (2e-3, "limited"),
+    ]  # fmt: skip
+    assert [row[STIFFNESS] for row in rows] == ["1", "", "2", ""]
+
+
+def test_a_map_of_nothing_has_a_page():
+    none = Point(1e-3, 1.0, "impossible", None, None, None, False, None, ("so",))
+    axes = Axis("loop.dead_time", "s", (1e-3,), 5e-3), Axis(STIFFNESS, "N*m/rad", (1.0,), 1.0)
+    found = Map("", (0.5, 30.0), *axes, ((none,),))
+    html = map_page.page(found, image(map_figure(found)))
+    assert "No point has a response error" in html
+    assert "no match possible" in html
+
+
+def test_fields_of_a_map_act_and_say_their_error():
+    pytest.importorskip("bokeh")
+    from matching.report.map.acting import acting_map
+
+    script = acting_map(a_map())["script"]
+    for words in ('"no stable loop found"', '"matched"', '"0.3"', "the case as it is", "1 (loop.dead_time in ms)"):
+        assert words in script
+
+
+def a_study(stable=0.9):
+    edges, counts = np.linspace(0.4, 0.7, 4), np.array([10, 60, 30])
+    quantiles = {0.05: 0.45, 0.5: 0.55, 0.95: 0.65}
+    intervals = {0.05: (None, 0.47), 0.5: (0.54, 0.56), 0.95: (0.64, 0.66)}
+    drivers = ((STIFFNESS, 0.8), ("rig.inertias.rotor.J", 0.01))
+    margin = Spread("modulus_margin", "", 0.56, 0.55, 0.05, quantiles, intervals, drivers, 0.81, 100, edges, counts)
+    shares = {"stable": stable, "modulus_margin": stable, "all": stable}
+    return Tolerance("bed", 100, 0, (), (margin,), {"modulus_margin": 2e-3}, shares, 0.5)
+
+
+def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
+    study = a_study()
+    figure = plot(study)
+    html = tolerance_page.page(study, figure, image(figure))
+    assert "90.0 % of 100 drawn beds are stable" in html
+    assert "causes 80 % of the variance of modulus margin" in html
+    assert "rotor" not in html.split("What to expect")[0].split("What to order")[1]  # its share is too small
+    assert "modulus margin: 0.45 to 0.65" in html
+    assert "0.45 (… to 0.47)" in html
+    assert "10.0 % of the beds fail: modulus margin" in html
+    rows = tables(html)["tolerance.csv"]
+    assert [int(row["draws"]) for row in rows] == [10, 60, 30]
+    assert float(rows[0]["to"]) == pytest.approx(0.5)
+    whole = tolerance_page.page(a_study(1.0), figure, image(figure))
+    assert "no drawn bed fails" in whole
+
+
+def test_a_fidelity_says_what_to_improve_first():
+    found = rm.fidelity(EXAMPLES / "fidelity" / "tab2.toml")
+    drawn = {"delay": delay_curve(found), "attribution": attribution_figure(found)}
+    html = fidelity_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    gains = sorted((loss.gain for loss in found.attribution.losses), reverse=True)
+    assert f"without it R_XiL would be {100 * gains[0]:.2f} percentage points higher" in html
+    saved = tables(html)
+    assert max(float(row["gain in R_XiL"]) for row in saved["attribution.csv"]) == pytest.approx(gains[0], rel=1e-6)
+    assert {row["domain"] for row in saved["delay.csv"]} == set(found.fidelity.signals)
+
+
+def test_a_budget_leads_with_the_statement():
+    found = rm.uncertainty(EXAMPLES / "gum" / "end_gauge.toml")
+    drawn = {"contributions": contributions(found.measurands[0])}
+    html = unescape(uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()}))
+    assert found.statements[0] in html
+    rows = tables(html)["contributions.csv"]
+    assert sum(float(row["contribution"]) ** 2 for row in rows) == pytest.approx(
+        found.measurands[0].propagation.first_order ** 2 / found.measurands[0].measurand.unit.scale ** 2, rel=1e-5
+    )
+    picture = html.split('src="data:image/svg+xml;base64,')[1].split('"')[0]
+    assert b"<svg" in b64decode(picture)
