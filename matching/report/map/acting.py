@@ -59,7 +59,7 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
     ]
     tips = [("error", "@error"), ("margin", "@margin"), ("", "@what"), ("x", "@at_x"), ("y", "@at_y")]
     fig.hover[0].renderers = []
-    fig.add_tools(HoverTool(tooltips=tips, renderers=[one for one in drawn if one is not None]))
+    fig.add_tools(HoverTool(tooltips=tips, renderers=[fields for fields in drawn if fields is not None]))
     here = (result.x.here * shown_scale(result.x), result.y.here * shown_scale(result.y))
     if all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y)):
         look: dict[str, Any] = {"size": 16, "fill_color": None, "line_color": RIG, "line_width": 3}
