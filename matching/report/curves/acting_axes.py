@@ -34,7 +34,9 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 
 def _is_drawable(axes: Any) -> bool:
     drawable = any(map(_is_curve, axes.lines)) or has_bars(axes)
-    return bool(axes.get_visible() and drawable and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES))
+    return bool(
+        axes.get_visible() and axes.axison and drawable and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+    )
 
 
 def _is_curve(line: Any) -> bool:

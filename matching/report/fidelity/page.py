@@ -21,6 +21,7 @@ CAPTIONS = {
     "bands": "At which frequencies the signals deviate: amplitude plain, phase hatched.",
 }
 FIRST = 4  # causes on the first screen
+LEAST_SHOWN = 5e-5  # of an uncertainty: less is 0.00 %
 
 
 def page(
@@ -31,7 +32,7 @@ def page(
     total = answer["uncertainty"]["total"]
     low, high = total["interval"]
     words = f"R_XiL = {percent(fidelity.R_XiL)}"
-    if total["standard_uncertainty"]:
+    if total["standard_uncertainty"] > LEAST_SHOWN:
         words += f" (u = {percent(total['standard_uncertainty'])}, 95 % between {percent(low)} and {percent(high)})"
     content = StudyPage(
         title=f"XiL fidelity: {fidelity.title}" if fidelity.title else "XiL fidelity",

@@ -94,8 +94,8 @@ def _draw(fig: Any, fields: list[dict[str, Any]], limited: bool) -> Any:
     if not fields:
         return None
     columns = {key: [field[key] for field in fields] for key in fields[0] if key != "limited"}
-    hatch = {"hatch_pattern": PATTERNS["/"], "hatch_color": INK, "hatch_alpha": 0.6} if limited else {}
+    look = {"hatch_pattern": PATTERNS["/"], "hatch_color": INK, "fill_alpha": 0.6} if limited else {}
     return fig.quad(
         "left", "right", "top", "bottom", source=ColumnDataSource(columns), fill_color="fill", line_color="white",
-        legend_label="limited" if limited else "matched", **hatch,
+        legend_label="limited" if limited else "matched", **look,
     )  # fmt: skip

@@ -148,7 +148,7 @@ def _scale(result: Map) -> str:
 
 
 def edges(axis: Axis) -> np.ndarray:
-    """Borders of the fields around an axis' values, one more than there are values."""
+    """Borders (n + 1,) of the fields around the n values of an axis."""
     values = np.log(axis.values) if axis.by_ratio else np.asarray(axis.values)
     if len(values) == 1:
         return np.array([0.9, 1.1]) * axis.values[0] if axis.values[0] else np.array([-1.0, 1.0])

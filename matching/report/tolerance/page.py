@@ -81,7 +81,7 @@ def _expected(spread: Spread) -> ScreenPoint:
 
 def _to_watch(study: Tolerance) -> list[ScreenPoint]:
     points = [
-        ScreenPoint(f"{percent(1 - share, 1)} of the beds fail: {result_words(name)}", _required(study, name))
+        ScreenPoint(f"{percent(1 - share, 1)} of the beds {_failure(name)}", _required(study, name))
         for name, share in study.shares.items()
         if name != "all" and share < 1.0
     ]
@@ -90,6 +90,12 @@ def _to_watch(study: Tolerance) -> list[ScreenPoint]:
         "accuracy of this study", f"draws worked out exactly differ by {number(worst, 2)} at most, relative"
     )
     return [*(points or [ScreenPoint("no drawn bed fails")]), checked]
+
+
+def _failure(name: str) -> str:
+    if name == "stable":
+        return "are not stable"
+    return "fall below the required modulus margin" if name == "modulus_margin" else f"lose {result_words(name)}"
 
 
 def _required(study: Tolerance, name: str) -> str:
