@@ -55,7 +55,7 @@ class Pair:
         return cls(reference, test, np.stack([corner_energy(reference), corner_energy(test)]))
 
     def below(self, cutoff: float) -> SmoothedPair:
-        """Both signals below a cut-off (of half the sampling rate), thinned as far as that allows."""
+        """Both signals below a cut-off (dimensionless, over half the sampling rate), thinned as far as that allows."""
         step = max(1, int(OVERSAMPLED / cutoff))
         smooth, response = (
             scipy.signal.sosfiltfilt(_low_pass(cutoff), signal, padlen=_settling(cutoff))[::step]

@@ -61,8 +61,6 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     base = _time_base(table, source)
-    if not table.units[0]:
-        check_seconds(base.time, system, source)
     columns = {name: column(table, name, base.rows, scale, source) for name, scale in scales.items()}
     notes = [*table.notes, *base.notes]
     complete = np.ones(len(base.time), dtype=bool)
@@ -73,6 +71,8 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
         raise InputError(source, "has fewer than two rows in which every input has a value", "record them together")
     time = base.time[complete]
     channels = {name: values[complete] for name, values in columns.items()}
+    if not table.units[0]:
+        check_seconds(time, channels, system, source)
     for sensor in system.sensors:
         if sensor.name in channels:
             _note_missing_sensor(sensor.name, time, channels, notes)

@@ -59,7 +59,11 @@ def _repeated(seconds: np.ndarray, rows: np.ndarray, source: str) -> list[str]:
     """A note of time stamps that are repeated; ``rows`` are the first of each."""
     repeated = len(seconds) - len(rows)
     if len(rows) < 2:
-        raise InputError(source, "all rows have the same time", "time must rise")
+        raise InputError(
+            source,
+            f"all rows have the same time, {seconds[0]:.10g} s",
+            "write time with more digits, or from the start of the recording",
+        )
     first = seconds[int(np.argmax(np.diff(seconds) == 0))]
     if repeated > max(1.0, MOST_REPEATED * len(seconds)):
         raise InputError(

@@ -52,7 +52,7 @@ def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.nd
     """Angles 0 and the speeds (2n,) that were measured first, what was not measured moving with them."""
     parts = elements(model, p[None])
     turns, twists = (
-        rows.reshape(-1, *rows.shape[-2:])[0] for rows in (parts.mass_transformation, parts.spring_transformation)
+        rows[0] if rows.ndim == 3 else rows for rows in (parts.mass_transformation, parts.spring_transformation)
     )
     rows, speeds = [], []
     for sensor in model.system.sensors:
@@ -115,10 +115,11 @@ class _StartWindow:
 
 
 def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, start: np.ndarray) -> _StartWindow:
-    begin = recording.time[0]
-    last = recording.time[min(LEAST_SAMPLES - 1, len(recording.time) - 1)]
-    early = recording.cut(begin, max(begin + seconds, last))
     sensors = [part for part in model.system.sensors if part.name in recording.channels]
+    # Sensors may begin later than the inputs do: counted from the first reading, simulated from the first row.
+    first = min(int(np.argmax(np.isfinite(recording[part.name]))) for part in sensors)
+    last = recording.time[min(first + LEAST_SAMPLES - 1, len(recording.time) - 1)]
+    early = recording.cut(recording.time[0], max(recording.time[first] + seconds, last))
     inputs = early.inputs(model.system)
     named = dict(zip(model.states[: len(start)], start.tolist(), strict=True))
     state = start_state(model, p, inputs[0], named)

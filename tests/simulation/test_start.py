@@ -91,6 +91,21 @@ def test_the_start_is_found_in_a_recording_in_motion(kinds):
         assert found["angle(motor)"] - found["angle(load)"] == pytest.approx(0.03, abs=1e-3)
 
 
+def test_one_inertia_and_sensors_that_begin_later_than_the_input():
+    """J = 0.5, drag 0.2, 3 N·m: the speed from 8 rad/s on in closed form."""
+    data = {
+        "inertias": {"rotor": {"J": 0.5, "drag": 0.2}},
+        "inputs": {"torque": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.01}},
+    }
+    model, time = compiled(from_dict(data, "rotor")), np.arange(1000) * 2e-3
+    speed = 15 + (8 - 15) * np.exp(-0.4 * time)
+    for first in (0, 250):
+        seen = np.where(np.arange(1000) >= first, speed, np.nan)
+        start = recorded_start(model, Recording(time, {"torque": np.full(1000, 3.0), "speed": seen}), model.p0)
+        assert start["speed(rotor)"] == pytest.approx(8.0, abs=1e-4)
+
+
 def test_the_start_is_found_behind_gears_and_a_differential():
     data = tomllib.loads(GEARED)
     system = from_dict(data, "test")
