@@ -42,8 +42,8 @@ def _speed_ratios(system: System, root: str) -> dict[str, float]:
     """Speed of each inertia that shafts, gears and differentials connect to ``root``, over its speed."""
     ratios, waiting = {root: 1.0}, [root]
     links: list[tuple[str, str, float]] = []
-    for part in (*system.shafts, *system.gears):
-        links.append((*part.between, part.ratio.value if part.ratio else 1.0))
+    links += [(*shaft.between, shaft.ratio.value if shaft.ratio else 1.0) for shaft in system.shafts]
+    links += [(*gear.between, gear.ratio.value) for gear in system.gears]
     for part in system.differentials:
         links += [(part.cage, part.left, 1.0), (part.cage, part.right, 1.0)]
     while waiting:
