@@ -67,7 +67,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class SmoothedPair:
-    """Signals below a cut-off: a curve through the reference, its slope, and every ``step``-th sample of the test."""
+    """Signals below a cut-off: a curve through the reference, its slope, every ``step``-th sample (t,) of the test."""
 
     curve: Any
     slope: Any
