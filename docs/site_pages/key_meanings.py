@@ -22,7 +22,10 @@ MODEL_TABLES = {
     },
     "gears": {"between": "two inertias", "ratio": "speed(first) = ratio · speed(second)"},
     "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},
-    "inputs": {"on": "the inertia that the torque (N·m) acts on"},
+    "inputs": {
+        "on": "the inertia that the torque (N·m) acts on, or whose motion is imposed",
+        "measures": "`torque`, or `speed` or `angle` of an imposed motion; unless stated torque, or imposed speed",
+    },
     "sensors": {
         "measures": "`angle`, `speed` or `acceleration` of an inertia, `torque` of a shaft",
         "of": "the inertia or the shaft",

@@ -12,7 +12,7 @@ from matching.diagnosis.data.segments import FitData
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import Holdout, OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.reweighting import iteratively_reweighted
+from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
 from matching.diagnosis.search.refinement import with_sharpest_friction
@@ -53,12 +53,12 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     """
     several = (base.problem.data.readings_by_sensor > 0).sum() > 1
     if several and _largest_error(base) > FAR_FROM_NOISE:
-        return _identify(system, iteratively_reweighted(base), holdout, progress)
+        return _identify(system, _balanced(system, base), holdout, progress)
     identified = _identify(system, base, holdout, progress)
     if not several or at_noise(identified.state.best) or _largest_error(identified.state.best.fit) < LEFT_BY_MODEL:
         return identified
     progress("sensors weighted by what the model leaves")
-    balanced = _identify(system, iteratively_reweighted(base), holdout, progress)
+    balanced = _identify(system, _balanced(system, base), holdout, progress)
     better = UnseenData(holdout).earns_place(balanced.state.best, identified.state.best)
     return balanced if better else identified
 
@@ -87,6 +87,10 @@ def _largest_error(fit: Fit) -> float:
     """Root mean square error of the sensor with the largest one, in times its noise."""
     squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
     return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
+
+
+def _balanced(system: System, base: Fit) -> Fit:
+    return balanced_fit(base, base_problem(system, base.problem.data)[1])
 
 
 def _solved_as(base: Fit, system: System, data: FitData) -> Fit:

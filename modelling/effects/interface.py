@@ -63,6 +63,9 @@ class EquationBuilder(Protocol):
     def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
         """Let a torque (N·m) act on a motion: it does virtual work on it, named after a component."""
 
+    def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
+        """Let a motion have an acceleration (rad/s²) whatever torques act on it; a later one replaces an earlier."""
+
     def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
         """A symbol for a constant expression of parameters and earlier abbreviations."""
 

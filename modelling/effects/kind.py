@@ -85,6 +85,8 @@ class Kind:
         A zero that may differ between recordings: a recording that is not fitted gets its own, with its start state.
     is_clock : bool
         Its only parameter is by how many s the clock of a logger, whose channels share it, is late.
+    imposes_motion : bool
+        The inertia moves as recorded: an input on it is a motion, see :meth:`imposed_input`.
     arrays : tuple of str
         Keys that files write as lists; their values are the parameters ``key_1``, ``key_2``, ….
     zero_mean : tuple of str
@@ -108,6 +110,7 @@ class Kind:
     only_delays: ClassVar[bool] = False
     zero_of_recording: ClassVar[bool] = False
     is_clock: ClassVar[bool] = False
+    imposes_motion: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
@@ -121,6 +124,10 @@ class Kind:
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         """Change what reaches the inertia of a recorded input."""
+        raise NotImplementedError
+
+    def imposed_input(self, path: InputPath, measures: str, motion: Motion, assembly: EquationBuilder) -> None:
+        """Impose the ``speed`` or ``angle`` that an input holds on the motion of the inertia it sits on."""
         raise NotImplementedError
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import sympy as sm
 
+from modelling.common.errors import InputError
 from modelling.effects import Kind
 from modelling.effects.interface import InputPath, Motion, SensorPath, ShaftLaw, Spring
 from modelling.equations import shaft_law
@@ -21,7 +22,8 @@ class Assembly:
     """Energies, virtual work, states, input and sensor paths of a system; effects write into it.
 
     ``kinetic``, ``potential`` and ``dissipation`` (Rayleigh) are expressions by component; ``work`` lists
-    (component, torque, motion): the torque does work on the motion. ``abbreviations`` are symbols of long products of
+    (component, torque, motion): the torque does work on the motion. ``imposed`` holds by coordinate its place and the
+    acceleration that it has whatever torques act. ``abbreviations`` are symbols of long products of
     ratios, in terms of parameters and earlier ones. ``masses`` (inertia, motion) and ``springs``
     are the elements of modal analysis, by component.
     """
@@ -48,6 +50,7 @@ class Assembly:
         self.states: dict[str, tuple[sm.Symbol, sm.Expr]] = {}
         self._states_by_symbol: dict[sm.Symbol, list[str]] = {}
         self.abbreviations: dict[sm.Symbol, sm.Expr] = {}
+        self.imposed: dict[int, tuple[str, sm.Expr]] = {}
         self.motions: dict[str, Motion] = {}
         self.shafts: dict[str, ShaftLaw] = {}
         self.inputs: dict[str, InputPath] = {}
@@ -97,6 +100,19 @@ class Assembly:
         """Let a torque do virtual work on a motion."""
         self.work.append((component, torque, motion))
 
+    def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
+        """Let a motion have an acceleration whatever torques act on it; a later one replaces an earlier.
+
+        Raises
+        ------
+        InputError
+            If differentials make the motion of several coordinates.
+        """
+        if len(motion.coefficients) != 1:
+            raise InputError(place, "a differential divides this motion", "impose that of an inertia beside it")
+        ((index, coefficient),) = motion.coefficients.items()
+        self.imposed[index] = place, acceleration / coefficient
+
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed, turning over a stick speed that the simulation keeps small."""
         return sm.tanh(speed / self.simulation(STICK_SPEED))
@@ -139,7 +155,11 @@ class Assembly:
             path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.input(path, p, self)
-            self.add_torque(place, path.value, self.motions[source.on])
+            motion, imposing = self.motions[source.on], system.imposed_by.get(source.name)
+            if imposing is None:
+                self.add_torque(place, path.value, motion)
+            else:
+                imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
             truth = self._truth(reading.measures, reading.of)

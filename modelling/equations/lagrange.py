@@ -127,4 +127,16 @@ def _derive(structure: _Structure) -> Equations:
     for _, torque, motion in a.work:
         for i, coefficient in motion.coefficients.items():
             force[i].append(torque * coefficient)
+    _impose(a, mass, force)
     return Equations(a, {ij: sm.Add(*parts) for ij, parts in mass.items()}, [sm.Add(*parts) for parts in force])
+
+
+def _impose(a: Assembly, mass: dict[tuple[int, int], list[sm.Expr]], force: list[list[sm.Expr]]) -> None:
+    """Replace, in place, the equations of coordinates with an imposed acceleration, which acts on those coupled."""
+    for i, (_, acceleration) in a.imposed.items():
+        for j in range(len(force)):
+            coupling = mass.pop((j, i), None)
+            mass.pop((i, j), None)
+            if coupling and j != i:
+                force[j].append(-sm.Add(*coupling) * acceleration)
+        mass[i, i], force[i] = [sm.Integer(1)], [acceleration]

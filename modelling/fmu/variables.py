@@ -26,8 +26,12 @@ class Variable:
 
 
 def inputs(model: Model) -> list[Variable]:
-    """Torques."""
-    return [Variable(torque.name, "input", "N*m", 0.0, f"torque on {torque.on}") for torque in model.system.inputs]
+    """Torques, and motions that are imposed."""
+    quantities, units = model.system.input_quantities, model.system.input_units
+    return [
+        Variable(part.name, "input", units[part.name], 0.0, f"{quantities[part.name]} on {part.on}")
+        for part in model.system.inputs
+    ]
 
 
 def outputs(model: Model) -> list[Variable]:

@@ -117,7 +117,7 @@ def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Chan
 
 def _units(system: System) -> dict[str, str]:
     """SI units of the channels of a system by name."""
-    return {part.name: "N*m" for part in system.inputs} | {part.name: part.unit for part in system.sensors}
+    return system.input_units | {part.name: part.unit for part in system.sensors}
 
 
 def _time_base(table: Table, source: str) -> TimeBase:

@@ -9,7 +9,7 @@ from modelling.common.errors import InputError, listed, unknown
 from modelling.effects import EFFECTS, Kind
 from modelling.model.components import TABLES, Components, Effect, Sensor
 from modelling.model.quantity import Quantity
-from modelling.units import SENSOR_UNITS
+from modelling.units import INPUT_UNITS, SENSOR_UNITS
 
 MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
 _NAME = re.compile(r"\w[\w-]{0,199}")
@@ -47,6 +47,7 @@ def check(system: Components) -> None:
     for source in system.inputs:
         if source.on not in inertias:
             raise unknown(source.on, list(inertias), f"inputs.{source.name}.on")
+    _imposed(system)
     shafts = dict.fromkeys(part.name for part in system.shafts)
     for sensor in system.sensors:
         _sensor(sensor, shafts if sensor.measures == "torque" else inertias)
@@ -101,6 +102,24 @@ def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
             raise unknown(end, list(inertias), where)
     if len(set(ends)) < len(ends):
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
+
+
+def _imposed(system: Components) -> None:
+    """Check that inputs measure a motion only where it is imposed, and one each."""
+    imposed = {e.at.split(".")[1] for e in system.effects if e.kind in EFFECTS and EFFECTS[e.kind].imposes_motion}
+    driven = set[str]()
+    for source in system.inputs:
+        if source.measures not in (None, *INPUT_UNITS):
+            raise unknown(str(source.measures), list(INPUT_UNITS), f"inputs.{source.name}.measures")
+        if source.measures in (None, "torque") and not (source.measures is None and source.on in imposed):
+            continue
+        where = f"inputs.{source.name}"
+        if source.on not in imposed:
+            right = f"[[effects]] imposed_motion at inertias.{source.on}, or a torque"
+            raise InputError(f"{where}.measures", f"nothing imposes the motion of {source.on!r}", right)
+        if source.on in driven:
+            raise InputError(f"{where}.on", f"the motion of {source.on!r} is recorded twice", "one input for it")
+        driven.add(source.on)
 
 
 def _sensor(part: Sensor, known: Collection[str]) -> None:

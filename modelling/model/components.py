@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from modelling.effects import EFFECTS, Kind
 from modelling.effects.place import members, shared_place
 from modelling.model.quantity import Quantity
-from modelling.units import QUANTITY_UNITS, SENSOR_UNITS
+from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS
 
 TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
 TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears")
@@ -59,10 +59,14 @@ class Differential:
 
 @dataclass(frozen=True)
 class Input:
-    """A torque (N·m) on the inertia ``on``."""
+    """A torque (N·m) on the inertia ``on``; where an effect imposes its motion, its speed (rad/s) or angle (rad).
+
+    ``measures`` is ``torque``, ``speed`` or ``angle``; None is a torque, or the speed of an imposed motion.
+    """
 
     name: str
     on: str
+    measures: str | None = None
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,25 @@ class Components:
     title: str = ""
     reference: str = ""
     operating_point: OperatingPoint | None = None
+
+    @functools.cached_property
+    def imposed_by(self) -> dict[str, Kind]:
+        """By input that measures a motion: the kind of effect that imposes it."""
+        imposing = {effect.at: effect.law for effect in self.effects if effect.law.imposes_motion}
+        places = {part.name: f"inertias.{part.on}" for part in self.inputs if part.measures != "torque"}
+        return {name: imposing[place] for name, place in places.items() if place in imposing}
+
+    @property
+    def input_quantities(self) -> dict[str, str]:
+        """By input: ``torque``, or the ``speed`` or ``angle`` that it imposes."""
+        return {
+            part.name: part.measures or ("speed" if part.name in self.imposed_by else "torque") for part in self.inputs
+        }
+
+    @property
+    def input_units(self) -> dict[str, str]:
+        """SI unit of each input."""
+        return {name: INPUT_UNITS[quantity] for name, quantity in self.input_quantities.items()}
 
     def places(self) -> Iterator[str]:
         """Every ``table.name``."""

@@ -23,7 +23,7 @@ _KEYS = {
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
     "differentials": {"cage", "left", "right"},
-    "inputs": {"on"},
+    "inputs": {"on", "measures"},
     "sensors": {"measures", "of", "uncertainty"},
 }
 _TOP = {"title", "reference", "mirror", "effects", *TABLES}
@@ -109,7 +109,7 @@ def _differential(name: str, table: dict, place: str) -> Differential:
 
 
 def _input(name: str, table: dict, place: str) -> Input:
-    return Input(name, text(table, "on", place))
+    return Input(name, text(table, "on", place), text(table, "measures", place) if "measures" in table else None)
 
 
 def _sensor(name: str, table: dict, place: str) -> Sensor:
@@ -135,7 +135,8 @@ def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
     if not tables:
         return ()
     # units and places are those of the system without effects
-    base = from_dict({key: value for key, value in data.items() if key != "effects"}, where)
+    inputs = {name: {"on": table["on"]} for name, table in data.get("inputs", {}).items()}  # what imposes is an effect
+    base = from_dict({key: value for key, value in data.items() if key != "effects"} | {"inputs": inputs}, where)
     places: dict[str, dict[str, None]] = {}
     return tuple(_effect(table, base, places, f"{where}: effects[{number}]") for number, table in enumerate(tables, 1))
 

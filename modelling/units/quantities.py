@@ -26,6 +26,7 @@ QUANTITY_UNITS = {
     "ratio": "1",
 }
 SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
+INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "speed", "angle")}
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 # The kind of every unit that a quantity of a model or case may be written in, by pint's name without prefix

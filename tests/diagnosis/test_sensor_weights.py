@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import identify_causes as module
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.data.weighting import LARGEST_MEMORY
+from matching.diagnosis.fitting.fit import solve
+from matching.diagnosis.fitting.problem import base_problem
+from matching.diagnosis.fitting.reweighting import balanced_fit, innovation_power, iteratively_reweighted
+from modelling.model.files import from_dict
 
 
 def fit(error: float, sensors: int = 2, name: str = "noise") -> SimpleNamespace:
@@ -29,7 +35,7 @@ def identified(monkeypatch: pytest.MonkeyPatch):
             )
 
         monkeypatch.setattr(module, "_identify", search)
-        monkeypatch.setattr(module, "iteratively_reweighted", lambda one: fit(base, sensors, "balanced"))
+        monkeypatch.setattr(module, "_balanced", lambda _system, _base: fit(base, sensors, "balanced"))
         monkeypatch.setattr(module, "at_noise", lambda best: left == 1.0)
         monkeypatch.setattr(module, "UnseenData", lambda holdout: SimpleNamespace(earns_place=lambda *_: gains))
         answer = module.identify_causes(None, fit(base, sensors), None, lambda _: None)
@@ -51,3 +57,34 @@ def test_a_second_search_is_taken_only_where_unseen_data_gain(identified) -> Non
 def test_far_from_the_noise_only_the_second_is_made_and_with_one_sensor_only_the_first(identified) -> None:
     assert identified(500.0, 20.0) == ("balanced", ["balanced"])
     assert identified(500.0, 20.0, sensors=1) == ("noise", ["noise"])
+
+
+@pytest.mark.parametrize("angle_uncertainty", [6e-6, 2e-3])
+def test_balanced_weights_do_not_depend_on_how_precise_an_encoder_is_said_to_be(angle_uncertainty: float) -> None:
+    """The speed channel is filtered, which the model lacks; J = 0.5 kg·m² and drag 0.3 N·m·s/rad are what was made."""
+    J, drag, lag = 0.5, 0.3, 0.02
+    system = from_dict({
+        "inertias": {"rotor": {"J": {"value": J, "tolerance": 0.3}, "drag": {"value": drag, "lower": 0, "upper": 3}}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {
+            "angle": {"measures": "angle", "of": "rotor", "uncertainty": angle_uncertainty},
+            "speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.02},
+        },
+    })  # fmt: skip
+    time = np.arange(0, 4, 2e-3)
+    frequencies = 2 * np.pi * np.array([1.5, 4.0, 9.0, 17.0])
+    response = 1 / (1j * frequencies * J + drag)
+    waves = np.exp(1j * np.outer(time, frequencies))
+    torque, speed = waves.real.sum(axis=1), (waves * response).real.sum(axis=1)
+    angle = (waves * response / (1j * frequencies)).real.sum(axis=1)
+    filtered = (waves * response / (1 + 1j * frequencies * lag)).real.sum(axis=1)
+    noise = np.random.default_rng(3).normal(size=(2, len(time)))
+    readings = np.stack([angle + 6e-6 * noise[0], filtered + 0.02 * noise[1]], axis=1)
+    sensors = np.array([angle_uncertainty, 0.02])
+    problem, v = base_problem(system, FitData([Segment(time, torque[:, None], readings)], sensors))
+    by_noise = solve(problem, v)
+    fit = balanced_fit(by_noise, v)
+    assert innovation_power(fit) <= innovation_power(iteratively_reweighted(by_noise)) + 1e-9
+    assert fit.values["inertias.rotor.J"] == pytest.approx(J, rel=0.02)
+    assert speed.std() > filtered.std()
+    assert (fit.problem.weighting.memory <= LARGEST_MEMORY).all()

@@ -10,7 +10,7 @@ from matching.diagnosis.fitting.batch_simulation import simulate_readings
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.holdout import holdout_residuals, rms_by_sensor, simulate_other
 from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.start_states import flank_shifts
+from matching.diagnosis.fitting.start_states import angles_without_reading, first_state, flank_shifts
 from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 
@@ -60,3 +60,21 @@ def test_a_recording_that_begins_on_a_flank_is_simulated_to_the_noise(flank: int
     residual = problem.residuals(v[None])[0]
     fit = Fit(problem, v, residual, np.zeros((len(residual), len(v))), float(residual @ residual))
     assert rms_by_sensor(holdout_residuals(simulate_other(fit, data))) == pytest.approx(1.0, abs=0.1)
+
+
+def test_imposed_angle_is_where_the_drivetrain_begins():
+    """All of it stands at the first angle, behind a ratio of 2 at half; speeds as the angle changes."""
+    system = from_dict({
+        "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},
+        "shafts": {"link": {"between": ["motor", "load"], "stiffness": 300, "ratio": 2.0}},
+        "inputs": {"road": {"on": "motor", "measures": "angle"}},
+        "sensors": {"torque": {"measures": "torque", "of": "link"}},
+        "effects": [{"kind": "imposed_motion", "at": "inertias.motor"}],
+    })  # fmt: skip
+    model, time = compiled(system), np.arange(0, 1, 0.01)
+    segment = Segment(time, 3.0 + 4.0 * time[:, None], np.full((len(time), 1), np.nan))
+    state = dict(zip(model.states, first_state(system, model, segment), strict=True))
+    by_name = dict(zip(model.coordinates, list(state.values())[: model.n], strict=True))
+    assert by_name == pytest.approx({"motor": 3.0, "load": 1.5})
+    assert list(state.values())[model.n + model.coordinates.index("motor")] == pytest.approx(4.0)
+    assert not angles_without_reading(system, model)

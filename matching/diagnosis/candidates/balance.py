@@ -74,7 +74,7 @@ def linear_model(system: System, value: dict[str, float]) -> LinearModel:
     A further torque T in a shaft turns its second end by T and its first end by −T over the ratio.
     """
     known = {name: v for name, v in value.items() if name in system.parameters}
-    inputs = tuple(Input(f"probe{i}", part.name) for i, part in enumerate(system.inertias))
+    inputs = tuple(Input(f"probe{i}", part.name, "torque") for i, part in enumerate(system.inertias))
     model = compiled(replace(system.with_values(known), inputs=inputs))
     A, B, C, D = (np.array(m) for m in model.jacobians(np.zeros(len(model.states)), np.zeros(len(inputs)), model.p0, 0))
     names = [part.name for part in system.inertias]

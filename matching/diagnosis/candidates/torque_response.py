@@ -76,9 +76,11 @@ def _pulse_responses(fit: Fit) -> dict[str, np.ndarray]:
     """By inertia: readings (t, y) of the linear model after a torque that is 1 N·m at the first sample and falls
     linearly to 0 at its neighbours."""
     plain = without_effects(fit.problem.system)
+    imposed = (effect for effect in fit.problem.system.effects if effect.law.imposes_motion)
+    plain = plain.with_effects(*imposed)  # what is imposed, no torque moves
     plain = plain.with_values({name: value for name, value in fit.values.items() if name in plain.parameters})
-    probe = replace(plain, inputs=tuple(Input(f"probe{i}", part.name) for i, part in enumerate(plain.inertias)))
-    model = compiled(probe)
+    probes = tuple(Input(f"probe{i}", part.name, "torque") for i, part in enumerate(plain.inertias))
+    model = compiled(replace(plain, inputs=probes))
     longest = max(fit.problem.data.segments, key=lambda segment: len(segment.time))
     step = float(np.median(np.diff(longest.time)))
     time = step * np.arange(len(longest.time) + 1)
@@ -94,5 +96,6 @@ def _pulse_responses(fit: Fit) -> dict[str, np.ndarray]:
 
 
 def without_effects(system: System) -> System:
-    """The linear drivetrain of a system; a wrong parameter stays as it is said to be."""
-    return replace(system, effects=tuple(effect for effect in system.effects if effect.law.replaces_quantity))
+    """The linear drivetrain of a system, all inputs torques; a wrong parameter stays as it is said to be."""
+    inputs = tuple(replace(part, measures="torque") for part in system.inputs)
+    return replace(system, inputs=inputs, effects=tuple(e for e in system.effects if e.law.replaces_quantity))

@@ -15,6 +15,7 @@ import numpy as np
 from matching.diagnosis.data.weighting import Weighting, weighting_of
 from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
+from matching.diagnosis.fitting.problem import FitProblem
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds
@@ -29,6 +30,38 @@ def iteratively_reweighted(fit: Fit) -> Fit:
             break
         fit = solve(replace(fit.problem, weighting=weighting), fit.v, None, OPTIONS)
     return fit
+
+
+def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
+    """The fit with each sensor weighted by what the model leaves of it, from where weights by noise led and from the
+    values the model states.
+
+    Estimated weights have several fixed points: where the most precise sensor has led, what it asked for keeps its
+    error small, and with that its weight. The likelier end stands, whatever uncertainties are stated.
+
+    Parameters
+    ----------
+    v : ndarray (v,)
+        Variables at the stated values.
+    """
+    ends = [iteratively_reweighted(fit)]
+    try:
+        stated = solve(replace(fit.problem, weighting=discrepancy_at(fit.problem, v)), v, None, OPTIONS)
+        ends.append(iteratively_reweighted(stated))
+    except FloatingPointError:
+        pass  # the stated values do not simulate
+    return min(ends, key=innovation_power)
+
+
+def innovation_power(fit: Fit) -> float:
+    """Mean over the readings of ln of the squared innovation of their sensor: −2 ln of the likelihood for each."""
+    count = fit.problem.data.readings_by_sensor
+    return float(np.log(discrepancy(fit).scale ** 2) @ count / count.sum())
+
+
+def discrepancy_at(problem: FitProblem, v: np.ndarray) -> Weighting:
+    """What a model leaves of the sensors at variables (v,), as weights of a fit."""
+    return weighting_of(problem.errors(v), [segment.measured for segment in problem.data.segments])
 
 
 def discrepancy(fit: Fit) -> Weighting:

@@ -30,10 +30,12 @@ def sensors_with_zero(system: System) -> list[int]:
 def angles_without_reading(system: System, model: Model) -> set[int]:
     """Coordinates that are held at the start: one of every connected part of the drivetrain without an angle sensor.
 
-    Speeds, torques and accelerations do not depend on the common angle of such a part.
+    Speeds, torques and accelerations do not depend on the common angle of such a part, unless one of it is imposed.
     """
-    connected = _connected_inertias(system)
-    known = {name for sensor in system.sensors if sensor.measures == "angle" for name in connected[sensor.of]}
+    connected, quantities = _connected_inertias(system), system.input_quantities
+    measured = [sensor.of for sensor in system.sensors if sensor.measures == "angle"]
+    measured += [part.on for part in system.inputs if quantities[part.name] == "angle"]
+    known = {name for angle_of in measured for name in connected[angle_of]}
     held = set()
     for i, coordinate in enumerate(model.coordinates):
         if coordinate in connected and coordinate not in known:
@@ -98,7 +100,8 @@ def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     """A state (x,) from which a fit of the start state begins.
 
     Speeds as measured; other inertias turn with the mean of the measured speeds, where there is no gear. The first
-    angle sensor of a connected part gives its angle; the rest of the part stands without twist.
+    angle sensor of a connected part gives its angle; the rest of the part stands without twist. An imposed motion
+    begins as recorded.
     """
     x, n = np.zeros(len(model.states)), model.n
     with_zero = sensors_with_zero(system)
@@ -117,4 +120,19 @@ def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     common = float(np.mean(list(speeds.values()))) if speeds and not system.gears else 0.0
     for i in range(n):
         x[n + i] = speeds.get(i, common)
+    _start_as_imposed(system, model, segment, x)
     return x
+
+
+def _start_as_imposed(system: System, model: Model, segment: Segment, x: np.ndarray) -> None:
+    """Let, in place, inertias whose motion is imposed begin as recorded."""
+    for j, part in enumerate(system.inputs):
+        if part.name not in system.imposed_by or part.on not in model.coordinates:
+            continue
+        i, recorded = model.coordinates.index(part.on), segment.inputs[:FIRST_SAMPLES, j]
+        if system.input_quantities[part.name] == "angle":
+            for name, share in _turns_with(system, part.on).items():
+                if name in model.coordinates:
+                    x[model.coordinates.index(name)] = share * recorded[0]
+            recorded = np.gradient(recorded, segment.time[:FIRST_SAMPLES])
+        x[model.n + i] = recorded[0]

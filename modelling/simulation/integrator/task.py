@@ -114,7 +114,7 @@ def make_task(
     Raises
     ------
     InputError
-        If a name is unknown, or a delay negative that is not that of an early clock.
+        If a name is unknown, or a delay negative that is not that of an early clock or an imposed motion.
     """
     names = names or []
     if CONTACT_TIME in model.parameters:
@@ -129,7 +129,8 @@ def make_task(
     if delayed or any(path.delay != 0 for path in input_paths):
         delays = [np.array(part).T for part in model.delays(p.T)]
     lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
-    if lowest < 0 and not any(effect.law.is_clock for effect in model.system.effects):
+    ahead = any(effect.law.is_clock or effect.law.imposes_motion for effect in model.system.effects)
+    if lowest < 0 and not ahead:
         raise InputError("simulation", f"a delay of {lowest:g} s is not possible", "delays are 0 or more")
     group = np.zeros(len(model.sensors), dtype=np.int64)
     group[delayed] = np.arange(1, len(delayed) + 1)

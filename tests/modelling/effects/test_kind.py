@@ -21,6 +21,7 @@ VALUES = {
     "position_torque": {"period": 2 * np.pi / 3, "amplitude": 2.0, "phase": 0.4},
     "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
     "coulomb_friction": {"torque": 3.0}, "dead_time": {"delay": 0.01}, "hardening": {"cubic": 2e4},
+    "imposed_motion": {},
     "hysteresis": {"torque": 4.0, "angle": 0.01}, "input_gain": {"factor": 1.2}, "lag": {"time_constant": 0.05},
     "quadratic_damping": {"coefficient": 2.0}, "quadratic_drag": {"coefficient": 0.7}, "sensor_delay": {"delay": 0.01},
     "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
