@@ -11,7 +11,8 @@ from matching.diagnosis.candidates.cause import Cause
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.verdict.causes import Alternative, Candidate, CauseParameter, NamedCause
-from matching.diagnosis.verdict.confidence import RatedCause, confidence
+from matching.diagnosis.verdict.confidence import RatedCause, chi_square_inflation, confidence
+from matching.diagnosis.verdict.indistinguishable import not_told_apart
 from matching.diagnosis.verdict.next_recording import propose_manoeuvre
 from modelling.effects import EFFECTS
 from modelling.effects.place import place_in_words
@@ -61,14 +62,17 @@ def named_causes(
         cause, part = judgement.cause, share_explained_by(final, judgement.without)
         rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
         rivals = _rivals(judgement)
-        same = list(EFFECTS[cause.kind].same_as(cause.at, system))
+        weighed = {(rival.kind, rival.at) for rival in rivals if rival.share > 0}
+        alike = _all_alike(system, final, judgement)
+        same = [name for name in alike if name not in weighed]
         certain = confidence(rating.share, explained, part) / (1 + len(same))
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
         causes.append(
             NamedCause(
                 cause.kind, cause.at, _parameters(system, cause, estimates), certain,
-                _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None) + _alike(same),
+                _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None)
+                + _in_words(alike),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 judgement.without.chi_square / final.chi_square,
             )
@@ -107,9 +111,20 @@ def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
     return out
 
 
-def _alike(same: Sequence[tuple[str, str]]) -> str:
-    """What no recording tells from a cause, in words; empty where there is nothing."""
-    return f"; no recording tells it from {' or '.join(f'{kind} at {at}' for kind, at in same)}" if same else ""
+def _all_alike(system: System, final: Hypothesis, judgement: JudgedCause) -> list[tuple[str, str]]:
+    """What no recording tells from a cause, then what this one does not, with what no recording tells from that."""
+    cause = judgement.cause
+    alike = not_told_apart(final, judgement.without, cause, chi_square_inflation(final))
+    names = [(cause.kind, cause.at), *alike]
+    names += [same for kind, at in names for same in EFFECTS[kind].same_as(at, system)]
+    return list(dict.fromkeys(names))[1:]
+
+
+def _in_words(same: Sequence[tuple[str, str]]) -> str:
+    """What the recording does not tell from a cause, in words; empty where there is nothing."""
+    if not same:
+        return ""
+    return f"; this recording does not tell it from {' or '.join(f'{k} at {place_in_words(at)}' for k, at in same)}"
 
 
 def _rivals(judged: JudgedCause) -> list[RatedCause]:
