@@ -41,6 +41,7 @@ SECONDS = 20.0  # of processor time; most inputs take a hundredth of one
 LARGEST_SWEPT = 40  # inertias and shafts of a model whose modes are found
 DEEP_SHARE = 4  # one model in so many is taken through to its modes, one case to its response errors
 DRAWS = 1000
+STILL_FOLLOWED = "not yet: "  # of a recording that grows: what it lacks so far
 
 
 class TooLong(BaseException):
@@ -126,7 +127,8 @@ def _words(path: Path, _: bool) -> None:
         os.chdir(here)
     if code == FAULT:
         raise AssertionError(f"exit 1: {said.getvalue()}")
-    if code == BAD_INPUT and said.getvalue().count("\n") != 1:
+    lines = [line for line in said.getvalue().splitlines() if not line.startswith(STILL_FOLLOWED)]
+    if code == BAD_INPUT and len(lines) != 1:
         raise AssertionError(f"not one line: {said.getvalue()}")
 
 
@@ -139,7 +141,7 @@ TARGETS = {
     "channels": Target(".toml", _channels, 1),
     "result": Target(".json", _result, 0.5),
     "words": Target(".txt", _words, 0.5),
-    "binary": Target("", _binary, 0.1),
+    "binary": Target("", _binary, 0.03),
 } | {name: Target(*what) for name, what in RUNS.items()}
 
 
