@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __all__ = [
-    "commission", "diagnose", "excite", "export", "fidelity", "load", "load_case", "map", "match", "modes",
+    "commission", "diagnose", "excite", "explore", "export", "fidelity", "load", "load_case", "map", "match", "modes",
     "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         commission,
         diagnose,
         excite,
+        explore,
         export,
         fidelity,
         load,

@@ -6,6 +6,7 @@ Every result has ``to_dict()`` (what the command writes as JSON), ``plot()`` and
 from matching.api.dynamics import modes, response, simulate
 from matching.api.evidence import diagnose, fidelity, uncertainty
 from matching.api.files import load, load_case, read_recording, show
+from matching.api.in_the_browser import explore
 from matching.api.on_the_bed import commission, excite, export, verify
 from matching.api.tuning import map, match, tolerance  # noqa: A004
 
@@ -13,6 +14,7 @@ __all__ = [
     "commission",
     "diagnose",
     "excite",
+    "explore",
     "export",
     "fidelity",
     "load",

@@ -35,14 +35,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """
     import sys
     import webbrowser
-    from importlib.util import find_spec
     from pathlib import Path
 
-    from matching.explore.files.workspace import opened, starter
-    from modelling.common.errors import InputError
+    from matching.explore.files.workspace import opened, required_packages, starter
 
-    if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
-        raise InputError(", ".join(missing), "is not installed", 'install it: pip install "rigmatch[explore]"')
+    required_packages()
     workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
 
     from matching.explore.page.server import page, serve

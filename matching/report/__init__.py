@@ -8,6 +8,7 @@ VIEWS = {
     "matching.excitation.result.ExcitationPlan": "matching.report.excitation.view",
     "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",
     "matching.frequency.search.result.MatchResult": "matching.report.match.view",
+    "matching.frequency.case.case.Case": "matching.report.drawing.view",
     "matching.frequency.studies.map.Map": "matching.report.map.view",
     "matching.frequency.studies.tolerance.Tolerance": "matching.report.tolerance.view",
     "matching.report.modes.animation.ModeAnimation": "matching.report.modes.animation",
@@ -16,7 +17,7 @@ VIEWS = {
     "modelling.equations.lagrange.Equations": "matching.report.modes.equations_view",
     "modelling.linear.response.Response": "matching.report.simulation.response_view",
     "modelling.modal.result.Modes": "matching.report.modes.view",
-    "modelling.model.system.System": "matching.report.modes.equations_view",
+    "modelling.model.system.System": "matching.report.drawing.view",
     "modelling.simulation.result.Simulation": "matching.report.simulation.view",
 }
 

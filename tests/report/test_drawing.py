@@ -1,5 +1,6 @@
 """Drawings of drivetrains: where parts stand, what is marked, and that texts of files stay texts."""
 
+import dataclasses
 from itertools import pairwise
 from xml.etree import ElementTree
 
@@ -108,6 +109,18 @@ def test_texts_of_files_are_neither_formulas_nor_markup():
     assert root.tag.endswith("svg")
     assert figure.axes[0].get_title(loc="left") == "<b>$\\frac{1}{0}$ & ]]>"
     assert image(figure, "png").startswith(b"\x89PNG")
+
+
+def test_models_and_cases_draw_themselves_in_a_notebook(case):
+    assert case._repr_html_().startswith(f"<p><img alt='{case.title}' src='data:image/svg+xml;base64,")
+    assert case.rig._repr_html_().index("<img") < case.rig._repr_html_().index("\\\\")  # the equations below
+    name = "<script>'"
+    hostile = chain(["a", "b"], title=name)
+    assert "<script>" not in hostile._repr_html_()
+    assert "<script>" not in dataclasses.replace(case, title=name)._repr_html_()
+    long = chain([f"i{i}" for i in range(MOST_INERTIAS + 1)])
+    assert "<img" not in long._repr_html_()
+    assert "<img" not in dataclasses.replace(case, rig=long)._repr_html_()
 
 
 def test_too_many_inertias_are_one_line():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 from matching.explore.files.document import Document
@@ -81,6 +82,18 @@ def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
         else:
             _open_table(workspace, file)
     return workspace
+
+
+def required_packages() -> None:
+    """Check that the packages of the page are installed.
+
+    Raises
+    ------
+    InputError
+        If one is missing.
+    """
+    if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
+        raise InputError(", ".join(missing), "is not installed", 'install it: pip install "rigmatch[explore]"')
 
 
 def starter(out: Path) -> Path:

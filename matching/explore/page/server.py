@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import socket
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import panel as pn
@@ -22,9 +24,12 @@ from matching.explore.page.modes import ModesTab
 from matching.explore.page.running import RESULTS
 from matching.explore.page.tab_bar import TabBar
 from matching.explore.page.validity import validity
+from modelling.common import escape
 
 HOST = "127.0.0.1"
 TOKEN_BYTES = 24
+BEGIN_SECONDS = 60.0  # at most, until the page can be opened
+FRAME_PX = 900  # height in a notebook
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
 
@@ -73,6 +78,58 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
         extra_patterns=[("/favicon.ico", NoIcon)], static_dirs={RESULTS: str(out.absolute())},
     )  # fmt: skip
     return server, f"http://{HOST}:{number}/{token}/page"
+
+
+class Explorer:
+    """A page that is served to this machine until :meth:`stop`, or the end of the program.
+
+    Attributes
+    ----------
+    address : str
+        Of the page, with a secret in it.
+    """
+
+    def __init__(self, workspace: Workspace, port: int = 0):
+        self.address = ""
+        self._begun = Event()
+        self._fault: BaseException | None = None
+        self._server: Any = None
+        self._thread = Thread(target=self._run, args=(workspace, port), name="rigmatch explore", daemon=True)
+        self._thread.start()
+        self._begun.wait(BEGIN_SECONDS)
+        if self._fault is not None:
+            raise self._fault
+
+    def _run(self, workspace: Workspace, port: int) -> None:
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        try:
+            self._server, self.address = serve(partial(page, workspace), workspace.out, port)
+            self._server.start()
+        except BaseException as fault:  # raised where the explorer was asked for
+            self._fault = fault
+            return
+        finally:
+            self._begun.set()
+        self._server.io_loop.start()
+        self._server.stop()
+
+    def stop(self) -> None:
+        """End the server."""
+        if self._thread.is_alive():
+            self._server.io_loop.add_callback(self._server.io_loop.stop)
+            self._thread.join(BEGIN_SECONDS)
+
+    def wait(self) -> None:
+        """Wait until somebody else ends the server, e.g. by Ctrl-C: a program would end without it."""
+        while self._thread.is_alive():
+            self._thread.join(1.0)
+
+    def __repr__(self) -> str:
+        return f"explorer at {self.address}"
+
+    def _repr_html_(self) -> str:
+        frame = f'<iframe src="{escape.html(self.address)}" style="width:100%;height:{FRAME_PX}px;border:0"></iframe>'
+        return f'{frame}<p><a href="{escape.html(self.address)}" target="_blank">Open in a window</a></p>'
 
 
 def _free_port() -> int:

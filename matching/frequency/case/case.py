@@ -10,6 +10,7 @@ from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle
 from modelling.bed.torque_curve import TorqueCurve
+from modelling.common import display
 from modelling.model.system import System
 
 OBJECTIVES = ("response_error", "fidelity")  # what the feedback may be tuned by; each is a file of programme/objectives
@@ -89,3 +90,6 @@ class Case:
     def emulated_vehicle(self) -> System:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle
+
+    def _repr_html_(self) -> str:
+        return display.html(self)

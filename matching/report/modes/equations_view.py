@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from modelling.common import display
 from modelling.equations import latex
-from modelling.equations.lagrange import Equations, derive
-from modelling.model.system import System
-
-
-@display.html.register
-def system_html(system: System) -> str:
-    """Title, energies and equations of motion of a model."""
-    return latex.html(derive(system), system)
+from modelling.equations.lagrange import Equations
 
 
 @display.html.register

@@ -1,0 +1,33 @@
+"""The explorer from Python: served beside the program at an address with a secret, shown in a notebook, ended."""
+
+from urllib.error import HTTPError, URLError
+from urllib.request import urlopen
+
+import pytest
+from structure.imports import ROOT
+
+import rigmatch as rm
+from modelling.common.errors import InputError
+
+
+def test_a_program_goes_on_beside_the_page(tmp_path):
+    pytest.importorskip("panel")
+    explorer = rm.explore(ROOT / "examples" / "diagnosis" / "model.toml", out=tmp_path)
+    try:
+        assert explorer.address.startswith("http://127.0.0.1:")
+        with urlopen(explorer.address) as answer:
+            assert b"rigmatch" in answer.read()
+        without_secret = explorer.address.rsplit("/", 2)[0] + "/page"
+        with pytest.raises(HTTPError, match="404"):
+            urlopen(without_secret)
+        assert f'<iframe src="{explorer.address}"' in explorer._repr_html_()
+    finally:
+        explorer.stop()
+    with pytest.raises(URLError):
+        urlopen(explorer.address)
+
+
+def test_a_wrong_file_is_one_line(tmp_path):
+    pytest.importorskip("panel")
+    with pytest.raises(InputError, match=r"none\.toml"):
+        rm.explore(tmp_path / "none.toml", out=tmp_path)
