@@ -75,11 +75,21 @@ class SampledLoop:
         step, k = parts.case.loop["sample_time"], len(parts.dynamometers)
         delay = parts.case.loop.command_delay(dead_time)
         bed, law, z = parts.bed, parts.sampled_controller, np.exp(self._s * step)
+        self._step, self._delay = step, delay
         self._states = transfer(bed.A, bed.B, np.eye(len(bed.A)), np.zeros_like(bed.B), self._s)  # (f, x, k + d)
         self._read = bed.C[: 2 * k]
         self.control = transfer(law.A, law.B, law.C, law.D, z)
         self.of_commands = self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z)
-        self._held = (-np.expm1(-self._s * step) / (self._s * step) * np.exp(-self._s * delay))[:, None, None]
+        self._held = self._hold(self._s)
+
+    def _hold(self, s: np.ndarray) -> np.ndarray:
+        """What a held and delayed command has of the issued one, (f, 1, 1), at s (f,)."""
+        return (-np.expm1(-s * self._step) / (s * self._step) * np.exp(-s * self._delay))[:, None, None]
+
+    def image(self, n: int) -> np.ndarray:
+        """What the ``n``-th image of the held commands, at ω + 2πn/T, adds to the sampled readings, (f, 2k, k)."""
+        s, bed, k = self._s + 2j * np.pi * n / self._step, self.parts.bed, len(self.parts.dynamometers)
+        return transfer(bed.A, bed.B[:, :k], self._read, np.zeros((2 * k, k)), s) * self._hold(s)
 
     def response(
         self, inputs: Sequence[str], sensors: Sequence[str], action: ControllerAction | None = None

@@ -3,8 +3,9 @@
 At each of the frequencies at which the nominal errors have converged, rig and vehicle of all draws are solved as
 dynamic stiffnesses and the sampled controller is closed round them, as in
 :mod:`matching.frequency.response.sampled_data`. One thing is not worked out anew for every draw: what the images of the
-held command beyond half the sampling frequency add to the sampled plant, some 10⁻⁴ of it, stays as the nominal bed has
-it. A study checks some of its draws exactly and states the largest difference.
+held command beyond half the sampling frequency add to the sampled plant, some 10⁻⁴ of it, goes through the nominal rig.
+The first image on either side is late and lagged as drawn, the others are late as drawn. A study checks some of its
+draws exactly and states the largest difference.
 """
 
 from __future__ import annotations
@@ -63,13 +64,15 @@ class DrawnErrors:
             controller += [action.commands, action.expected]
         table = [s[:, None], held[:, None], *(part.reshape(len(f), -1) for part in controller)]
 
-        def uniform(images: np.ndarray) -> np.ndarray:
-            every = np.concatenate([*table, images], axis=1).T
+        def uniform(images: Sequence[np.ndarray]) -> np.ndarray:
+            every = np.concatenate([*table, *(image.reshape(len(f), -1) for image in images)], axis=1).T
             return np.concatenate([every.real, every.imag])[:, :, None]
 
-        nothing = np.zeros((len(f), 2 * k * k), complex)
-        re, im = np.split(VectorFunction(functions.of_commands)(uniform(nothing), center[:, None, None])[:, :, 0], 2)
-        self._uniform = uniform(loop.of_commands.reshape(len(f), -1) - (re + 1j * im).T)
+        none = [np.zeros((len(f), 2 * k, k), complex)] * 3
+        re, im = np.split(VectorFunction(functions.of_commands)(uniform(none), center[:, None, None])[:, :, 0], 2)
+        rest = loop.of_commands - (re + 1j * im).T.reshape(-1, 2 * k, k)
+        first = [loop.image(n) for n in (1, -1)]
+        self._uniform = uniform([*first, rest - first[0] - first[1]])
         self._squares = VectorFunction(functions.squares)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -85,7 +88,8 @@ class BedExpressions:
     """The bed at one frequency as functions of a table of what all draws share there and of the drawn values (p,).
 
     The table holds, real parts before imaginary parts: s, the hold's response, the controller (k, 2k + r), commands
-    (k, w) and expected readings (2k, w) of the feed-forward, and the images (2k, k); row by row.
+    (k, w) and expected readings (2k, w) of the feed-forward, and the first image above, the one below and all others,
+    each (2k, k); row by row.
 
     Attributes
     ----------
@@ -101,12 +105,12 @@ class BedExpressions:
         feed_forward = bed.feed_forward if bed.measured.any() else None
         self.measured = () if feed_forward is None else tuple(feed_forward.measured)
         width, w, k = 2 * self.k + len(parts.simulated), len(self.measured), self.k
-        count = 2 + k * width + 3 * k * w + 2 * k * k
+        count = 2 + k * width + 3 * k * w + 6 * k * k
         table, x = ca.SX.sym("table", 2 * count), ca.SX.sym("x", len(names))
         values = iter(Complex(table[i], table[count + i]) for i in range(count))
         s, hold = next(values), next(values)
-        control, commands, expected, images = (
-            _matrix(values, *shape) for shape in ((k, width), (k, w), (2 * k, w), (2 * k, k))
+        control, commands, expected, *images = (
+            _matrix(values, *shape) for shape in ((k, width), (k, w), (2 * k, w), *[(2 * k, k)] * 3)
         )
         drawn = dict(zip(names, ca.vertsplit(x), strict=True)) if names else {}
         loop = {name: drawn.get(f"loop.{name}", ca.SX(value)) for name, value in case.loop.values.items()}
@@ -116,9 +120,14 @@ class BedExpressions:
         self._rig = _linear(parts.rig.system, drawn, s)
         self._control = control
         columns = [self._readings(dynamometer.torque_input) for dynamometer in parts.dynamometers]
+        changes = self._image_changes(s, loop, delay)
         self._plant = [
-            [columns[j][i] * self._acting + images[i][j] for j in range(k)] for i in range(2 * k)
-        ]  # fmt: skip
+            [
+                sum((image[i][j] * change for image, change in zip(images, changes)), columns[j][i] * self._acting)
+                for j in range(k)
+            ]
+            for i in range(2 * k)
+        ]
         entries = [entry for row in self._plant for entry in row]
         self.of_commands = ca.Function(
             "of_commands", [table, x], [ca.vertcat(*(e.re for e in entries)), ca.vertcat(*(e.im for e in entries))]
@@ -132,6 +141,17 @@ class BedExpressions:
             for answers in (matched, unmeasured)
         ]
         self.squares = ca.Function("squares", [table, x], ca.cse([ca.SX(mean) for mean in means]))
+
+    def _image_changes(self, s: Complex, loop: Mapping[str, ca.SX], delay: ca.SX) -> list[Complex]:
+        """What drawn dead time and lag make of the image above, the one below and all others, over the nominal ones."""
+        nominal, spacing = self._parts.case.loop, 2 * np.pi / self._parts.case.loop["sample_time"]
+        later = delay - nominal.command_delay()
+        changes = []
+        for side in (1, -1):
+            at = s + Complex(0.0, side * spacing)
+            lag = (1 + at * nominal["inverter_lag"]) / (1 + at * loop["inverter_lag"])
+            changes.append(exp(-(at * later)) * lag)
+        return [*changes, exp(-(s * later))]
 
     def _readings(self, source: str) -> list[Complex]:
         """Signed, lagged flange torques and rotor speeds (2k) for an input of the rig."""
