@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from matching.commissioning.sensor_faults import as_recorded
 from matching.frequency.case.case import Case
 from matching.frequency.case.uncertainty import Uncertain
+from modelling.effects.all_pass import AllPass
 from modelling.effects.dead_time import DeadTime
 from modelling.effects.input_gain import InputGain
 from modelling.effects.lag import Lag
 from modelling.effects.place import shared_place
+from modelling.effects.sensor_delay import SensorDelay
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
@@ -25,7 +28,7 @@ def names_in_system(case: Case) -> dict[str, str]:
     names = {}
     for quantity in case.uncertainty.uncertain:
         if quantity.name.startswith("rig."):
-            names[quantity.name] = quantity.name.removeprefix("rig.")
+            names[quantity.name] = _as_recorded(quantity.name.removeprefix("rig."))
     names["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
     names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
     names["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
@@ -80,6 +83,11 @@ def _shifted(delay: Uncertain | None, value: float, hold: float) -> Quantity:
     return Quantity(value - hold) if delay is None else _range(delay, value - hold)
 
 
+def _as_recorded(name: str) -> str:
+    """Name of a rig's quantity in the system that recordings are fitted with."""
+    return name.replace(f".{AllPass.kind}.", f".{SensorDelay.kind}.")
+
+
 def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
     """The rig with ranges on some of its quantities, by name, and on no other."""
 
@@ -91,8 +99,13 @@ def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
             changed[key] = ranges.get(name, Quantity(getattr(part, key).value))
         return replace(part, **changed)  # type: ignore[type-var]
 
+    def of_effect(effect: Effect) -> Effect:
+        values = {key: ranges.get(f"{effect.name}.{key}", quantity) for key, quantity in effect.parameters}
+        return replace(as_recorded(effect), parameters=tuple(values.items()))
+
     return replace(
         rig,
+        effects=tuple(of_effect(effect) for effect in rig.effects),
         inertias=tuple(ranged("inertias", part) for part in rig.inertias),  # type: ignore[misc]
         shafts=tuple(ranged("shafts", part) for part in rig.shafts),  # type: ignore[misc]
         operating_point=None,

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from matching.commissioning.bed_system import WIDER, bed_system, names_in_system
+from matching.commissioning.sensor_faults import CONSTANT, as_states, is_taken, with_faults
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.frequency.case.case import Case
-from matching.frequency.case.uncertainty import Box, Uncertain
+from matching.frequency.case.uncertainty import LARGEST_SHARE, Box, Uncertain
 from modelling.bed.residual_vehicle import cut
+from modelling.effects.place import place_in_words
 from modelling.model.components import Effect
+from modelling.model.system import System
 
 COVERAGE = 2.0  # half-width of the box over the standard uncertainty
 LEAST_SHARE = 0.002  # of a value: half-widths are no smaller, for a model is never as exact as its noise says
@@ -31,7 +35,8 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     """The case with the values that a diagnosis of :func:`matching.commissioning.bed_system.bed_system` found.
 
     What vehicle and rig share has the bed's values in both. The rig stands as it is now, so nothing of it moves any
-    more. Effects that a linear model holds enter rig and vehicle; of others only the notes speak.
+    more. Effects that a linear model holds enter rig and vehicle, those of sensors as well: a sensor that is late or
+    reads with a factor is read so by the next controller. Of other effects only the notes speak.
 
     Raises
     ------
@@ -44,10 +49,13 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     known = {name: estimate for name, estimate in estimates.items() if math.isfinite(estimate.standard_uncertainty)}
     of_rig = {name.removeprefix("rig."): estimate.value for name, estimate in known.items() if name.startswith("rig.")}
     effects, notes = _linear_effects(case, diagnosis)
+    faults = [effect for effect in effects if is_taken(effect)]
+    others = [effect for effect in effects if not is_taken(effect)]
     shared = {name: value for name, value in of_rig.items() if name in case.vehicle.parameters}
     places = set(case.vehicle.places())
-    rig = case.rig.with_values(of_rig).with_effects(*effects)
-    vehicle = case.vehicle.with_values(shared).with_effects(*(effect for effect in effects if effect.at in places))
+    rig = with_faults(case.rig.with_values(of_rig), faults).with_effects(*others)
+    vehicle = with_faults(case.vehicle.with_values(shared), faults)
+    vehicle = vehicle.with_effects(*(effect for effect in others if effect.at in places))
     loop = case.loop
     hold = loop["dead_time"] - loop.command_delay()
     values = {}
@@ -62,7 +70,10 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
         for dynamometer in loop.dynamometers
     )  # fmt: skip
     loop = replace(loop.with_values(values), dynamometers=dynamometers)
-    box = Box(tuple(_narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain))
+    box = Box((
+        *(_narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain),
+        *_of_faults(rig, faults, diagnosis, {quantity.name for quantity in case.uncertainty.uncertain}),
+    ))  # fmt: skip
     moves = tuple(move for move in case.moves if not move.name.startswith("rig."))
     made = replace(
         case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig), loop=loop, uncertainty=box, moves=moves
@@ -84,19 +95,39 @@ def _narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Un
     return Uncertain(quantity.name, value + hold if quantity.name == "loop.dead_time" else value, half_width)
 
 
+def _of_faults(rig: System, faults: Sequence[Effect], diagnosis: Diagnosis, known: set[str]) -> Iterator[Uncertain]:
+    """What is not known exactly of the faults of sensors."""
+    for fault in faults:
+        ((key, _),) = fault.parameters
+        estimate = diagnosis.parameters.get(f"{fault.name}.{key}")
+        name = f"{as_states(fault).name}.{key}"
+        if estimate is None or f"rig.{name}" in known or not math.isfinite(estimate.standard_uncertainty):
+            continue
+        value = rig.parameters[name].value
+        least = max(COVERAGE * estimate.standard_uncertainty, LEAST_SHARE * abs(value))
+        yield Uncertain(f"rig.{name}", value, min(least, LARGEST_SHARE * abs(value)))
+
+
 def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
-    """Effects of the diagnosis that a linear model holds, at shafts and inertias; sentences on all others."""
+    """Effects of the diagnosis that a linear model holds, at shafts, inertias and sensors; sentences on all others."""
     before = set(bed_system(case).effects)
     added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
-    linear = [effect for effect in added if effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias")]
-    return linear, tuple(_left_out(effect) for effect in added if effect not in linear)
+    linear = [
+        effect for effect in added
+        if is_taken(effect) or (effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias"))
+    ]  # fmt: skip
+    return linear, tuple(
+        _said(effect, effect in linear) for effect in added if effect not in linear or is_taken(effect)
+    )
 
 
-def _left_out(effect: Effect) -> str:
-    """What has to be done about an effect that the match does not take."""
+def _said(effect: Effect, taken: bool) -> str:
+    """What becomes of an effect that is no part of the bed's mechanics, or that the match leaves out."""
+    named = f"{effect.kind} at {place_in_words(effect.at)} was named"
+    if taken:
+        return f"{named}: the next match reads the sensor so, and compares vehicle and bed by what it reads"
+    if effect.kind in CONSTANT:
+        return f"{named}: the controller acts on deviations and does not see it, unless it changes while the bed runs"
     if effect.at.startswith("sensors."):
-        return (
-            f"{effect.kind} at {effect.at} was named: mend the sensor or its time stamps, for controller and "
-            "verification take its readings as they are"
-        )
-    return f"{effect.kind} at {effect.at} was named; the match is linear and leaves it out"
+        return f"{named}: mend the sensor or its time stamps, for the match takes its readings as they are"
+    return f"{named}; the match is linear and leaves it out"

@@ -27,6 +27,9 @@ class Parameter:
     optional: bool = False
 
 
+SECOND_STATE = ".2"  # after ``place.kind``: name of the second state of an effect that has two
+
+
 @dataclass(frozen=True)
 class State:
     """The first-order state that an effect adds to the model, named ``place.kind``.
@@ -61,8 +64,8 @@ class Kind:
         Tables of the model file that it can sit at.
     parameters : dict of str to Parameter
         By key of the model file.
-    state : State or None
-        The state it adds to the model.
+    state, second_state : State or None
+        The states it adds to the model; the second one is named ``place.kind.2``.
     linear : bool
         A linear model holds it completely.
     state_dependent : bool
@@ -99,6 +102,7 @@ class Kind:
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
     state: ClassVar[State | None] = None
+    second_state: ClassVar[State | None] = None
     linear: ClassVar[bool] = False
     state_dependent: ClassVar[bool] = False
     abrupt: ClassVar[bool] = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from modelling.effects.kind import SECOND_STATE
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model
 from modelling.equations.shaft_law import CONTACT_TIME
@@ -86,7 +87,12 @@ def states(model: Model) -> list[Variable]:
 
 def _further(system: System, name: str) -> tuple[str, str]:
     """Unit and meaning of a state that an effect brings along."""
-    place, _, kind = name.rpartition(".")
-    effect = next(effect for effect in system.effects if effect.kind == kind and place in effect.places)
-    assert effect.law.state is not None
-    return effect.law.state_unit(place, system), effect.law.state.meaning.format(place=place)
+    place, kind = next(
+        (place, effect.law)
+        for effect in system.effects
+        for place in effect.places
+        if name.removesuffix(SECOND_STATE) == f"{place}.{effect.kind}"
+    )
+    state = kind.second_state if name.endswith(SECOND_STATE) else kind.state
+    assert state is not None
+    return kind.state_unit(place, system), state.meaning.format(place=place)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from modelling.common.errors import InputError, listed, unknown
+from modelling.effects.kind import SECOND_STATE
 from modelling.equations.compiled import Model
 from modelling.linear.steady_motion import steady_motion
 
@@ -60,7 +61,7 @@ def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, fixed: l
     settling = {
         effect.name for effect in model.system.effects if effect.law.state is not None and effect.law.state.settles
     }
-    lags = [i for i, name in enumerate(model.states) if name in settling and i not in fixed]
+    lags = [i for i, name in enumerate(model.states) if name.removesuffix(SECOND_STATE) in settling and i not in fixed]
     for _ in range(3 if lags else 0):  # lags may stand in a row
         rate = np.array(model.rates(x, u, p)).ravel()[lags]
         A = np.array(model.jacobians(x, u, p, 0.0)[0])[np.ix_(lags, lags)]

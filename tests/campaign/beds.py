@@ -20,6 +20,7 @@ from matching.bed_test.recorded import read_recordings
 from matching.commissioning.circle import Circle, CommissionOrder, plan_speed
 from matching.commissioning.fmu_bed import FmuBed, FmuController
 from matching.commissioning.runs import proof_recording
+from matching.commissioning.sensor_faults import with_faults
 from matching.excitation.plan import ExcitationOrder
 from matching.excitation.proof import plan_proof
 from matching.fmu.controller import exported_controller
@@ -32,6 +33,8 @@ from matching.records import append, rows
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 from modelling.measurement.read import read_signals
+from modelling.model.components import Effect
+from modelling.model.quantity import Quantity
 from tests.campaign.beds_score import report
 from tests.campaign.drawn_bed import DrawnBed, draw_bed, write_case
 
@@ -39,6 +42,7 @@ ROW = {"number": int}  # of the record
 ORDER = CommissionOrder(rounds=3, excitation=ExcitationOrder(duration=8.0, beds=4))
 STILL_UNKNOWN = 0.002  # of the box of the first model: what a match with the true values counts with
 GAVE_UP = 10.0  # change that stands for a run that the controller ended
+OF_SENSORS = {"sensor_delay": "delay", "sensor_gain": "factor"}  # what a linear model holds of the hidden effects
 MATTERS = 0.05  # relative rms change of a compared sensor's signal: an effect that changes more has to be named
 
 
@@ -94,10 +98,19 @@ def work(seed: int, number: int, folder: Path) -> dict[str, Any]:
 
 
 def truth_case(case: Case, drawn: DrawnBed) -> Case:
-    """The first model with the bed's true values, what is hidden aside; next to nothing is uncertain."""
+    """The first model with the bed's true values and sensors, what is hidden aside; next to nothing is uncertain."""
     values = {name: value for name, value in drawn.bed.drive.values.items() if name in case.rig.parameters}
     shared = {name: value for name, value in values.items() if name in case.vehicle.parameters}
-    rig, vehicle = case.rig.with_values(values), case.vehicle.with_values(shared)
+    faults = [
+        Effect(one.kind, one.at, ((key, Quantity(one.size)),))
+        for one in drawn.hidden
+        for key in (OF_SENSORS.get(one.kind),)
+        if key is not None
+    ]
+    rig, vehicle = (
+        with_faults(case.rig.with_values(values), faults),
+        with_faults(case.vehicle.with_values(shared), faults),
+    )
     dynamometers = tuple(replace(one, torque_gain=drawn.gain) for one in case.loop.dynamometers)
     loop = replace(case.loop.with_values(drawn.loop), dynamometers=dynamometers)
     true = {f"rig.{name}": value for name, value in values.items()}

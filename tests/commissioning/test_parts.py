@@ -93,9 +93,10 @@ def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
     assert box["dynamometers.dyno.torque_gain"].value == 1.0
     assert box["rig.shafts.side.stiffness"].half_width == pytest.approx(0.05 * 4000)  # not identified: as before
     linear = slip.law.linear
-    assert [one.kind for one in new.rig.effects] == [one.kind for one in new.vehicle.effects] == ["slip"] * linear
+    kinds = ["all_pass"] + ["slip"] * linear
+    assert [one.kind for one in new.rig.effects] == [one.kind for one in new.vehicle.effects] == kinds
     assert any("coulomb_friction" in note for note in made.notes)
-    assert any("sensor_delay at sensors.motor_speed was named: mend the sensor" in note for note in made.notes)
+    assert any("sensor_delay at sensors.motor_speed was named: the next match reads" in note for note in made.notes)
 
 
 def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):

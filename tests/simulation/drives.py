@@ -57,6 +57,7 @@ EFFECTS = {
     "sensor_gain": ("sensors.link_torque", {"factor": 0.95}),
     "sensor_drift": ("sensors.link_torque", {"rate": 0.1}),
     "sensor_delay": ("sensors.load_speed", {"delay": 0.0033}),
+    "all_pass": ("sensors.load_speed", {"delay": 0.0033}),
     "wrong_parameter": ("inertias.load.J", {"value": 1.5}),
     "input_offset": ("inputs.motor_torque", {"offset": 0.4}),
     "gear_loss": ("shafts.link", {"efficiency": 0.92, "efficiency_reverse": 0.85}),

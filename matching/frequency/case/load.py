@@ -17,7 +17,7 @@ from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
 from modelling.bed.manoeuvres import Manoeuvre, read_manoeuvre
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
-from modelling.bed.shared_delays import without_shared_delays
+from modelling.bed.shared_delays import without_exact_delays
 from modelling.bed.simple_vehicle import with_residual_vehicle
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import read_toml, title
@@ -63,7 +63,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
             raise unknown(key, sorted(_TOP), where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     try:
-        vehicle, rig, notes = without_shared_delays(vehicle, rig)
+        vehicle, rig, notes = without_exact_delays(vehicle, rig)
     except InputError as fault:
         raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
     vehicle = at_operating_point(data, vehicle, rig, where)

@@ -16,7 +16,7 @@ BASE = {
 }
 PLACES = {"shafts": "shafts.link", "inertias": "inertias.b", "inputs": "inputs.drive", "sensors": "sensors.speed"}
 VALUES = {
-    "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01}, "input_offset": {"offset": 2.0},
+    "all_pass": {"delay": 0.01}, "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01}, "input_offset": {"offset": 2.0},
     "gear_loss": {"efficiency": 0.9, "efficiency_reverse": 0.8},
     "position_torque": {"period": 2 * np.pi / 3, "amplitude": 2.0, "phase": 0.4},
     "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
@@ -80,15 +80,16 @@ def test_linear_where_responses_add_up_and_nothing_is_delayed(kind):
 def test_its_state_is_named_after_it(kind):
     model, law = with_effect(kind), EFFECTS[kind]
     (effect,) = model.system.effects
-    assert model.states[2 * model.n :] == ([effect.name] if law.state else [])
-    if law.state:
-        assert "{place}" in law.state.meaning
+    wanted = [effect.name] * bool(law.state) + [f"{effect.name}.2"] * bool(law.second_state)
+    assert model.states[2 * model.n :] == wanted
+    for state in (law.state, law.second_state):
+        assert state is None or "{place}" in state.meaning
 
 
 def test_units_of_states():
     units = {kind: law.state_unit(PLACES[law.tables[0]], with_effect(kind).system)
              for kind, law in EFFECTS.items() if law.state}  # fmt: skip
-    assert units == {"hysteresis": "1", "lag": "N*m", "slip": "rad", "tyre_slip": "rad"}
+    assert units == {"all_pass": "rad/s", "hysteresis": "1", "lag": "N*m", "slip": "rad", "tyre_slip": "rad"}
     assert EFFECTS["lag"].state_unit("sensors.speed", from_dict(BASE)) == "rad/s"
 
 
@@ -100,7 +101,8 @@ def test_what_settles_has_a_rate_that_falls_with_it(kind):
         model = with_effect(kind)
         A = np.array(model.jacobians(np.zeros(len(model.states)), [0.0], model.p0, 0.0)[0])
         still = np.abs(A[-1, : 2 * model.n]).max() < 1e-12  # what moves with the shaft settles with it, not by itself
-        assert law.state.settles == (A[-1, -1] < 0 and still)
+        reads = law.tables == ("sensors",)  # and does not act on what it reads
+        assert law.state.settles == (A[-1, -1] < 0 and (still or reads))
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
