@@ -1,7 +1,7 @@
 """Sensors of a bed that read late, filtered or with a factor: what a diagnosis names of them enters the next match.
 
-The controller reads the sensor as it is, and vehicle and bed are compared by what the same sensor would read of both. So
-the sensor of the vehicle gets the same fault, whatever stands there on the road.
+The controller reads the sensor as it is, and vehicle and bed are compared by what the same sensor would read of both.
+So the sensor of the vehicle gets the same fault, whatever stands there on the road.
 """
 
 from __future__ import annotations

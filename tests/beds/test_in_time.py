@@ -9,6 +9,7 @@ from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
 from matching.frequency.case.load import load_case
+from matching.frequency.case.uncertainty import of_system
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
 from matching.frequency.in_time.imperfection import Imperfection, imperfections
 from matching.frequency.in_time.open_lash import lash_runs, open_lash
@@ -43,11 +44,11 @@ def on_plant(case, law, run):
     """The same run on the truth plant: vehicle and bed, (t, y)."""
     wrong, torques = run.imperfection, acting(case, run)
     both = {"gap": wrong.gap, "lashed": ("side",), "friction": wrong.friction, "rubbing": ("motor",)}
-    shared = {name: value for name, value in wrong.of_rig().items() if name in case.vehicle.parameters}
+    shared = of_system(wrong.values, case.vehicle)
     vehicle = vehicle_run(plant_model(case.vehicle, shared, **both), torques, law.sample_time, SENSORS)
     told = {name: own for name, own in run.torques.items() if name in run.known}
     bed = bed_run(
-        plant_model(case.rig, wrong.of_rig(), **both), law, case.loop, torques, told, SENSORS,
+        plant_model(case.rig, of_system(wrong.values, case.rig), **both), law, case.loop, torques, told, SENSORS,
         dead_time=wrong.values.get("loop.dead_time", case.loop["dead_time"]),
         gains=np.array([wrong.values.get("dynamometers.dyno.torque_gain", 1.0)]),
     )  # fmt: skip

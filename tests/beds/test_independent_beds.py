@@ -21,6 +21,8 @@ from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures import STRUCTURES
 from modelling.controller.law import law_of_observer
+from modelling.model.components import Effect
+from modelling.model.quantity import Quantity
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +140,25 @@ def test_feedback_laws_are_judged_as_they_run(small_case, structure):
     for error, responses in ((found.measured, wanted.matched), (found.unmeasured, unmeasured)):
         squares = np.abs(np.log(responses / wanted.vehicle)) ** 2
         assert error == pytest.approx(np.sqrt(squares.mean()), rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["all_pass", "lag", "sensor_gain"])
+def test_both_see_a_faulty_sensor_and_an_uncertain_vehicle(small_case, kind):
+    key, value = {"all_pass": ("delay", 0.002), "lag": ("time_constant", 0.003), "sensor_gain": ("factor", 0.9)}[kind]
+    faults = [Effect(kind, f"sensors.{name}", ((key, Quantity(value)),)) for name in ("motor_speed", "flange_torque")]
+    rig, vehicle = small_case.rig.with_effects(*faults), small_case.vehicle.with_effects(faults[0])
+    case = replace(small_case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig))
+    controller = design(observer_model(case.rig, case.residual_vehicle, case.loop), case.loop.values)
+    values = case.uncertainty.at(case.uncertainty.draw(1, 3)[0]) | {
+        "vehicle.inertias.body.J": 44.0, f"rig.sensors.motor_speed.{kind}.{key}": 1.1 * value,
+    }  # fmt: skip
+    judge = Judge(case, law_of_observer(controller))
+    beds = bed_set(case, [values], judge.frequencies)
+    acting = action(controller, judge.frequencies)
+    verdict = judge.verdict(values)
+    _, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
+    assert verdict.damping_ratio == pytest.approx(ratio[0], rel=1e-6)
+    assert verdict.measured == pytest.approx(np.sqrt(errors(beds, acting, ("motor_torque",)).mean()), rel=1e-7)
+    assert verdict.unmeasured == pytest.approx(np.sqrt(errors(beds, acting, ()).mean()), rel=1e-7)
+    known = judge.verdict({name: one for name, one in values.items() if not name.startswith("vehicle.")})
+    assert known.measured != pytest.approx(verdict.measured, rel=1e-3)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.uncertainty import of_system
 from modelling.bed.delayed_bed import DelayedBed, delayed_bed
 from modelling.linear.state_space import state_space
 
@@ -88,9 +89,8 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
-    shared = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    shared = {name: value for name, value in shared.items() if name in case.vehicle.parameters}
-    space = state_space(case.vehicle.with_values(shared) if shared else case.vehicle)
+    drawn = of_system(values, case.vehicle)
+    space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
     s = 2j * np.pi * frequencies
     states = np.linalg.solve(
         s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(space.B, (len(s), *space.B.shape))

@@ -52,7 +52,7 @@ def case_text(case: Case) -> str:
     data["response"] |= {
         "objective": case.objective, "tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance,
     }  # fmt: skip
-    data["uncertainty"] = uncertainty_table(case.uncertainty, case.rig, loop)
+    data["uncertainty"] = uncertainty_table(case.uncertainty, case.vehicle, case.rig, loop)
     data["manoeuvre"] = {
         name: {"file": _trace_file(name)} if isinstance(torque, RecordedTorque) else torque.table()
         for name, torque in case.manoeuvre.items()

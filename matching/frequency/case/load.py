@@ -94,7 +94,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         title(data, where),
         where,
         _objective(data, where),
-        read_uncertainty(data, rig, loop, where),
+        read_uncertainty(data, vehicle, rig, loop, where),
         torque_curve=curve,
         simple_vehicle=simple,
         notes=notes,

@@ -33,8 +33,8 @@ TORQUE_SENSOR_GAIN = 0.005  # relative half-width, of the dynamometers' torque s
 class Uncertain:
     """One quantity: its value, and how far it may be off either way, both SI.
 
-    Names are ``rig.…``, ``loop.dead_time``, ``loop.inverter_lag``, ``loop.torque_sensor_lag``,
-    ``dynamometers.NAME.torque_gain`` and ``sensors.NAME.gain``.
+    Names are ``rig.…``, ``vehicle.…`` for what the rig lacks, ``loop.dead_time``, ``loop.inverter_lag``,
+    ``loop.torque_sensor_lag``, ``dynamometers.NAME.torque_gain`` and ``sensors.NAME.gain``.
     """
 
     name: str
@@ -71,7 +71,14 @@ class Box:
         return Box(tuple(quantity for quantity in self.uncertain if not quantity.name.startswith(kinds)))
 
 
-def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: str) -> Box:
+def of_system(values: Mapping[str, float], system: System) -> dict[str, float]:
+    """Quantities of a rig or a vehicle among values by their names in a box; what both have is there under ``rig.``."""
+    known = system.parameters
+    plain = {name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(("rig.", "vehicle."))}
+    return {name: value for name, value in plain.items() if name in known}
+
+
+def read_uncertainty(data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, where: str) -> Box:
     """The box of a case: the defaults, and over them what ``[uncertainty]`` says.
 
     Raises
@@ -82,7 +89,7 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
     table = data.get("uncertainty", {})
     if not isinstance(table, dict):
         raise InputError(f"{where}: uncertainty", "is no table", 'write "rig.inertias.*.J" = 0.05 under [uncertainty]')
-    known = _known(rig, loop)
+    known = _known(vehicle, rig, loop)
     by_name: dict[str, Uncertain] = {}
     for key, value in {**DEFAULT, **table}.items():
         names = _fitting(key, known)
@@ -102,11 +109,11 @@ def read_uncertainty(data: Mapping[str, Any], rig: System, loop: Loop, where: st
     return Box(tuple(quantity for quantity in by_name.values() if quantity.half_width > 0))
 
 
-def uncertainty_table(box: Box, rig: System, loop: Loop) -> dict[str, float]:
+def uncertainty_table(box: Box, vehicle: System, rig: System, loop: Loop) -> dict[str, float]:
     """``[uncertainty]`` of a case file with every quantity by its own name: what is not in the box is 0 there."""
     widths = {quantity.name: quantity for quantity in box.uncertain}
     table = {}
-    for name, value in _known(rig, loop).items():
+    for name, value in _known(vehicle, rig, loop).items():
         width = widths.get(name)
         if width is None:
             defaults = any(name in _fitting(key, {name: value}) for key in DEFAULT)
@@ -119,8 +126,10 @@ def uncertainty_table(box: Box, rig: System, loop: Loop) -> dict[str, float]:
     return table
 
 
-def _known(rig: System, loop: Loop) -> dict[str, float]:
-    known = {f"rig.{name}": quantity.value for name, quantity in rig.parameters.items()}
+def _known(vehicle: System, rig: System, loop: Loop) -> dict[str, float]:
+    of_rig = rig.parameters
+    known = {f"rig.{name}": quantity.value for name, quantity in of_rig.items()}
+    known |= {f"vehicle.{name}": own.value for name, own in vehicle.parameters.items() if name not in of_rig}
     known |= {f"loop.{name}": loop[name] for name in ("dead_time", "inverter_lag", "torque_sensor_lag")}
     known |= {f"dynamometers.{dynamometer.name}.torque_gain": 1.0 for dynamometer in loop.dynamometers}
     return known | {f"sensors.{name}.gain": 1.0 for name in loop.controller_sensors}

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.uncertainty import of_system
 from modelling.effects import EFFECTS, Kind
 from modelling.model.components import Effect
 from modelling.model.mirror import mirror_image
@@ -55,10 +56,6 @@ class Imperfection:
     demand_factor: float = 1.0
     demand_late: float = 0.0
     poor_sensors: bool = False
-
-    def of_rig(self) -> dict[str, float]:
-        """Quantities of the rig by their names there."""
-        return {name.removeprefix("rig."): value for name, value in self.values.items() if name.startswith("rig.")}
 
 
 def imperfections(case: Case, largest_torque: float, seed: int) -> list[Imperfection]:
@@ -117,7 +114,7 @@ def _heavier(case: Case) -> list[Imperfection]:
 
 def flawed(system: System, imperfection: Imperfection, case: Case) -> System:
     """Rig or vehicle with what is wrong of the parts that it has: shared components are wrong in both alike."""
-    values = {name: value for name, value in imperfection.of_rig().items() if name in system.parameters}
+    values = of_system(imperfection.values, system)
     effects = []
     laden = {effect.at for effect in system.effects}
     for interface in case.residual_vehicle.interfaces:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.uncertainty import of_system
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
@@ -128,20 +129,20 @@ class Judge:
 
     def verdict(self, values: Mapping[str, float]) -> BedVerdict:
         """One bed, by its values."""
-        bed, of_rig = self._bed(values)
+        bed = self._bed(values)
         stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.law)))
-        shared = {name: value for name, value in of_rig.items() if name in self.case.vehicle.parameters}
-        measured, unmeasured = self._errors(bed, self.vehicle.with_values(shared))
+        drawn = of_system(values, self.case.vehicle)
+        measured, unmeasured = self._errors(bed, self.vehicle.with_values(drawn))
         return BedVerdict(stable, ratio, measured, unmeasured)
 
     def damping(self, values: Mapping[str, float]) -> float:
         """Least damping ratio of any mode of one bed; −1 where it grows without swinging."""
-        stable, ratio = self._poles(np.linalg.eigvals(self._bed(values)[0].closed(self.law)))
+        stable, ratio = self._poles(np.linalg.eigvals(self._bed(values).closed(self.law)))
         return ratio if stable or ratio < 0 else -1.0
 
-    def _bed(self, values: Mapping[str, float]) -> tuple[DrawnBed, dict[str, float]]:
+    def _bed(self, values: Mapping[str, float]) -> DrawnBed:
         of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-        return DrawnBed(self.case, self.rig.with_values(of_rig), values), of_rig
+        return DrawnBed(self.case, self.rig.with_values(of_rig), values)
 
     def _poles(self, z: np.ndarray) -> tuple[bool, float]:
         resting = np.abs(z - 1) < AT_REST
@@ -153,7 +154,7 @@ class Judge:
 
     def planned(self) -> tuple[np.ndarray, np.ndarray]:
         """I + L at the commands (f, k, k) of the bed as planned, and the law's commands for readings (f, k, y)."""
-        return self._return_difference(self._bed({})[0]), self._of_readings
+        return self._return_difference(self._bed({})), self._of_readings
 
     def _return_difference(self, bed: DrawnBed) -> np.ndarray:
         A, B, C = bed.stepped

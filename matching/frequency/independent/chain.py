@@ -28,6 +28,7 @@ _PARALLEL: dict[str, Callable[[Parameters], float]] = {
 _NOTHING_AT_REST = {"quadratic_drag", "constant_torque", "wrong_parameter"}  # no torque that changes with the motion
 _SHAFTS = {"slip", "tyre_slip", "compliance", *_PARALLEL}
 _BENT = {"hysteresis", "hardening", "backlash"}
+_SENSORS = {"sensor_gain": "factor", "lag": "time_constant", "all_pass": "delay"}
 
 
 class NotCovered(Exception):
@@ -48,6 +49,7 @@ class Chain:
         self.nodes = [part.name for part in system.inertias]
         self._value = {name: quantity.value for name, quantity in system.parameters.items()}
         self._on_shaft: dict[str, dict[str, dict[str, float]]] = {}
+        self._on_sensor: dict[str, list[tuple[str, str]]] = {}  # kind and name of the parameter
         self._resists: list[tuple[int, str, dict[str, float]]] = []
         self._rolling: dict[str, tuple[float, float]] = {}  # by shaft: speed of the road, torque
         for effect in system.effects:
@@ -69,6 +71,10 @@ class Chain:
             self._value[effect.at] = parameters["value"]
         elif effect.kind in _SHAFTS:
             self._on_shaft.setdefault(effect.at.removeprefix("shafts."), {})[effect.kind] = parameters
+        elif effect.kind in _SENSORS and effect.at.startswith("sensors."):
+            for place in effect.places:
+                entry = effect.kind, f"{effect.name}.{_SENSORS[effect.kind]}"
+                self._on_sensor.setdefault(place.removeprefix("sensors."), []).append(entry)
         elif effect.kind in RESISTS and self.system.operating_point is not None:
             self._resists.append((self.nodes.index(effect.at.removeprefix("inertias.")), effect.kind, parameters))
         elif effect.kind not in _NOTHING_AT_REST:
@@ -207,13 +213,20 @@ class Chain:
         return self.basis.T @ np.array([self.unit(on[name]) for name in inputs]).T.reshape(len(self.nodes), len(inputs))
 
     def reading(self, sensor: str, s: np.ndarray) -> np.ndarray:
-        """What a sensor reads (f, n) for unit coordinates; SI.
+        """What a sensor reads (f, n) for unit coordinates; SI."""
+        factor = np.ones(len(s), complex)
+        for kind, value in self.faults(sensor):
+            factor *= value if kind == "sensor_gain" else 1.0
+            factor /= 1 + s * value if kind == "lag" else 1.0
+            factor *= ((4 - s * value) / (4 + s * value)) ** 2 if kind == "all_pass" else 1.0
+        return factor[:, None] * self.measured(sensor, s)
 
-        Raises
-        ------
-        NotCovered
-            If an effect sits at the sensor.
-        """
+    def faults(self, sensor: str) -> list[tuple[str, float]]:
+        """Kinds and values, SI, of the effects that sit at a sensor, in their order."""
+        return [(kind, self._value[name]) for kind, name in self._on_sensor.get(sensor, ())]
+
+    def measured(self, sensor: str, s: np.ndarray) -> np.ndarray:
+        """What a sensor without faults reads (f, n) for unit coordinates; SI."""
         part = next(sensor_ for sensor_ in self.system.sensors if sensor_.name == sensor)
         if part.measures == "torque":
             complex_stiffness, twist = self.shaft(part.of, s)

@@ -18,6 +18,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from modelling.controller.law import ControlLaw
 
+STATES = {"lag": 1, "all_pass": 2}  # of a sensor's fault
 POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic stiffness at a further s
 
 
@@ -77,7 +78,7 @@ class DrawnBed:
 
     @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, their rates, air gap, flanges].
+        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, rates, air gap, flanges, sensors].
 
         Raises
         ------
@@ -89,22 +90,28 @@ class DrawnBed:
         if np.abs(4 * M + 2 * D + K - other).max() > POLYNOMIAL * np.abs(other).max():
             raise NotCovered("a rig whose dynamic stiffness is no polynomial")
         n, k = len(M), len(self.gains)
-        size = 2 * n + 2 * k
+        names = self.case.loop.controller_sensors
+        first = 2 * n + 2 * k
+        size = first + sum(STATES.get(kind, 0) for name in names for kind, _ in self.rig.faults(name))
         A, B, C = np.zeros((size, size)), np.zeros((size, k)), np.zeros((len(self.sensor_gains), size))
         A[:n, n : 2 * n] = np.eye(n)
-        A[n : 2 * n] = np.linalg.solve(M, np.hstack([-K, -D, self.drive * self.gains, np.zeros((n, k))]))
+        A[n : 2 * n, : 2 * n + 2 * k] = np.linalg.solve(
+            M, np.hstack([-K, -D, self.drive * self.gains, np.zeros((n, k))])
+        )
         lag, sensor_lag = self._value("inverter_lag"), self._value("torque_sensor_lag")
         A[2 * n : 2 * n + k, 2 * n : 2 * n + k], B[2 * n : 2 * n + k] = -np.eye(k) / lag, np.eye(k) / lag
-        names = self.case.loop.controller_sensors
         for i, name in enumerate(names):
-            still, turning = (self.rig.reading(name, np.array([s]))[0] for s in (0.0j, 1.0 + 0j))
-            row = np.real(np.concatenate([still, turning - still])) * self.sensor_gains[i]
+            still, turning = (self.rig.measured(name, np.array([s]))[0] for s in (0.0j, 1.0 + 0j))
+            row = np.zeros(size)
+            row[: 2 * n] = np.real(np.concatenate([still, turning - still])) * self.sensor_gains[i]
+            for kind, value in self.rig.faults(name):
+                row, first = _behind(kind, value, row, A, first)
             if i < k:
-                A[2 * n + k + i, : 2 * n] = row / sensor_lag
-                A[2 * n + k + i, 2 * n + k + i] = -1 / sensor_lag
+                A[2 * n + k + i] += row / sensor_lag
+                A[2 * n + k + i, 2 * n + k + i] -= 1 / sensor_lag
                 C[i, 2 * n + k + i] = 1
             else:
-                C[i, : 2 * n] = row
+                C[i] = row
         return A, B, C
 
     @cached_property
@@ -155,3 +162,19 @@ def _reached(A: np.ndarray, inputs: np.ndarray) -> np.ndarray:
             break
         reached = further
     return reached
+
+
+def _behind(kind: str, value: float, row: np.ndarray, A: np.ndarray, first: int) -> tuple[np.ndarray, int]:
+    """What is read (x,) behind a sensor's fault of a row (x,), whose states begin at ``first``; and the next free one.
+
+    The states' rows of A (x, x) are filled in.
+    """
+    if kind == "sensor_gain":
+        return value * row, first
+    time = value if kind == "lag" else value / 4
+    for place in range(first, first + STATES[kind]):
+        A[place] = row / time
+        A[place, place] -= 1 / time
+        state = np.eye(len(A))[place]
+        row = state if kind == "lag" else 2 * state - row
+    return row, first + STATES[kind]

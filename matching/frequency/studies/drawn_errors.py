@@ -207,7 +207,10 @@ def _row(values: Sequence[Complex]) -> Complex:
 def _linear(system: System, drawn: Mapping[str, ca.SX], s: Complex) -> LinearResponse:
     """A system at s with the drawn quantities of the rig that it has; what rig and vehicle share has one value."""
     model = compiled(system)
-    values = [drawn.get(f"rig.{name}", ca.SX(value)) for name, value in zip(model.parameters, model.p0.tolist())]
+    values = [
+        drawn.get(f"rig.{name}", drawn.get(f"vehicle.{name}", ca.SX(value)))
+        for name, value in zip(model.parameters, model.p0.tolist(), strict=True)
+    ]
     return LinearResponse(model, ca.vertcat(*values), s)
 
 

@@ -16,7 +16,8 @@ BASE = {
 }
 PLACES = {"shafts": "shafts.link", "inertias": "inertias.b", "inputs": "inputs.drive", "sensors": "sensors.speed"}
 VALUES = {
-    "all_pass": {"delay": 0.01}, "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01}, "input_offset": {"offset": 2.0},
+    "all_pass": {"delay": 0.01}, "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01},
+    "input_offset": {"offset": 2.0},
     "gear_loss": {"efficiency": 0.9, "efficiency_reverse": 0.8},
     "position_torque": {"period": 2 * np.pi / 3, "amplitude": 2.0, "phase": 0.4},
     "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
