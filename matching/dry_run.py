@@ -60,7 +60,7 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
     from modelling.common.tables import read_toml
     from modelling.model.files import load
 
-    if named["command"] in ("verify", "excite", "commission"):
+    if named["command"] in ("verify", "excite", "commission", "identify"):
         from matching.bed_test.recorded import read_recordings
         from matching.fmu.export_source import tuned_case
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,7 +21,8 @@ CORRECTED = 0.5  # of what the spectral lines change: half-width of what is left
 class Figures:
     """Mean squares over the logarithm of frequency: error, its variance, prediction; share of the band left out.
 
-    ``resolution`` is by how much the recordings' spectral lines alone change the mean square of the prediction.
+    ``resolution`` is by how much the recordings' spectral lines alone change the mean square of the prediction,
+    ``vehicles`` (b,) by how much it changes against vehicles drawn from what is not known of them.
     """
 
     square: float
@@ -29,6 +30,7 @@ class Figures:
     predicted: float
     unknown: float
     resolution: float = 0.0
+    vehicles: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
     def known(self) -> bool:
@@ -43,8 +45,9 @@ class Figures:
         vehicle: np.ndarray,
         matched: np.ndarray,
         measured: MeasuredResponse,
+        drawn: np.ndarray | None = None,
     ) -> Figures:
-        """Of one function (f,)."""
+        """Of one function (f,), and of drawn vehicles (b, f)."""
         with np.errstate(invalid="ignore", divide="ignore"):
             relative = variances / np.abs(values) ** 2
             error = np.abs(np.log(values / vehicle)) ** 2
@@ -61,7 +64,10 @@ class Figures:
         clean = np.maximum(error - relative, 0.0)
         overlap = np.maximum(measured.windows / np.gradient(measured.frequencies), 1.0)
         variance = float(np.sum(share**2 * (2 * clean * relative + relative**2) * overlap))
-        return cls(float(share @ (error - relative)), variance, float(share @ expected), unknown)
+        square, others = float(share @ error), np.zeros(0)
+        if drawn is not None and len(drawn):
+            others = np.abs(np.log(np.where(good, values, vehicle) / drawn)) ** 2 @ share - square
+        return cls(square - float(share @ relative), variance, float(share @ expected), unknown, vehicles=others)
 
 
 def judged(name: str, figures: Sequence[Figures], expected: float, allowed: float) -> ErrorJudgement:
@@ -88,6 +94,9 @@ def judged(name: str, figures: Sequence[Figures], expected: float, allowed: floa
     square = max(float(np.mean([figure.square for figure in shown])) - lines, 0.0)
     rest = CORRECTED * abs(lines) / math.sqrt(3)
     spread = math.hypot(math.sqrt(sum(figure.variance for figure in shown)) / len(shown), rest)
+    if shown[0].vehicles.size:  # the same drawn vehicles for all functions
+        changes = np.mean([figure.vehicles for figure in shown], axis=0)
+        spread = math.hypot(spread, float(np.sqrt(np.mean(changes**2))))
     value = math.sqrt(square)
     uncertainty = math.sqrt(square + spread) - value
     limit = max(predicted, NEGLIGIBLE * allowed, min(expected, allowed))

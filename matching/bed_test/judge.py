@@ -11,7 +11,7 @@ from matching.bed_test.errors import Figures, judged
 from matching.bed_test.fidelity import recorded_fidelity
 from matching.bed_test.local_rational import MeasuredResponse, Spectra, lines_needed, response, spectra
 from matching.bed_test.modes import MeasuredMode, measured_mode
-from matching.bed_test.prediction import drawn_squares, largest_expected
+from matching.bed_test.prediction import drawn_squares, drawn_vehicles, largest_expected
 from matching.bed_test.recorded import BedRecordings
 from matching.bed_test.result import (
     COVERAGE_FACTOR,
@@ -52,11 +52,13 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     places = [(h, *_place(recorded, source, sensor)) for h, source, sensor in pairs]
     again = _predicted_again(recordings, bed, places, grid)
     units = {part.name: part.unit for part in case.rig.sensors}
-    functions = []
+    functions, vehicles = [], drawn_vehicles(case, grid)
     for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
         values, variances = measured.values[:, y, u], measured.variances[:, y, u]
         known = bool(bed.measured[h]) or (isinstance(bed, ObservedBed) and source in bed.controller.known)
-        figures = Figures.of(values, variances, answers.vehicle[:, h], answers.matched[:, h], measured)
+        figures = Figures.of(
+            values, variances, answers.vehicle[:, h], answers.matched[:, h], measured, vehicles[:, :, h]
+        )
         repeated = Figures.of(
             again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
         )

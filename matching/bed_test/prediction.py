@@ -7,11 +7,13 @@ import numpy as np
 from matching.frequency.beds.bed import vehicle_response
 from matching.frequency.beds.closed_loop import bed_set, responses
 from matching.frequency.case.case import Case
+from matching.frequency.case.uncertainty import Box
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.law_action import law_action
 from matching.frequency.loop.parts import parts_of
 
 BEDS = 64  # drawn evenly
+VEHICLES = 32  # the same
 POINTS = 60  # frequencies over the band
 SHARE = 0.95  # of the beds that have no larger error
 
@@ -32,6 +34,18 @@ def drawn_squares(case: Case) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.abs(np.log(ratio)) ** 2
     return np.asarray(squares.mean(axis=1))
+
+
+def drawn_vehicles(case: Case, frequencies: np.ndarray) -> np.ndarray:
+    """Compared functions (b, f, h) of vehicles as far as the case does not know what the rig lacks; none if it does."""
+    box = case.uncertainty.of_kind("vehicle.")
+    vehicles = [vehicle_response(case, values, frequencies) for values in box_values(box, VEHICLES)]
+    return np.array(vehicles).reshape(-1, len(frequencies), len(case.compared))
+
+
+def box_values(box: Box, count: int) -> list[dict[str, float]]:
+    """Values by name at positions that fill a box evenly; none where nothing is uncertain."""
+    return [box.at(position) for position in box.spread(count)] if box.uncertain else []
 
 
 def largest_expected(squares: np.ndarray) -> float:

@@ -21,6 +21,7 @@ ONE_LINE = {
     "fidelity": "partial and total XiL fidelity",
     "tolerance": "spread of a match over the tolerances of the bed",
     "excite": "plan the recording that identifies what a match depends on",
+    "identify": "vehicle and bed from recordings: a case with their values and uncertainties",
     "verify": "judge recordings of the controlled bed beside vehicle and prediction",
     "commission": "the whole way onto the bed: match, run, verify, excite, record, diagnose, match again",
     "export": "write the tuned residual vehicle as an FMU",

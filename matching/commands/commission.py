@@ -13,6 +13,7 @@ EXAMPLES = (
     "rigmatch commission case.toml --bed bed.fmu --out out/commission",
     "rigmatch commission out/road_to_rig --bed recordings --rounds 2 --out out/commission",
     "rigmatch commission case.toml --bed recordings --follow 10 --out out/commission",
+    "rigmatch commission case.toml --vehicle-recording tip_ins.csv coast_down.csv --bed bed.fmu --out out/commission",
 )
 
 
@@ -22,6 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
     parser.add_argument("--bed", metavar="BED", required=True, help="FMU of the bed, or a folder for its recordings")
+    parser.add_argument(
+        "--vehicle-recording", metavar="RECORDING", nargs="+", default=[],
+        help="of the vehicle on the road: its model is diagnosed on them before the first match",
+    )  # fmt: skip
     parser.add_argument("--rounds", metavar="N", type=count(1), default=3, help="rounds at most (default: 3)")
     parser.add_argument("--duration", metavar="S", type=float, default=12.0, help="of the excitation, s (default: 12)")
     parser.add_argument("--speed", metavar="RAD_S", type=float, help="rotor speed (default: a quarter of the limit)")
@@ -52,8 +57,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
     order = CommissionOrder(
-        arguments.rounds, excitation, arguments.seed, arguments.workers or cores(), arguments.follow
-    )
+        arguments.rounds, excitation, arguments.seed, arguments.workers or cores(), arguments.follow,
+        tuple(Path(name) for name in arguments.vehicle_recording),
+    )  # fmt: skip
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
         result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from matching.commissioning.ranges import around, with_quantities
 from matching.commissioning.sensor_faults import as_recorded
 from matching.frequency.case.case import Case
 from matching.frequency.case.uncertainty import Uncertain
@@ -16,9 +17,6 @@ from modelling.effects.sensor_delay import SensorDelay
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
-
-WIDER = 2.0  # ranges of a fit over the half-widths of the box, which need not hold to the letter
-SMALLEST = 1e-6  # of a value: bounds stay above it where only positive values make sense
 
 
 def names_in_system(case: Case) -> dict[str, str]:
@@ -47,7 +45,10 @@ def bed_system(case: Case) -> System:
     """
     box = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
     loop = case.loop
-    of_rig = {name.removeprefix("rig."): _range(quantity) for name, quantity in box.items() if name.startswith("rig.")}
+    of_rig = {
+        name.removeprefix("rig."): around(quantity.value, quantity.half_width)
+        for name, quantity in box.items() if name.startswith("rig.")
+    }  # fmt: skip
     commands, torques = _commands(case), _torques(case)
     delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
     effects = [
@@ -69,18 +70,12 @@ def _torques(case: Case) -> str:
     return shared_place(f"sensors.{dynamometer.torque_sensor}" for dynamometer in case.loop.dynamometers)
 
 
-def _range(uncertain: Uncertain, value: float | None = None) -> Quantity:
-    value = uncertain.value if value is None else value
-    reach = WIDER * uncertain.half_width
-    return Quantity(value, max(value - reach, SMALLEST * value), value + reach)
-
-
 def _of(box: dict[str, Uncertain], name: str, value: float) -> Quantity:
-    return _range(box[name], value) if name in box else Quantity(value)
+    return around(value, box[name].half_width) if name in box else Quantity(value)
 
 
 def _shifted(delay: Uncertain | None, value: float, hold: float) -> Quantity:
-    return Quantity(value - hold) if delay is None else _range(delay, value - hold)
+    return Quantity(value - hold) if delay is None else around(value - hold, delay.half_width)
 
 
 def _as_recorded(name: str) -> str:
@@ -89,24 +84,8 @@ def _as_recorded(name: str) -> str:
 
 
 def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
-    """The rig with ranges on some of its quantities, by name, and on no other."""
-
-    def ranged(table: str, part: object) -> object:
-        keys = [key for key in ("J", "drag", "stiffness", "damping", "ratio") if getattr(part, key, None) is not None]
-        changed = {}
-        for key in keys:
-            name = f"{table}.{part.name}.{key}"  # type: ignore[attr-defined]
-            changed[key] = ranges.get(name, Quantity(getattr(part, key).value))
-        return replace(part, **changed)  # type: ignore[type-var]
-
-    def of_effect(effect: Effect) -> Effect:
-        values = {key: ranges.get(f"{effect.name}.{key}", quantity) for key, quantity in effect.parameters}
-        return replace(as_recorded(effect), parameters=tuple(values.items()))
-
-    return replace(
-        rig,
-        effects=tuple(of_effect(effect) for effect in rig.effects),
-        inertias=tuple(ranged("inertias", part) for part in rig.inertias),  # type: ignore[misc]
-        shafts=tuple(ranged("shafts", part) for part in rig.shafts),  # type: ignore[misc]
-        operating_point=None,
-    )
+    """The rig with ranges on some of its quantities, by name, and on no other; late sensors as recordings have them."""
+    of_effects = {f"{effect.name}.{key}" for effect in rig.effects for key, _ in effect.parameters}
+    fixed = {name: Quantity(own.value) for name, own in rig.parameters.items() if name not in of_effects}
+    rig = with_quantities(rig, fixed | ranges)
+    return replace(rig, effects=tuple(as_recorded(effect) for effect in rig.effects), operating_point=None)

@@ -14,10 +14,9 @@ from matching.commissioning.bed_system import bed_system
 from matching.commissioning.by_hand import ByHand, Tell, Waiting, so_far
 from matching.commissioning.ending import best_round, end_of
 from matching.commissioning.fmu_bed import FmuBed, FmuController
-from matching.commissioning.identified import identified_case
+from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
 from matching.commissioning.runs import excited_recording, proof_recording
 from matching.commissioning.stages import Files, Stages, checksum
-from matching.diagnosis.diagnosis import diagnose
 from matching.excitation.plan import ExcitationOrder, plan_excitation, steady_speed
 from matching.excitation.proof import plan_proof, proof_csv
 from matching.excitation.result import ExcitationPlan, excitation_csv
@@ -31,9 +30,9 @@ from modelling.common.errors import InputError
 from modelling.common.output import strict_json, write_all
 from modelling.fmu.controller import controller_fmu
 from modelling.measurement.read import read_recording
-from modelling.model.files import dumps
 
 RECORDING = "recording.csv"
+VEHICLE = "0_vehicle"  # the step before the first round
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,7 @@ class CommissionOrder:
     """What is wanted: rounds at most, the excitation, seed and processes of the matches.
 
     ``follow`` (s): recordings in a folder are waited for, and followed until they have stood still for so long.
+    ``vehicle``: recordings of the vehicle on the road, which are diagnosed before the first match.
     """
 
     rounds: int = 3
@@ -48,6 +48,7 @@ class CommissionOrder:
     seed: int = 0
     workers: int = 1
     follow: float | None = None
+    vehicle: tuple[Path, ...] = ()
 
 
 class Circle:
@@ -91,7 +92,10 @@ class Circle:
             If a file is not what it has to be, or the bed's controller gives up.
         """
         rounds: list[dict[str, Any]] = []
-        waiting = end = None
+        waiting = end = vehicle = None
+        if self._order.vehicle:
+            vehicle = self._vehicle_known(path)
+            path = self._folder / VEHICLE / "case.toml"
         try:
             for number in range(1, self._order.rounds + 1):
                 rounds.append({"round": number})
@@ -105,8 +109,19 @@ class Circle:
         last = next((one["verification"]["status"] for one in reversed(rounds) if "verification" in one), None)
         return {
             "status": "waiting" if waiting else last, "waiting_for": waiting, "end": end,
-            "best_round": best_round(rounds), "rounds": rounds,
+            "best_round": best_round(rounds), "vehicle": vehicle, "rounds": rounds,
         }  # fmt: skip
+
+    def _vehicle_known(self, path: Path) -> dict[str, Any]:
+        """Diagnose the recordings of the vehicle; what became of it."""
+        self._tell("vehicle: diagnose")
+        case = tuned_case(path).tuned if path.is_dir() else load_case(path)
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            found = vehicle_from_recordings(case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"))
+            return found.files(), found.to_dict()
+
+        return self._stages.run(VEHICLE, self._stages.of_files(*self._order.vehicle) + _of_case(case), work)
 
     def _on_one_scale(self, rounds: list[dict[str, Any]]) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
@@ -200,24 +215,11 @@ class Circle:
         )  # fmt: skip
         self._recorded(case, plan, number)
         self._tell(f"round {number}: diagnose")
-        system = bed_system(case)
         path = self._folder / f"{number}_record" / RECORDING
 
         def work() -> tuple[Files, dict[str, Any]]:
-            found = diagnose(system, [read_recording(path, system)], None, lambda step: self._tell(f"diagnose: {step}"))
-            made = identified_case(case, found)
-            content = found.to_dict()
-            files = {"extended.toml": dumps(found.extended), **case_files(made.case)}
-            files |= {"diagnosis.json": strict_json(content)}
-            causes = [{"kind": one["kind"], "at": one["at"], "evidence": one["evidence"]} for one in content["causes"]]
-            return files, {
-                "verdict": found.verdict, "causes": causes, "notes": list(made.notes),
-                "values": [
-                    {"name": own.name, "before": own.value, "after": new.value, "half_width": new.half_width}
-                    for own, new in zip(case.uncertainty.uncertain, made.case.uncertainty.uncertain, strict=True)
-                ],
-                "torque_gains": {own.name: own.torque_gain for own in made.case.loop.dynamometers},
-            }  # fmt: skip
+            found = bed_from_recordings(case, [path], lambda step: self._tell(f"diagnose: {step}"))
+            return found.files(), found.to_dict()
 
         return self._stages.run(f"{number}_diagnose", self._stages.of_files(path), work)
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from matching.commissioning.bed_system import WIDER, bed_system, names_in_system
+from matching.commissioning.bed_system import bed_system, names_in_system
+from matching.commissioning.ranges import WIDER
 from matching.commissioning.sensor_faults import CONSTANT, as_states, is_taken, with_faults
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.verdict.result import Diagnosis
@@ -71,7 +72,7 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     )  # fmt: skip
     loop = replace(loop.with_values(values), dynamometers=dynamometers)
     box = Box((
-        *(_narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain),
+        *(narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain),
         *_of_faults(rig, faults, diagnosis, {quantity.name for quantity in case.uncertainty.uncertain}),
     ))  # fmt: skip
     moves = tuple(move for move in case.moves if not move.name.startswith("rig."))
@@ -81,8 +82,11 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     return Identified(made, notes)
 
 
-def _narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
-    """What is still not known of a quantity; gains of dynamometers are relative to their calibration."""
+def narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
+    """What is still not known of a quantity; gains of dynamometers are relative to their calibration.
+
+    ``hold`` (s) is what the loop's dead time counts beside the delay of a recording.
+    """
     if estimate is None:
         return quantity
     value = estimate.value

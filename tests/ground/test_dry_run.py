@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_every_command_that_reads_files_can_check_them():
-    assert set(CALLS) | set(WITHOUT) | {"commission", "excite", "verify"} == set(available())
+    assert set(CALLS) | set(WITHOUT) | {"commission", "excite", "identify", "verify"} == set(available())
 
 
 @pytest.mark.parametrize("command", CALLS)

@@ -66,6 +66,10 @@ class Box:
         sequence = scipy.stats.qmc.Sobol(len(self.uncertain), seed=0)
         return 2 * sequence.random_base2(int(np.ceil(np.log2(count))))[:count] - 1
 
+    def of_kind(self, kind: str) -> Box:
+        """What begins with ``kind`` alone."""
+        return Box(tuple(quantity for quantity in self.uncertain if quantity.name.startswith(kind)))
+
     def without(self, *kinds: str) -> Box:
         """The same box with what begins with one of ``kinds`` known exactly."""
         return Box(tuple(quantity for quantity in self.uncertain if not quantity.name.startswith(kinds)))

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.report.commissioning.text import MEANING, ending, round_lines
+from matching.report.commissioning.text import MEANING, ending, identification_lines, round_lines
 from matching.report.common.environment import environment
 
 
 def page(result: Mapping[str, Any]) -> str:
     """The content of ``commission.json`` as HTML."""
     rounds = [
-        {"number": entry["round"], "lines": round_lines(entry), "values": entry.get("identification", {}).get("values")}
+        {
+            "id": f"round-{entry['round']}", "title": f"Round {entry['round']}", "lines": round_lines(entry),
+            "values": entry.get("identification", {}).get("values"),
+        }
         for entry in result["rounds"]
-    ]
+    ]  # fmt: skip
+    if result.get("vehicle"):
+        lines = identification_lines(result["vehicle"])
+        values = result["vehicle"]["values"]
+        rounds.insert(0, {"id": "vehicle", "title": "Vehicle on the road", "lines": lines, "values": values})
     return (
         environment()
         .get_template("commission.html")

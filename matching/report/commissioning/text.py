@@ -19,6 +19,8 @@ MEANING = {
 def summary(result: Mapping[str, Any]) -> str:
     """The answer, then a few lines a round."""
     lines = [f"{result['status']}: {MEANING[result['status']]}", *ending(result)]
+    if result.get("vehicle"):
+        lines += [f"vehicle: {line}" for line in identification_lines(result["vehicle"])]
     for entry in result["rounds"]:
         lines += [f"round {entry['round']}: {line}" for line in round_lines(entry)]
     if result["waiting_for"]:
@@ -38,26 +40,22 @@ def ending(result: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def identification_lines(identification: Mapping[str, Any]) -> list[str]:
+    """What a diagnosis found, a sentence each."""
+    causes = ", ".join(f"{cause['kind']} at {cause['at']}" for cause in identification["causes"]) or "no further cause"
+    moved = sorted(
+        identification["values"],
+        key=lambda value: -abs(value["after"] / value["before"] - 1) if value["before"] else 0,
+    )
+    pairs = [f"{value['name']} {number(value['before'], 4)} → {number(value['after'], 4)}" for value in moved[:4]]
+    return [
+        f"diagnosis {identification['verdict']}: {causes}", f"moved most: {', '.join(pairs)}", *identification["notes"],
+    ]  # fmt: skip
+
+
 def round_lines(entry: Mapping[str, Any]) -> list[str]:
     """What a round found, a sentence each."""
-    lines = []
-    if "identification" in entry:
-        identification = entry["identification"]
-        causes = (
-            ", ".join(f"{cause['kind']} at {cause['at']}" for cause in identification["causes"]) or "no further cause"
-        )
-        lines.append(f"diagnosis {identification['verdict']}: {causes}")
-        moved = sorted(
-            identification["values"],
-            key=lambda value: -abs(value["after"] / value["before"] - 1) if value["before"] else 0,
-        )
-        lines.append(
-            "moved most: "
-            + ", ".join(
-                f"{value['name']} {number(value['before'], 4)} → {number(value['after'], 4)}" for value in moved[:4]
-            )
-        )
-        lines += identification["notes"]
+    lines = identification_lines(entry["identification"]) if "identification" in entry else []
     if "match" in entry:
         lines.append(f"match {entry['match']['status']}")
     if "verification" in entry:

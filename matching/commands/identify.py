@@ -1,0 +1,64 @@
+"""`rigmatch identify`: a case known from recordings of its vehicle and its bed."""
+
+import argparse
+from typing import Any
+
+HELP = """Find out from recordings what vehicle and bed really are, and write the case with these values and, under
+[uncertainty], with what is still not known of them. A recording of the vehicle holds the torques that act on it and any
+of its sensors (tip-ins, coast-downs); a torque that the road alone gives may be missing. One of the bed is made without
+emulation (rigmatch excite plans it) and holds the torque commands and the sensors of the rig. What vehicle and rig
+share is the same hardware; the bed, whose commands are known, tells it first. CASE is a case file, or the directory of a match."""
+EXAMPLES = (
+    "rigmatch identify case.toml --vehicle tip_ins.csv coast_down.csv --bed bed.csv --out out/identify",
+    "rigmatch match out/identify/case.toml --out out/match",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Case, recordings, output directory."""
+    parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
+    parser.add_argument("--vehicle", metavar="RECORDING", nargs="+", default=[], help="of the vehicle on the road")
+    parser.add_argument("--bed", metavar="RECORDING", nargs="+", default=[], help="of the bed without emulation")
+    parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Identify and write files; the result object is the content of ``identification.json``.
+
+    Raises
+    ------
+    InputError
+        One line that names file, key or column.
+    """
+    from pathlib import Path
+
+    from matching.arguments import steps
+    from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
+    from matching.fmu.export_source import tuned_case
+    from matching.frequency.case.case_file import case_files
+    from modelling.common.errors import InputError
+    from modelling.common.output import strict_json, write_all
+
+    case, result = tuned_case(arguments.case).tuned, dict[str, Any](bed=None, vehicle=None)
+    if not (arguments.vehicle or arguments.bed):
+        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
+    files: dict[str, str | bytes] = {}
+    with steps("identify") as step:
+        for name, paths, identify in (
+            ("bed", arguments.bed, bed_from_recordings), ("vehicle", arguments.vehicle, vehicle_from_recordings),
+        ):  # fmt: skip
+            if paths:
+                found = identify(case, [Path(path) for path in paths], lambda what, name=name: step(f"{name}: {what}"))  # type: ignore[misc]
+                case, result[name] = found.case, found.to_dict()
+                files |= {f"{name}/{file}": text for file, text in found.files().items()}
+    write_all(arguments.out, files | case_files(case) | {"identification.json": strict_json(result)})
+    return result
+
+
+def summary(result: dict[str, Any]) -> str:
+    """What the recordings say, a few lines each."""
+    from matching.report.commissioning.text import identification_lines
+
+    return "\n".join(
+        f"{name}: {line}" for name, found in result.items() if found is not None for line in identification_lines(found)
+    )

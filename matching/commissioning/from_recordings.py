@@ -1,0 +1,96 @@
+"""A case known from recordings: of its vehicle on the road, of its bed without emulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matching.commissioning.bed_system import bed_system
+from matching.commissioning.identified import identified_case
+from matching.commissioning.vehicle import known_vehicle, recorded_vehicle
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.verdict.result import Diagnosis
+from matching.frequency.case.case import Case
+from matching.frequency.case.case_file import case_files
+from modelling.common.output import strict_json
+from modelling.measurement.read import read_recording
+from modelling.model.files import dumps
+from modelling.model.system import System
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A case with what recordings say of it.
+
+    Attributes
+    ----------
+    case : Case
+        With the values found, and under ``[uncertainty]`` what is still not known of them.
+    diagnosis : Diagnosis
+    values : tuple of dict
+        A row a quantity: ``name`` as ``[uncertainty]`` has it, ``before``, ``after``, ``half_width``, SI.
+    notes : tuple of str
+        What of the diagnosis the case does not hold.
+    """
+
+    case: Case
+    diagnosis: Diagnosis
+    values: tuple[dict[str, Any], ...]
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Verdict, causes, values and notes as JSON holds them."""
+        causes = self.diagnosis.to_dict()["causes"]
+        return {
+            "verdict": self.diagnosis.verdict,
+            "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],
+            "notes": list(self.notes), "values": list(self.values),
+            "torque_gains": {own.name: own.torque_gain for own in self.case.loop.dynamometers},
+        }  # fmt: skip
+
+    def files(self) -> dict[str, str]:
+        """Texts of the case file with its models, the diagnosis, and the extended model."""
+        diagnosis = {"extended.toml": dumps(self.diagnosis.extended)}
+        return diagnosis | {"diagnosis.json": strict_json(self.diagnosis.to_dict())} | case_files(self.case)
+
+
+def vehicle_from_recordings(
+    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None
+) -> Identification:
+    """The case with the vehicle that recordings of the road show.
+
+    Raises
+    ------
+    InputError
+        If nothing of the vehicle is uncertain, or a recording cannot be read or fitted.
+    """
+    system, notes = recorded_vehicle(case, recordings)
+    diagnosis = diagnose(system, [read_recording(path, system) for path in recordings], None, progress)
+    known = known_vehicle(case, system, diagnosis)
+    return Identification(known.case, diagnosis, known.values, (*notes, *known.notes))
+
+
+def bed_from_recordings(case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None) -> Identification:
+    """The case with the bed that recordings without emulation show: torque commands and every sensor of the rig.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or fitted.
+    """
+    system: System = bed_system(case)
+    diagnosis = diagnose(system, [read_recording(path, system) for path in recordings], None, progress)
+    made = identified_case(case, diagnosis)
+    after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
+    values = tuple(
+        {
+            "name": own.name, "before": own.value, "after": after[own.name].value,
+            "half_width": after[own.name].half_width,
+        }
+        for own in case.uncertainty.uncertain
+    )  # fmt: skip
+    return Identification(made.case, diagnosis, values, made.notes)
