@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __all__ = [
-    "commission", "diagnose", "excite", "explore", "export", "fidelity", "load", "load_case", "map", "match", "modes",
-    "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
+    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map", "match",
+    "modes", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         explore,
         export,
         fidelity,
+        identify,
         load,
         load_case,
         map,  # noqa: A004

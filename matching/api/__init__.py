@@ -7,7 +7,7 @@ from matching.api.dynamics import modes, response, simulate
 from matching.api.evidence import diagnose, fidelity, uncertainty
 from matching.api.files import load, load_case, read_recording, show
 from matching.api.in_the_browser import explore
-from matching.api.on_the_bed import commission, excite, export, verify
+from matching.api.on_the_bed import commission, excite, export, identify, verify
 from matching.api.tuning import map, match, tolerance  # noqa: A004
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "explore",
     "export",
     "fidelity",
+    "identify",
     "load",
     "load_case",
     "map",

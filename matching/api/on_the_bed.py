@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from matching.api.files import File
 if TYPE_CHECKING:
     from matching.bed_test.result import BedVerification
     from matching.commissioning.circle import CommissionOrder
+    from matching.commissioning.from_recordings import FromRecordings
     from matching.excitation.plan import ExcitationOrder
     from matching.excitation.result import ExcitationPlan
     from matching.frequency.case.case import Case
@@ -79,6 +80,38 @@ def excite(case: Case | File, order: ExcitationOrder | None = None) -> Excitatio
     from matching.fmu.export_source import tuned_case
 
     return plan_excitation(tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case, order)
+
+
+def identify(case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = ()) -> FromRecordings:
+    """Find out from recordings what vehicle and bed are: the case with their values and uncertainties.
+
+    Parameters
+    ----------
+    case : Case or path
+        A path is a directory or ``result.json`` of a match, or a case file.
+    vehicle, bed : sequences of paths
+        Recordings of the vehicle on the road, and of the bed without emulation.
+
+    Returns
+    -------
+    FromRecordings
+        The case, and what was diagnosed of bed and vehicle.
+
+    Raises
+    ------
+    InputError
+        One line that names file, key or column.
+
+    Examples
+    --------
+    >>> known = rm.identify("case.toml", vehicle=["road.csv"], bed=["bed.csv"])  # doctest: +SKIP
+    >>> rm.match(known.case).status  # doctest: +SKIP
+    """
+    from matching.commissioning import from_recordings
+    from matching.fmu.export_source import tuned_case
+
+    known = tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
+    return from_recordings.identify(known, [Path(path) for path in vehicle], [Path(path) for path in bed])
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:

@@ -7,7 +7,7 @@ HELP = """Find out from recordings what vehicle and bed really are, and write th
 [uncertainty], with what is still not known of them. A recording of the vehicle holds the torques that act on it and any
 of its sensors (tip-ins, coast-downs); a torque that the road alone gives may be missing. One of the bed is made without
 emulation (rigmatch excite plans it) and holds the torque commands and the sensors of the rig. What vehicle and rig
-share is the same hardware; the bed, whose commands are known, tells it first. CASE is a case file, or the directory of a match."""
+share is the same hardware; the bed tells it first. CASE is a case file, or the directory of a match."""
 EXAMPLES = (
     "rigmatch identify case.toml --vehicle tip_ins.csv coast_down.csv --bed bed.csv --out out/identify",
     "rigmatch match out/identify/case.toml --out out/match",
@@ -33,26 +33,16 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from matching.arguments import steps
-    from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
+    from matching.commissioning.from_recordings import identify
     from matching.fmu.export_source import tuned_case
-    from matching.frequency.case.case_file import case_files
-    from modelling.common.errors import InputError
-    from modelling.common.output import strict_json, write_all
+    from modelling.common.output import write_all
 
-    case, result = tuned_case(arguments.case).tuned, dict[str, Any](bed=None, vehicle=None)
-    if not (arguments.vehicle or arguments.bed):
-        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
-    files: dict[str, str | bytes] = {}
+    case = tuned_case(arguments.case).tuned
+    vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
     with steps("identify") as step:
-        for name, paths, identify in (
-            ("bed", arguments.bed, bed_from_recordings), ("vehicle", arguments.vehicle, vehicle_from_recordings),
-        ):  # fmt: skip
-            if paths:
-                found = identify(case, [Path(path) for path in paths], lambda what, name=name: step(f"{name}: {what}"))  # type: ignore[misc]
-                case, result[name] = found.case, found.to_dict()
-                files |= {f"{name}/{file}": text for file, text in found.files().items()}
-    write_all(arguments.out, files | case_files(case) | {"identification.json": strict_json(result)})
-    return result
+        found = identify(case, vehicle, bed, step)
+    write_all(arguments.out, found.files())
+    return found.to_dict()
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
+from modelling.common.errors import InputError
 from modelling.common.output import strict_json
 from modelling.measurement.read import read_recording
 from modelling.model.files import dumps
@@ -94,3 +95,50 @@ def bed_from_recordings(case: Case, recordings: Sequence[Path], progress: Progre
         for own in case.uncertainty.uncertain
     )  # fmt: skip
     return Identification(made.case, diagnosis, values, made.notes)
+
+
+@dataclass(frozen=True)
+class FromRecordings:
+    """A case known from recordings of bed and vehicle; None of which there was no recording."""
+
+    case: Case
+    bed: Identification | None
+    vehicle: Identification | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``identification.json`` holds it."""
+        return {name: None if found is None else found.to_dict() for name, found in self._parts()}
+
+    def files(self) -> dict[str, str]:
+        """Texts of the case file with its models, ``identification.json``, and a folder for bed and vehicle each."""
+        files = {
+            f"{name}/{file}": text
+            for name, found in self._parts() if found is not None
+            for file, text in found.files().items()
+        }  # fmt: skip
+        return files | case_files(self.case) | {"identification.json": strict_json(self.to_dict())}
+
+    def _parts(self) -> tuple[tuple[str, Identification | None], ...]:
+        return ("bed", self.bed), ("vehicle", self.vehicle)
+
+
+def identify(
+    case: Case, vehicle: Sequence[Path], bed: Sequence[Path], progress: Progress = lambda _: None
+) -> FromRecordings:
+    """The case as recordings of vehicle and bed show it; the bed, whose commands are known, comes first.
+
+    Raises
+    ------
+    InputError
+        If there is no recording, or as :func:`vehicle_from_recordings` and :func:`bed_from_recordings`.
+    """
+    if not (vehicle or bed):
+        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
+    of_bed = of_vehicle = None
+    if bed:
+        of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"))
+        case = of_bed.case
+    if vehicle:
+        of_vehicle = vehicle_from_recordings(case, vehicle, lambda step: progress(f"vehicle: {step}"))
+        case = of_vehicle.case
+    return FromRecordings(case, of_bed, of_vehicle)

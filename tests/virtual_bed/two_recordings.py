@@ -22,7 +22,7 @@ from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 
 FOLDER = Path(__file__).parents[2] / "examples" / "from_recordings"
 HELD = 5e-4  # s: the half sample of hold that the loop's dead time counts
-ROAD_STEP, STEP = 5e-3, 1e-3  # s
+ROAD_STEP, STEP = 2e-3, 1e-3  # s
 # of a drive: from when (s) the driver asks for which torque, N·m; each is reached within 0.1 s
 DEMANDS = ((0.0, 20.0), (1.0, 90.0), (2.5, -40.0), (3.5, 120.0), (5.0, 0.0), (7.0, -30.0), (8.0, 60.0))
 RISE, LENGTH, ROAD_SPEED = 0.1, 10.0, 40.0  # s, s, rad/s at the start

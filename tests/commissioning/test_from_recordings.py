@@ -1,0 +1,85 @@
+"""Vehicle and bed from the recordings of the example, whose true values are known."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.bed_test.errors import Figures, judged
+from matching.bed_test.local_rational import MeasuredResponse
+from matching.bed_test.prediction import drawn_vehicles
+from matching.cli import main
+from matching.commissioning.ranges import with_quantities
+from matching.commissioning.vehicle import recorded_vehicle
+from matching.frequency.beds.bed import vehicle_response
+from matching.frequency.case.load import load_case
+from matching.frequency.case.uncertainty import Box, Uncertain
+from modelling.common.errors import InputError
+from modelling.model.quantity import Quantity
+
+FOLDER = Path(__file__).parents[2] / "examples" / "from_recordings"
+TRUTH = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("identify")
+    command = ["identify", str(FOLDER / "case.toml"), "--out", str(folder)]
+    assert main([*command, "--vehicle", str(FOLDER / "road.csv"), "--bed", str(FOLDER / "bed.csv")]) == 0
+    return folder
+
+
+def test_the_case_holds_the_true_values_within_what_it_states(out):
+    """Half-widths are k = 2; thirteen values, three of them of one fit whose errors go together."""
+    case = load_case(out / "case.toml")
+    box = {own.name: own for own in case.uncertainty.uncertain}
+    known = case.rig.parameters
+    for name, value in (TRUTH["vehicle"] | TRUTH["rig"]).items():
+        own = box.get(f"rig.{name}" if name in known else f"vehicle.{name}")
+        if own is not None:
+            assert abs(own.value - value) < 2 * own.half_width, name
+    assert abs(case.loop.dynamometers[0].torque_gain / TRUTH["loop"]["torque_gain"] - 1) < 0.002
+    assert abs(case.loop["dead_time"] - TRUTH["loop"]["dead_time"]) < 2e-5
+    assert case.vehicle.parameters["inertias.motor.J"].value == known["inertias.motor.J"].value
+    assert box["vehicle.shafts.tyre.stiffness"].half_width < 0.1 * 0.15 * 8000
+
+
+def test_what_was_not_recorded_is_said_and_every_step_is_kept(out):
+    result = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+    assert "no recording holds road: it is taken as zero on the road" in result["vehicle"]["notes"]
+    assert {path.name for path in (out / "vehicle").iterdir()} >= {"diagnosis.json", "extended.toml", "case.toml"}
+    before = {row["name"]: row["before"] for row in result["vehicle"]["values"]}
+    assert before["vehicle.inertias.body.J"] == 40
+
+
+def test_without_a_recording_or_with_nothing_uncertain_one_line_says_so(tmp_path, capsys):
+    assert main(["identify", str(FOLDER / "case.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert "no recording is given" in capsys.readouterr().err
+    case = load_case(FOLDER / "case.toml")
+    known = {name: Quantity(quantity.value) for name, quantity in case.vehicle.parameters.items()}
+    case = replace(case, vehicle=with_quantities(case.vehicle, known), uncertainty=Box())
+    with pytest.raises(InputError, match="nothing of it is uncertain"):
+        recorded_vehicle(case, [FOLDER / "road.csv"])
+
+
+def test_what_is_not_known_of_the_vehicle_widens_a_measured_error():
+    """Tyre stiffness known to ±a: a bed that answers exactly like the vehicle has an error within what that makes."""
+    case = load_case(FOLDER / "case.toml")
+    frequencies = np.geomspace(2, 30, 60)
+    H = vehicle_response(case, {}, frequencies)[:, 1]
+    measured = MeasuredResponse(frequencies, H[:, None, None], np.zeros((60, 1, 1)), np.full(60, 1e-9))
+    spreads = []
+    for share in (0.0, 0.02, 0.04):
+        width = share * 8000
+        box = Box((Uncertain("vehicle.shafts.tyre.stiffness", 8000.0, width),) if width else ())
+        drawn = drawn_vehicles(replace(case, uncertainty=box), frequencies)[:, :, 1]
+        figures = Figures.of(H, np.zeros(60), H, H, measured, drawn)
+        spreads.append(judged("motor", [figures], 0.1, 0.1).uncertainty)
+    assert spreads[0] == 0.0
+    ends = [vehicle_response(case, {"vehicle.shafts.tyre.stiffness": 8000.0 * (1 + s)}, frequencies)[:, 1]
+            for s in (-0.04, 0.04)]  # fmt: skip
+    largest = max(np.sqrt(np.mean(np.abs(np.log(H / end)) ** 2)) for end in ends)
+    assert 0 < spreads[1] < spreads[2] < largest
