@@ -37,7 +37,10 @@ def drawn_squares(case: Case) -> np.ndarray:
 
 
 def drawn_vehicles(case: Case, frequencies: np.ndarray) -> np.ndarray:
-    """Compared functions (b, f, h) of vehicles as far as the case does not know what the rig lacks; none if it does."""
+    """Compared functions (b, f, h) of vehicles drawn from what the case does not know of them; ``frequencies`` in Hz.
+
+    There are none where it knows all that the rig lacks.
+    """
     box = case.uncertainty.of_kind("vehicle.")
     vehicles = [vehicle_response(case, values, frequencies) for values in box_values(box, VEHICLES)]
     return np.array(vehicles).reshape(-1, len(frequencies), len(case.compared))
