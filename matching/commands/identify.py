@@ -40,9 +40,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     case = tuned_case(arguments.case).tuned
     vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
     with steps("identify") as step:
-        found = identify(case, vehicle, bed, step)
-    write_all(arguments.out, found.files())
-    return found.to_dict()
+        known = identify(case, vehicle, bed, step)
+    write_all(arguments.out, known.files())
+    return known.to_dict()
 
 
 def summary(result: dict[str, Any]) -> str:
@@ -50,5 +50,5 @@ def summary(result: dict[str, Any]) -> str:
     from matching.report.commissioning.text import identification_lines
 
     return "\n".join(
-        f"{name}: {line}" for name, found in result.items() if found is not None for line in identification_lines(found)
+        f"{name}: {line}" for name, part in result.items() if part is not None for line in identification_lines(part)
     )

@@ -86,6 +86,6 @@ def _as_recorded(name: str) -> str:
 def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
     """The rig with ranges on some of its quantities, by name, and on no other; late sensors as recordings have them."""
     of_effects = {f"{effect.name}.{key}" for effect in rig.effects for key, _ in effect.parameters}
-    fixed = {name: Quantity(own.value) for name, own in rig.parameters.items() if name not in of_effects}
+    fixed = {name: Quantity(quantity.value) for name, quantity in rig.parameters.items() if name not in of_effects}
     rig = with_quantities(rig, fixed | ranges)
     return replace(rig, effects=tuple(as_recorded(effect) for effect in rig.effects), operating_point=None)

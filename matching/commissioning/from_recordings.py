@@ -50,7 +50,7 @@ class Identification:
             "verdict": self.diagnosis.verdict,
             "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],
             "notes": list(self.notes), "values": list(self.values),
-            "torque_gains": {own.name: own.torque_gain for own in self.case.loop.dynamometers},
+            "torque_gains": {part.name: part.torque_gain for part in self.case.loop.dynamometers},
         }  # fmt: skip
 
     def files(self) -> dict[str, str]:
@@ -89,10 +89,10 @@ def bed_from_recordings(case: Case, recordings: Sequence[Path], progress: Progre
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(
         {
-            "name": own.name, "before": own.value, "after": after[own.name].value,
-            "half_width": after[own.name].half_width,
+            "name": quantity.name, "before": quantity.value, "after": after[quantity.name].value,
+            "half_width": after[quantity.name].half_width,
         }
-        for own in case.uncertainty.uncertain
+        for quantity in case.uncertainty.uncertain
     )  # fmt: skip
     return Identification(made.case, diagnosis, values, made.notes)
 
@@ -107,14 +107,14 @@ class FromRecordings:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``identification.json`` holds it."""
-        return {name: None if found is None else found.to_dict() for name, found in self._parts()}
+        return {name: None if part is None else part.to_dict() for name, part in self._parts()}
 
     def files(self) -> dict[str, str]:
         """Texts of the case file with its models, ``identification.json``, and a folder for bed and vehicle each."""
         files = {
             f"{name}/{file}": text
-            for name, found in self._parts() if found is not None
-            for file, text in found.files().items()
+            for name, part in self._parts() if part is not None
+            for file, text in part.files().items()
         }  # fmt: skip
         return files | case_files(self.case) | {"identification.json": strict_json(self.to_dict())}
 

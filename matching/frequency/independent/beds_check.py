@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from matching.frequency.case.case import Case
-from matching.frequency.case.uncertainty import of_system
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
@@ -131,8 +130,12 @@ class Judge:
         """One bed, by its values."""
         bed = self._bed(values)
         stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.law)))
-        drawn = of_system(values, self.case.vehicle)
-        measured, unmeasured = self._errors(bed, self.vehicle.with_values(drawn))
+        drawn = {
+            name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(("rig.", "vehicle."))
+        }
+        known = self.case.vehicle.parameters
+        vehicle = self.vehicle.with_values({name: value for name, value in drawn.items() if name in known})
+        measured, unmeasured = self._errors(bed, vehicle)
         return BedVerdict(stable, ratio, measured, unmeasured)
 
     def damping(self, values: Mapping[str, float]) -> float:

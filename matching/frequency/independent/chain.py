@@ -28,7 +28,12 @@ _PARALLEL: dict[str, Callable[[Parameters], float]] = {
 _NOTHING_AT_REST = {"quadratic_drag", "constant_torque", "wrong_parameter"}  # no torque that changes with the motion
 _SHAFTS = {"slip", "tyre_slip", "compliance", *_PARALLEL}
 _BENT = {"hysteresis", "hardening", "backlash"}
-_SENSORS = {"sensor_gain": "factor", "lag": "time_constant", "all_pass": "delay"}
+# What a sensor's effect does, as sections (d, c, T) in a row: d + c/(1 + s·T)
+_SENSORS: dict[str, tuple[str, Callable[[float], list[tuple[float, float, float]]]]] = {
+    "sensor_gain": ("factor", lambda factor: [(factor, 0.0, 0.0)]),
+    "lag": ("time_constant", lambda time: [(0.0, 1.0, time)]),
+    "all_pass": ("delay", lambda delay: 2 * [(-1.0, 2.0, delay / 4)]),
+}
 
 
 class NotCovered(Exception):
@@ -73,7 +78,7 @@ class Chain:
             self._on_shaft.setdefault(effect.at.removeprefix("shafts."), {})[effect.kind] = parameters
         elif effect.kind in _SENSORS and effect.at.startswith("sensors."):
             for place in effect.places:
-                entry = effect.kind, f"{effect.name}.{_SENSORS[effect.kind]}"
+                entry = effect.kind, f"{effect.name}.{_SENSORS[effect.kind][0]}"
                 self._on_sensor.setdefault(place.removeprefix("sensors."), []).append(entry)
         elif effect.kind in RESISTS and self.system.operating_point is not None:
             self._resists.append((self.nodes.index(effect.at.removeprefix("inertias.")), effect.kind, parameters))
@@ -215,15 +220,14 @@ class Chain:
     def reading(self, sensor: str, s: np.ndarray) -> np.ndarray:
         """What a sensor reads (f, n) for unit coordinates; SI."""
         factor = np.ones(len(s), complex)
-        for kind, value in self.faults(sensor):
-            factor *= value if kind == "sensor_gain" else 1.0
-            factor /= 1 + s * value if kind == "lag" else 1.0
-            factor *= ((4 - s * value) / (4 + s * value)) ** 2 if kind == "all_pass" else 1.0
+        for direct, lagged, time in self.sections(sensor):
+            factor *= direct + lagged / (1 + s * time)
         return factor[:, None] * self.measured(sensor, s)
 
-    def faults(self, sensor: str) -> list[tuple[str, float]]:
-        """Kinds and values, SI, of the effects that sit at a sensor, in their order."""
-        return [(kind, self._value[name]) for kind, name in self._on_sensor.get(sensor, ())]
+    def sections(self, sensor: str) -> list[tuple[float, float, float]]:
+        """What effects at a sensor do: (d, c, T) of d + c/(1 + s·T), T in s, one section behind the other."""
+        effects = self._on_sensor.get(sensor, ())
+        return [section for kind, name in effects for section in _SENSORS[kind][1](self._value[name])]
 
     def measured(self, sensor: str, s: np.ndarray) -> np.ndarray:
         """What a sensor without faults reads (f, n) for unit coordinates; SI."""

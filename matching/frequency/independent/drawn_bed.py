@@ -18,7 +18,6 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from modelling.controller.law import ControlLaw
 
-STATES = {"lag": 1, "all_pass": 2}  # of a sensor's fault
 POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic stiffness at a further s
 
 
@@ -92,7 +91,7 @@ class DrawnBed:
         n, k = len(M), len(self.gains)
         names = self.case.loop.controller_sensors
         first = 2 * n + 2 * k
-        size = first + sum(STATES.get(kind, 0) for name in names for kind, _ in self.rig.faults(name))
+        size = first + sum(time > 0 for name in names for *_, time in self.rig.sections(name))
         A, B, C = np.zeros((size, size)), np.zeros((size, k)), np.zeros((len(self.sensor_gains), size))
         A[:n, n : 2 * n] = np.eye(n)
         A[n : 2 * n, : 2 * n + 2 * k] = np.linalg.solve(
@@ -104,8 +103,13 @@ class DrawnBed:
             still, turning = (self.rig.measured(name, np.array([s]))[0] for s in (0.0j, 1.0 + 0j))
             row = np.zeros(size)
             row[: 2 * n] = np.real(np.concatenate([still, turning - still])) * self.sensor_gains[i]
-            for kind, value in self.rig.faults(name):
-                row, first = _behind(kind, value, row, A, first)
+            for direct, lagged, time in self.rig.sections(name):
+                before, row = row, direct * row
+                if time > 0:
+                    A[first] = before / time
+                    A[first, first] -= 1 / time
+                    row[first] += lagged
+                    first += 1
             if i < k:
                 A[2 * n + k + i] += row / sensor_lag
                 A[2 * n + k + i, 2 * n + k + i] -= 1 / sensor_lag
@@ -162,19 +166,3 @@ def _reached(A: np.ndarray, inputs: np.ndarray) -> np.ndarray:
             break
         reached = further
     return reached
-
-
-def _behind(kind: str, value: float, row: np.ndarray, A: np.ndarray, first: int) -> tuple[np.ndarray, int]:
-    """What is read (x,) behind a sensor's fault of a row (x,), whose states begin at ``first``; and the next free one.
-
-    The states' rows of A (x, x) are filled in.
-    """
-    if kind == "sensor_gain":
-        return value * row, first
-    time = value if kind == "lag" else value / 4
-    for place in range(first, first + STATES[kind]):
-        A[place] = row / time
-        A[place, place] -= 1 / time
-        state = np.eye(len(A))[place]
-        row = state if kind == "lag" else 2 * state - row
-    return row, first + STATES[kind]
