@@ -133,9 +133,7 @@ def uncertainty_table(box: Box, vehicle: System, rig: System, loop: Loop) -> dic
 def _known(vehicle: System, rig: System, loop: Loop) -> dict[str, float]:
     of_rig = rig.parameters
     known = {f"rig.{name}": quantity.value for name, quantity in of_rig.items()}
-    knquantity |= {
-        f"vehicle.{name}": quantity.value for name, quantity in vehicle.parameters.items() if name not in of_rig
-    }
+    known |= {f"vehicle.{name}": quantity.value for name, quantity in vehicle.parameters.items() if name not in of_rig}
     known |= {f"loop.{name}": loop[name] for name in ("dead_time", "inverter_lag", "torque_sensor_lag")}
     known |= {f"dynamometers.{dynamometer.name}.torque_gain": 1.0 for dynamometer in loop.dynamometers}
     return known | {f"sensors.{name}.gain": 1.0 for name in loop.controller_sensors}
