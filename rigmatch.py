@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __all__ = [
-    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map", "match",
-    "modes", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
+    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map",
+    "match", "modes", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
