@@ -11,6 +11,7 @@ RANDOM = re.compile(
     r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 )  # names that Bokeh draws: the same page twice differs
 NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
+MANY_PANELS, WIDER_PX = 4, 360  # of so many panels, with room for their legends; a narrow screen has 372
 
 
 def acting_figure(title: str, x: str, y: str, **options: Any) -> Any:
@@ -45,7 +46,8 @@ def place_legend(fig: Any) -> None:
 def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool = False) -> dict[str, str]:
     """Scripts and elements by name; ``library`` is Bokeh itself, ``script`` what makes the elements act.
 
-    Empty where there is no panel. Panels ``side_by_side`` stand below each other only where the page is narrow.
+    Empty where there is no panel. Panels ``side_by_side`` stand below each other only where the page is narrow; those
+    of an inner list always do.
     """
     from bokeh.embed import components
     from bokeh.layouts import column, row
@@ -58,10 +60,11 @@ def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool 
         if len(figures) == 1 or not side_by_side:
             drawn[name] = column(list(figures), sizing_mode="stretch_width")
             continue
-        for panel in figures:
-            panel.min_width = NARROWEST_PX
+        beside = [column(panel, sizing_mode="stretch_width") if isinstance(panel, list) else panel for panel in figures]
+        for panel in beside:
+            panel.min_width = NARROWEST_PX if len(beside) < MANY_PANELS else WIDER_PX
         wraps = {"flex-wrap": "wrap"}
-        drawn[name] = row(list(figures), sizing_mode="stretch_width", styles=wraps)
+        drawn[name] = row(beside, sizing_mode="stretch_width", styles=wraps)
     script, elements = components(drawn)
     numbers: dict[str, str] = {}
 

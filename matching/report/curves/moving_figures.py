@@ -28,7 +28,7 @@ def moving_figures(result: MatchResult) -> dict[str, str]:
     if find_spec("bokeh") is None:
         return {}
     drawn = {"responses": _responses(result), "manoeuvre": _manoeuvre(result), "sensitivity": _sensitivity(result)}
-    return embedded_figures({name: figures for name, figures in drawn.items() if figures})
+    return embedded_figures({name: figures for name, figures in drawn.items() if figures}, side_by_side=True)
 
 
 def _responses(result: MatchResult) -> list[Any]:
@@ -36,7 +36,7 @@ def _responses(result: MatchResult) -> list[Any]:
     frequencies = result.curves.frequencies
     for index, pair in enumerate(result.case.compared):
         title = f"{pair.input} → {pair.sensor}".replace("_", " ")
-        shared = {"x_range": figures[0].x_range} if figures else {}
+        shared = {"x_range": figures[0][0].x_range} if figures else {}
         labels = ("Frequency in Hz", magnitude_label(result, pair))
         modulus = acting_figure(title, *labels, x_axis_type="log", y_axis_type="log", **shared)
         phase = acting_figure("", "Frequency in Hz", "Phase in °", x_axis_type="log", x_range=modulus.x_range)
@@ -46,7 +46,7 @@ def _responses(result: MatchResult) -> list[Any]:
             line.js_link("visible", below, "visible")
         place_legend(modulus)
         phase.legend.visible = False
-        figures += [modulus, phase]
+        figures.append([modulus, phase])
     return figures
 
 

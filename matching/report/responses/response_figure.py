@@ -66,7 +66,8 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
     largest = max(np.abs(values).max() for values in found.values())
     smallest = min(np.abs(values).min() for name, values in found.items() if name in ("vehicle", "matched"))
     axes.set_ylim(smallest / 3, largest * 2)
-    axes.annotate(_error(result, index), (0.03, 0.04), xycoords="axes fraction", fontsize=8, va="bottom")
+    clear: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5}
+    axes.annotate(_error(result, index), (0.03, 0.04), xycoords="axes fraction", fontsize=8, va="bottom", bbox=clear)
     if title:
         pair = result.case.compared[index]
         axes.set_title(f"{_said(pair.input)} → {_said(pair.sensor)}", fontsize=9)
