@@ -84,7 +84,8 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
 def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[str, str]:
     from matching.diagnosis.loggers import read_loggers
 
-    paths = [*named.get("recordings", ()), *(named[key] for key in ("recording", "holdout") if named.get(key))]
+    paths = [*named.get("recordings", ()), *([named["recording"]] if named.get("recording") else [])]
+    paths += named.get("holdout") or ()
     contents = {}
     for path in paths:
         recording = read_loggers(path, system, channels)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
-    holdout: Recording | File | None = None, *, channels: File | None = None, keep_rest: bool = False,
-    tell: Callable[[str], None] | None = None,
+    holdout: Sequence[Recording | File] | Recording | File | None = None, *, channels: File | None = None,
+    keep_rest: bool = False, tell: Callable[[str], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
 
@@ -29,7 +29,7 @@ def diagnose(
         What is believed of the drivetrain; quantities with a range are fitted within it.
     recordings : Recording, path or a sequence of them
         What was measured.
-    holdout : Recording or path, optional
+    holdout : Recording, path or a sequence of them, optional
         Is never fitted and judges the result; by default the last 30 % of the recordings.
     channels : path, optional
         A file that says what the channels are called in the recordings.
@@ -59,10 +59,10 @@ def diagnose(
     from modelling.measurement.recording import Recording
 
     system = system_of(model)
-    single = isinstance(recordings, str | PathLike | Recording)
-    several = [recordings] if single else list(recordings)  # type: ignore[arg-type, list-item]
-    read = [recording_of(recording, system, channels) for recording in several]  # type: ignore[arg-type]
-    judge = None if holdout is None else recording_of(holdout, system, channels)
+    fitted, judging = (
+        [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
+    )
+    read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     return run(system, read, judge, tell or (lambda _: None), keep_rest)
 
 

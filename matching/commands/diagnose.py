@@ -24,8 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", nargs="+", help="recordings of the system (CSV, MDF, .mat, Parquet)"
     )
     parser.add_argument(
-        "--holdout", metavar="RECORDING", help="a recording that is not fitted but used to judge the result"
-    )
+        "--holdout", metavar="RECORDING", action="append", default=[],
+        help="a recording that is not fitted but used to judge the result; may be given several times",
+    )  # fmt: skip
     parser.add_argument("--channels", metavar="FILE", help="what the channels are called in the recordings (TOML)")
     parser.add_argument(
         "--keep-rest", action="store_true",
@@ -49,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
     recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
-    holdout = read_loggers(arguments.holdout, system, channels) if arguments.holdout else None
+    holdout = [read_loggers(paths, system, channels) for paths in arguments.holdout]
     with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
 
         def tell(step: str) -> None:

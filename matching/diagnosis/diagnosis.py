@@ -59,7 +59,7 @@ EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up
 def diagnose(
     system: System,
     recordings: Sequence[Recording],
-    holdout: Recording | None = None,
+    holdout: Recording | Sequence[Recording] | None = None,
     progress: Progress = lambda _: None,
     keep_rest: bool = False,
 ) -> Diagnosis:
@@ -70,7 +70,7 @@ def diagnose(
     system : System
         Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
     recordings : sequence of Recording
-    holdout : Recording, optional
+    holdout : Recording or sequence of Recording, optional
         Judges all fits and is not fitted; without it the last 30 % of every recording.
     progress : callable
         Is given the name of each step.
@@ -82,10 +82,11 @@ def diagnose(
     InputError
         If the recordings lack what is needed, or have speeds without a unit that fit in 1/min only.
     """
-    for recording in [*recordings, *([holdout] if holdout else [])]:
+    judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
+    for recording in [*recordings, *judging]:
         check_speed_units(system, recording)
-    stated, system = system, with_clocks(system, [*recordings, *([holdout] if holdout else [])])
-    whole, train, judge, notes = _data(system, recordings, holdout)
+    stated, system = system, with_clocks(system, [*recordings, *judging])
+    whole, train, judge, notes = _data(system, recordings, judging)
     remembered = RememberedHoldout(judge)
     progress("base model")
     compile_models([system])
@@ -134,16 +135,16 @@ def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> Syst
 
 
 def _data(
-    system: System, recordings: Sequence[Recording], holdout: Recording | None
+    system: System, recordings: Sequence[Recording], judging: Sequence[Recording]
 ) -> tuple[FitData, FitData, Holdout, list[str]]:
     """All data of the recordings, those to fit, those to judge, and notes."""
     whole, remarks = prepare_data(system, recordings)
     notes = [note for recording in recordings for note in recording.notes] + remarks
-    if holdout is None:
+    if not judging:
         train, counts = split_holdout(whole)
         return whole, train, RestOfRecordings(whole, counts), notes
-    other, remarks = prepare_data(system, [holdout])
-    notes += [f"hold-out: {note}" for note in (*holdout.notes, *remarks)]
+    other, remarks = prepare_data(system, judging)
+    notes += [f"hold-out: {note}" for note in (*(note for recording in judging for note in recording.notes), *remarks)]
     return whole, whole, OtherRecordings(FitData(other.segments, whole.noise)), notes
 
 

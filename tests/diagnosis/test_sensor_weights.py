@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import identify_causes as module
+from matching.diagnosis.candidates.cause import ExtendedModel
 from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.data.weighting import LARGEST_MEMORY
 from matching.diagnosis.fitting.fit import solve
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit, innovation_power, iteratively_reweighted
+from matching.diagnosis.search.greedy_search import _Screenings as screenings
+from matching.diagnosis.search.hypothesis import Hypothesis
 from modelling.model.files import from_dict
 
 
@@ -88,3 +91,28 @@ def test_balanced_weights_do_not_depend_on_how_precise_an_encoder_is_said_to_be(
     assert fit.values["inertias.rotor.J"] == pytest.approx(J, rel=0.02)
     assert speed.std() > filtered.std()
     assert (fit.problem.weighting.memory <= LARGEST_MEMORY).all()
+
+
+def test_what_lets_an_angle_drift_away_leads_among_the_slow_candidates() -> None:
+    """A constant torque of 0.05 N·m: each sample hardly shows it, the angle is 0.7 rad off at the end."""
+    J, drag, torque = 0.5, 0.3, 0.05
+    system = from_dict({
+        "inertias": {"rotor": {"J": J, "drag": {"value": drag, "lower": 0.2, "upper": 0.4}}},
+        "inputs": {"motor": {"on": "rotor"}},
+        "sensors": {
+            "angle": {"measures": "angle", "of": "rotor", "uncertainty": 1e-4},
+            "speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.02},
+        },
+    })  # fmt: skip
+    time, rate = np.arange(0, 4, 4e-3), 2 * np.pi * 3
+    wave = np.exp(1j * rate * time) / (1j * rate * J + drag)
+    noise = np.random.default_rng(5).normal(size=(2, len(time)))
+    angle = (wave / (1j * rate)).real - torque / drag * time + np.cumsum(1e-3 * noise[0])
+    readings = np.stack([angle, wave.real - torque / drag + 0.1 * noise[1]], axis=1)
+    segment = Segment(time, np.cos(rate * time)[:, None], readings)
+    problem, v = base_problem(system, FitData([segment], np.array([1e-4, 0.02])))
+    by_noise = solve(problem, v)
+    model = ExtendedModel(system, (), dict(problem.bounds), by_noise.values)
+    slow = screenings().slow(Hypothesis(model, balanced_fit(by_noise, v)))
+    assert ("constant_torque", "inertias.rotor") in [candidate.kind_and_place for candidate in slow[:2]]
+    assert screenings().slow(Hypothesis(model, by_noise)) == []

@@ -37,6 +37,11 @@ class ScreenedCandidate:
     reduction: float
     guess: Guess | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def kind_and_place(self) -> tuple[str, str]:
+        """What it is and where."""
+        return self.kind, self.at
+
 
 class Screening:
     """The residual of a fit, what base parameters can take of it, and what further effects could.

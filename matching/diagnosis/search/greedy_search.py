@@ -11,6 +11,7 @@ from matching.diagnosis.candidates.noise_threshold import NoiseDraws
 from matching.diagnosis.candidates.recorded import recorded_range
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
+from matching.diagnosis.fitting.reweighting import reweighted
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained, with_balanced_sensors
 from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
@@ -28,6 +29,7 @@ from modelling.model.system import System
 
 MOST_CAUSES = 3
 FURTHER_REFITS, SIDE_REFITS = 9, 5  # candidates refitted from the best hypothesis with causes, and from its rivals
+SLOW_PLAN = RefitPlan(2, windows=False)  # of the candidates that explain most of the slow part of what is left
 BEAM = 3  # hypotheses with one cause from which a second is searched for
 BEAM_RATIO = 2.0  # χ² of these, in times the best's
 MOST_JUDGED = 6  # hypotheses that are compared on unseen data before the search gives up
@@ -55,6 +57,17 @@ class _Screenings:
             candidates = best_by_candidate(list(screening.candidates(hypothesis.model.system())))
             self.known[hypothesis.causes] = _Node(screening, candidates)
         return self.known[hypothesis.causes]
+
+    def slow(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
+        """Candidates, best first, for the slow part of what a hypothesis leaves, which weights with a memory hide.
+
+        A small constant torque lets an angle drift away: a step that each sample hardly shows, and most of the error.
+        """
+        weighting = hypothesis.fit.problem.weighting
+        if weighting is None:
+            return []
+        screening = Screening(reweighted(hypothesis.fit, weighting.without_memory))
+        return best_by_candidate(list(screening.candidates(hypothesis.model.system())))
 
 
 def search_causes(
@@ -117,7 +130,7 @@ def _grow(
         promising = [
             candidate
             for candidate in node.candidates
-            if candidate.reduction > noise_threshold and (candidate.kind, candidate.at) not in parent.places
+            if candidate.reduction > noise_threshold and candidate.kind_and_place not in parent.places
         ]
         if not promising:
             continue
@@ -126,6 +139,9 @@ def _grow(
         if not first:
             plan = RefitPlan(SIDE_REFITS, windows=False)
         grown += refit_candidates(parent, promising, node.screening, budget, progress, plan)
+        if first and parent.causes:
+            slow = [candidate for candidate in screenings.slow(parent) if candidate.kind_and_place not in parent.places]
+            grown += refit_candidates(parent, slow, node.screening, budget, progress, SLOW_PLAN)
         if grown and at_noise(grown[0]):
             break
     return distinct(sorted(grown, key=lambda hypothesis: hypothesis.cost))
