@@ -61,20 +61,36 @@ class Pair:
             scipy.signal.sosfiltfilt(_low_pass(cutoff), signal, padlen=_settling(cutoff))[::step]
             for signal in (self.reference, self.test)
         )
-        curve = scipy.interpolate.make_interp_spline(step * np.arange(len(smooth)), smooth, k=5)
-        return SmoothedPair(curve, curve.derivative(), response, cutoff, step, self)
+        return SmoothedPair(scipy.ndimage.spline_filter1d(smooth, 5), response, cutoff, step, self)
 
 
 @dataclass(frozen=True)
 class SmoothedPair:
-    """Signals below a cut-off: a curve through the reference, its slope, every ``step``-th sample (t,) of the test."""
+    """Signals below a cut-off, every ``step``-th sample (t,): the reference as a quintic spline, the test as it is."""
 
-    curve: Any
-    slope: Any
+    spline: np.ndarray
     response: np.ndarray
     cutoff: float
     step: int
     pair: Pair
+
+    def late_reference(self, rows: slice, delay: float) -> tuple[np.ndarray, np.ndarray]:
+        """The reference, late by a delay in samples, at rows (t,), and its slope per sample there.
+
+        All rows lie alike between the spline's equal knots, so that six coefficients each have the same weights.
+        """
+        place = rows.start - delay / self.step
+        first = math.floor(place)
+        used = self.spline[first - 2 : first + 3 + rows.stop - rows.start]
+        value, slope = (basis(place - first - np.arange(-2, 4)) for basis in _basis())
+        return np.convolve(used, value[::-1], "valid"), np.convolve(used, slope[::-1], "valid") / self.step
+
+
+@cache
+def _basis() -> tuple[Any, Any]:
+    """The quintic B-spline on knots a unit apart, centred at 0, and its derivative."""
+    basis = scipy.interpolate.BSpline.basis_element(np.arange(-3.0, 4.0), extrapolate=False)
+    return basis, basis.derivative()
 
 
 def _settling(cutoff: float) -> int:
@@ -119,12 +135,11 @@ def fit_at_cutoff(smoothed: SmoothedPair, start: float) -> DelayFit | None:
         return None
     ends = (math.ceil(max(0.0, start)) + settle + 2, count - math.ceil(max(0.0, -start)) - settle - 2)
     rows = slice(-(-ends[0] // step), -(-ends[1] // step))
-    target = smoothed.response[rows]
-    if len(target) < 12:
+    if rows.stop - rows.start < 12:
         return None
-    places = step * np.arange(rows.start, rows.start + len(target))
+    target, places = smoothed.response[rows], step * np.arange(rows.start, rows.stop)
     for _ in range(MOST_ITERATIONS):
-        shifted, change = smoothed.curve(places - shift), smoothed.slope(places - shift)
+        shifted, change = smoothed.late_reference(rows, shift)
         swing = shifted - shifted.mean()
         energy = float(swing @ swing)
         if energy == 0:
