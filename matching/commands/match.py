@@ -52,13 +52,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     with beside(workers) as aside:
         aside.prepare("matching.report.match.figures", "matching.report.curves.moving_figures", "bokeh.plotting")
         with steps("match") as tell:
-            found = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
-        result, files = _written(found, arguments.seed, aside)
+            matched = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
+        result, files = _written(matched, arguments.seed, aside)
     written = write_results(arguments.out, "result.json", result, files)
     return written | {"report": str(Path(arguments.out) / "report.html")}
 
 
-def _written(found: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+def _written(matched: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
     """Result and files by name; the figures are drawn aside, from the first on, and here, from the last on."""
     from matching.frequency.case.case_file import case_files
     from matching.report.common.provenance import provenance
@@ -68,15 +68,15 @@ def _written(found: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[st
     from matching.report.match.page import page
     from matching.report.match.text import content
 
-    aside.share(found)
-    acting = aside.begin(moving_figures, found)
-    tasks = {name: aside.begin(svg, found, name) for name in drawers(found)}
-    made = provenance(found.case, seed)
-    result, curves = content(found) | {"made_by": made.to_dict()}, curve_data(found)
+    aside.share(matched)
+    acting = aside.begin(moving_figures, matched)
+    tasks = {name: aside.begin(svg, matched, name) for name in drawers(matched)}
+    made = provenance(matched.case, seed)
+    result, curves = content(matched) | {"made_by": made.to_dict()}, curve_data(matched)
     drawn = {name: tasks[name].result() for name in reversed(tasks)}
     drawn = {name: drawn[name] for name in tasks}
-    files: dict[str, str | bytes] = {"report.html": page(found, drawn, made, acting.result(), curves)}
-    return result, files | {f"figures/{name}.svg": image for name, image in drawn.items()} | case_files(found.tuned)
+    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, made, acting.result(), curves)}
+    return result, files | {f"figures/{name}.svg": image for name, image in drawn.items()} | case_files(matched.tuned)
 
 
 def summary(result: dict[str, Any]) -> str:

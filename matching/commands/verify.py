@@ -69,13 +69,13 @@ def _judged(
     from matching.report.curves.acting_axes import acting
     from modelling.common.output import write_results
 
-    found = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
-    result = found.to_dict()
+    verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
+    result = verification.to_dict()
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with steps("verify") as tell:
-            reason = why_short(case, found, recordings, channels, tell)
+            reason = why_short(case, verification, recordings, channels, tell)
         result["diagnosis"] = None if reason is None else reason.to_dict()
-    figure = responses(found)
+    figure = responses(verification)
     drawn = {"responses": image(figure)}
     files: dict[str, str | bytes] = {"report.html": page(result, drawn, acting({"responses": figure}))}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}

@@ -24,10 +24,13 @@ class Waiting(Exception):
         self.what = what
 
 
-def so_far(found: BedVerification) -> str:
+def so_far(verification: BedVerification) -> str:
     """What a verification of a part of a recording shows, in words."""
-    errors = [f"{one.name} torques {one.value:.3g} ± {COVERAGE_FACTOR * one.uncertainty:.2g}" for one in found.errors]
-    return f"so far {found.status}: response error to {', '.join(errors)}"
+    errors = [
+        f"{error.name} torques {error.value:.3g} ± {COVERAGE_FACTOR * error.uncertainty:.2g}"
+        for error in verification.errors
+    ]
+    return f"so far {verification.status}: response error to {', '.join(errors)}"
 
 
 @dataclass(frozen=True)

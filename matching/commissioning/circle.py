@@ -106,7 +106,7 @@ class Circle:
         except Waiting as reason:
             waiting = reason.what
         self._on_one_scale(rounds)
-        last = next((one["verification"]["status"] for one in reversed(rounds) if "verification" in one), None)
+        last = next((entry["verification"]["status"] for entry in reversed(rounds) if "verification" in entry), None)
         return {
             "status": "waiting" if waiting else last, "waiting_for": waiting, "end": end,
             "best_round": best_round(rounds), "vehicle": vehicle, "rounds": rounds,
@@ -118,17 +118,17 @@ class Circle:
         case = tuned_case(path).tuned if path.is_dir() else load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
-            found = vehicle_from_recordings(case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"))
-            return found.files(), found.to_dict()
+            vehicle = vehicle_from_recordings(case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"))
+            return vehicle.files(), vehicle.to_dict()
 
         return self._stages.run(VEHICLE, self._stages.of_files(*self._order.vehicle) + _of_case(case), work)
 
     def _on_one_scale(self, rounds: list[dict[str, Any]]) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
-        judged = [one for one in rounds if "verification" in one]
-        for one in judged[:-1]:
-            name, case = f"{one['round']}_verify", self._tuned[judged[-1]["round"]]
-            self._tell(f"round {one['round']}: judge against the vehicle of round {judged[-1]['round']}")
+        judged = [entry for entry in rounds if "verification" in entry]
+        for entry in judged[:-1]:
+            name, case = f"{entry['round']}_verify", self._tuned[judged[-1]["round"]]
+            self._tell(f"round {entry['round']}: judge against the vehicle of round {judged[-1]['round']}")
             path = self._folder / name / RECORDING
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
@@ -136,22 +136,22 @@ class Circle:
                 return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
 
             inputs = checksum(self._stages.of_files(path) + _of_case(case))
-            one["against_last_vehicle"] = self._stages.run(f"{name}_again", inputs, work)
+            entry["against_last_vehicle"] = self._stages.run(f"{name}_again", inputs, work)
 
-    def _round(self, path: Path, number: int, found: dict[str, Any]) -> Path:
+    def _round(self, path: Path, number: int, entry: dict[str, Any]) -> Path:
         """One round; where the next one begins from."""
         if number > 1:
-            found["identification"] = self._identified(path, number)
+            entry["identification"] = self._identified(path, number)
             path = self._folder / f"{number}_diagnose" / "case.toml"
-        matched = self._matched(path, number, found)
+        matched = self._matched(path, number, entry)
         case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, number)
-        found["verification"] = self._verified(case, number)
+        entry["verification"] = self._verified(case, number)
         return matched
 
-    def _matched(self, path: Path, number: int, found: dict[str, Any]) -> Path:
+    def _matched(self, path: Path, number: int, entry: dict[str, Any]) -> Path:
         if path.is_dir():
-            found["match"] = {"status": "as given"}
+            entry["match"] = {"status": "as given"}
             return path
         self._tell(f"round {number}: match")
         case = load_case(path)
@@ -163,7 +163,7 @@ class Circle:
             return files, {"status": result.status, "limits": list(result.limits)}
 
         name = f"{number}_match"
-        found["match"] = self._stages.run(name, _of_case(case), work)
+        entry["match"] = self._stages.run(name, _of_case(case), work)
         return self._folder / name
 
     def _exported(self, case: Case, number: int) -> None:
@@ -218,8 +218,8 @@ class Circle:
         path = self._folder / f"{number}_record" / RECORDING
 
         def work() -> tuple[Files, dict[str, Any]]:
-            found = bed_from_recordings(case, [path], lambda step: self._tell(f"diagnose: {step}"))
-            return found.files(), found.to_dict()
+            bed = bed_from_recordings(case, [path], lambda step: self._tell(f"diagnose: {step}"))
+            return bed.files(), bed.to_dict()
 
         return self._stages.run(f"{number}_diagnose", self._stages.of_files(path), work)
 

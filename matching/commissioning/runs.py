@@ -21,7 +21,7 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
     """Text of the CSV recording of a planned excitation on a bed."""
     step, k = case.loop["sample_time"], len(case.loop.dynamometers)
     speeds = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
-    proportional, integral = (np.array([own[i] for own in plan.hold.values()]) for i in (0, 1))
+    proportional, integral = (np.array([hold[i] for hold in plan.hold.values()]) for i in (0, 1))
     before = round(SETTLING / step)
     demands = np.vstack([np.zeros((before, len(plan.inputs))), plan.torques])
     bed.begin(plan.speed)
@@ -53,11 +53,13 @@ def proof_recording(  # bed and controller are both stepped: one more than six
     """
     step = wanted.step
     k, before = len(law.dynamometers), round(SETTLING / step)
-    drives = [name for name in bed.inputs if name not in {own.torque_input for own in case.loop.dynamometers}]
+    drives = [
+        name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    ]
     at = [bed.sensors.index(name) for name in law.sensors]
     torques = np.vstack([np.zeros((before, len(wanted.inputs))), wanted.torques])
     readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
-    driven = [own.torque_input for own in case.loop.dynamometers]
+    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
     sent = np.zeros((len(torques), k))
     bed.begin(speed)
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample

@@ -40,7 +40,7 @@ class Reason:
 
 def why_short(
     case: Case,
-    found: BedVerification,
+    verification: BedVerification,
     recordings: Sequence[str | Path],
     channels: Mapping[str, Channel] | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -55,7 +55,7 @@ def why_short(
     InputError
         If a recording cannot be read or fitted.
     """
-    if found.status != "short":
+    if verification.status != "short":
         return None
     system = bed_system(case)
     inputs = [part.name for part in system.inputs]
@@ -66,7 +66,7 @@ def why_short(
             return Reason("", (needed,))
     read = [read_recording(path, system, channels) for path in recordings]
     diagnosis = diagnose(system, read, None, progress)
-    causes = [f"{one['kind']} at {one['at']}: {one['evidence']}" for one in diagnosis.to_dict()["causes"]]
+    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in diagnosis.to_dict()["causes"]]
     new = identified_case(case, diagnosis)
     gains = [
         f"{after.name} gives {after.torque_gain:.4g} times what it is asked for, not {before.torque_gain:.4g}"
@@ -83,5 +83,5 @@ def why_short(
 
 
 def _half_width(case: Case, dynamometer: str) -> float:
-    widths = {one.name: one.half_width for one in case.uncertainty.uncertain}
+    widths = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
     return widths.get(f"{dynamometer}.torque_gain", 0.0)

@@ -66,7 +66,7 @@ def _header(controller: ExportedController) -> str:
 
 
 def _data(controller: ExportedController) -> str:
-    law, own = controller.law, controller.settings
+    law, settings = controller.law, controller.settings
     lines = [
         "/* numbers of the controller: each matrix row by row, without its zeros */",
         "typedef struct {",
@@ -95,8 +95,8 @@ def _data(controller: ExportedController) -> str:
         "power_limit",
     )
     for part in (*per_dynamometer, "curve_speeds", "curve_torques", "unexpected"):
-        lines.append(f"    {{{', '.join(_real(value) for value in getattr(own, part))}}}, /* {part} */")
-    lines += [f"    {own.frozen_samples}, {own.life_samples}}};"]
+        lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")
+    lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
     matrices = {
         "EXPECTED": law.E,
         "CORRECTION": law.L,

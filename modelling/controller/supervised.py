@@ -92,29 +92,29 @@ class SupervisedController:
 
     def _check(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, life: int) -> int:
         """The first of :data:`FAULTS` that shows."""
-        own = self.settings
+        settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
         self._life = life
         if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(hold).all()):
             return 1
-        if 0 < own.life_samples <= self._lifeless:
+        if 0 < settings.life_samples <= self._lifeless:
             return 2
         speeds = np.abs(readings[self._speeds])
         still = np.array_equal(readings, self._last) and (speeds > fixed.TURNING).any()
         self._unchanged = self._unchanged + 1 if still else 0
-        if 0 < own.frozen_samples <= self._unchanged:
+        if 0 < settings.frozen_samples <= self._unchanged:
             return 3
-        if (speeds > own.speed_limit).any():
+        if (speeds > settings.speed_limit).any():
             return 4
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
         torques = np.abs(readings[self._torques])
         before = np.abs(self._past_torques).max(axis=0)
-        if ((before > own.lost_torque) & (torques < fixed.GONE * before)).any():
+        if ((before > settings.lost_torque) & (torques < fixed.GONE * before)).any():
             return 5
         surprise = np.abs(readings - self._start[0] - self.law.E @ self._state)
-        self._surprised = self._surprised + 1 if (surprise > own.unexpected).any() else 0
+        self._surprised = self._surprised + 1 if (surprise > settings.unexpected).any() else 0
         return 6 if self._surprised >= fixed.SAMPLES_IN_A_ROW else 0
 
     def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
@@ -132,13 +132,13 @@ class SupervisedController:
 
     def _torque_limits(self, readings: np.ndarray) -> np.ndarray:
         """Largest torques (k,), N·m, at the speeds that are read."""
-        own, speeds = self.settings, np.abs(readings[self._speeds])
-        of_power = own.power_limit / np.maximum(speeds, fixed.SLOWEST)
-        of_curve = np.interp(speeds, own.curve_speeds, own.curve_torques)
-        return np.minimum(np.minimum(own.torque_limit, of_power), of_curve)
+        settings, speeds = self.settings, np.abs(readings[self._speeds])
+        of_power = settings.power_limit / np.maximum(speeds, fixed.SLOWEST)
+        of_curve = np.interp(speeds, settings.curve_speeds, settings.curve_torques)
+        return np.minimum(np.minimum(settings.torque_limit, of_power), of_curve)
 
     def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> np.ndarray:
-        own, limit = self.settings, self._torque_limits(readings)
+        settings, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
             law, (y0, w0, u0) = self.law, self._start
             y, w = readings - y0, known - w0
@@ -148,9 +148,9 @@ class SupervisedController:
             return sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
-            asked = own.hold_proportional * error + self._integral
+            asked = settings.hold_proportional * error + self._integral
             sent = np.clip(asked, -limit, limit)
             within = asked == sent
-            self._integral = self._integral + within * own.hold_integral * self.law.sample_time * error
+            self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
             return sent
         return np.zeros(len(self._sent))

@@ -61,7 +61,7 @@ def test_every_kind_can_be_hidden_in_two_systems(kind: str) -> None:
     made = 0
     for system in SYSTEMS:
         try:
-            case = make_case(system, kind, "subtle", seed=2, duration=0.75)
+            case = make_case(system, kind, "subtle", seed=2, duration=0.5)
         except OutOfReach:
             continue
         assert case.answer["kind"] == SPOKEN.get(kind, kind)

@@ -256,16 +256,16 @@ class Tuner:
         swings = ratios.min(axis=1) <= self._beyond_stable(at.poles)
         z = at.poles[beds, np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))]
         close = np.minimum(ratios.min(axis=1), self._beyond_stable(at.poles)) < (1 + LARGEST_ROOM) * self._damping
-        found = np.zeros((len(self.gains.names), len(beds)))
+        slopes = np.zeros((len(self.gains.names), len(beds)))
         if not close.any():
-            return found
+            return slopes
         z, swings = z[close], swings[close]
         change = pole_slopes(self._guards.some(beds[close]), at.controller, gains, z)
         s = np.log(z.astype(complex)) / step
         by_s = change / (z * step)
         of_ratio = -by_s.real / np.abs(s) + s.real * (s.conj() * by_s).real / np.abs(s) ** 3
-        found[:, close] = np.where(swings, of_ratio, -(z.conj() * change).real / np.abs(z))
-        return found
+        slopes[:, close] = np.where(swings, of_ratio, -(z.conj() * change).real / np.abs(z))
+        return slopes
 
 
 def tuner(case: Case, drawn: int = 24, pool: int = 160) -> Tuner:

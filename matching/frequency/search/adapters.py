@@ -32,28 +32,30 @@ TRADE_POINTS = 5  # between the bounds, beside those where the end of what is as
 ADAPTERS = "rig."  # the names they begin with
 
 
-def settle_adapters(question: Question, found: VerifiedSolution) -> tuple[VerifiedSolution, tuple[AdapterTrade, ...]]:
+def settle_adapters(
+    question: Question, verified: VerifiedSolution
+) -> tuple[VerifiedSolution, tuple[AdapterTrade, ...]]:
     """The match with nothing ordered that gains nothing, and the trade of every adapter that was allowed to move.
 
     Where targets or limits are missed there is nothing to order yet, and no trade.
     """
-    moves = [move for move in found.task.moves if move.name.startswith(ADAPTERS)]
-    checked = found.checked
+    moves = [move for move in verified.task.moves if move.name.startswith(ADAPTERS)]
+    checked = verified.checked
     matched = (
         checked.stable and not checked.violations and all(target.met for target in target_results(question, checked))
     )
-    if not moves or found.beyond or not found.solution.feasible or not matched:
-        return found, ()
+    if not moves or verified.beyond or not verified.solution.feasible or not matched:
+        return verified, ()
     nodes, error = checked.errors.nodes, checked.errors.unmeasured
-    planned, error_planned = _as_planned(question, found), None
+    planned, error_planned = _as_planned(question, verified), None
     if planned is not None:
         error_planned = feedback_error(planned.tuned, nodes)
         if error_planned <= (1 + AS_GOOD) * error:
             checked = verify(planned.tuned, question.case.rig)
             met = all(target.met for target in target_results(question, checked))
             if met and checked.stable and not checked.violations:
-                found, error = replace(planned, task=found.task, checked=checked), checked.errors.unmeasured
-    return found, tuple(_trade(question.case, found, move, error_planned, error) for move in moves)
+                verified, error = replace(planned, task=verified.task, checked=checked), checked.errors.unmeasured
+    return verified, tuple(_trade(question.case, verified, move, error_planned, error) for move in moves)
 
 
 def feedback_error(tuned: Case, nodes: BandNodes) -> float:
@@ -62,29 +64,29 @@ def feedback_error(tuned: Case, nodes: BandNodes) -> float:
     return pooled(nodes.root_mean(log_squares(bed.unmeasured, bed.vehicle)))
 
 
-def _as_planned(question: Question, found: VerifiedSolution) -> VerifiedSolution | None:
+def _as_planned(question: Question, verified: VerifiedSolution) -> VerifiedSolution | None:
     """The match with every adapter as planned; None where no loop keeps its limits."""
-    moves = [move for move in found.task.moves if not move.name.startswith(ADAPTERS)]
+    moves = [move for move in verified.task.moves if not move.name.startswith(ADAPTERS)]
     if not moves:
         return None
     task = task_of(question, moves)
-    solution = warm(task, found.solution)
+    solution = warm(task, verified.solution)
     if solution is None or not solution.holds:
         return None
-    solution = replace(solution, starts=found.solution.starts)
-    released = {name: limit for name, limit in found.released.items() if not name.startswith(ADAPTERS)}
-    return VerifiedSolution(task, solution, [], released, apply(question.case, solution.values), found.checked)
+    solution = replace(solution, starts=verified.solution.starts)
+    released = {name: limit for name, limit in verified.released.items() if not name.startswith(ADAPTERS)}
+    return VerifiedSolution(task, solution, [], released, apply(question.case, solution.values), verified.checked)
 
 
 def _trade(
-    case: Case, found: VerifiedSolution, move: Move, error_planned: float | None, error: float
+    case: Case, verified: VerifiedSolution, move: Move, error_planned: float | None, error: float
 ) -> AdapterTrade:  # fmt: skip
-    nodes, tried = found.checked.errors.nodes, dict[float, float]()
-    ordered = found.solution.values.get(move.name, move.start)
+    nodes, tried = verified.checked.errors.nodes, dict[float, float]()
+    ordered = verified.solution.values.get(move.name, move.start)
 
     def as_good(part: float) -> bool:
         value = float(unscaled(part, move))
-        tuned = apply(found.tuned, dict.fromkeys(move.together, value))
+        tuned = apply(verified.tuned, dict.fromkeys(move.together, value))
         winding = encirclements(parts_of(tuned))
         if winding.unstable or not winding.clear:
             return False

@@ -93,17 +93,17 @@ def match(
 def _match_with_feedback(
     question: Question, effort: SearchEffort, beds: int | None, aside: Aside | None
 ) -> MatchResult:
-    found = solve_and_verify(question, effort)
-    found, adapters = (found, ()) if effort.near else settle_adapters(question, found)
-    in_time = None if aside is None else aside.begin(truth_of, found.tuned)
-    targets = target_results(question, found.checked)
-    relaxed = Relaxations() if effort.near else relaxations(question, found, targets)
-    stands = [*limits(question, found, targets, relaxed), *unloaded_lashes(question.case)]
-    errors = errors_with_bounds(found.tuned, found.checked.errors)
-    robust = None if beds is None else on_drawn_beds(found.tuned, found.checked, beds, effort.seed)
+    verified = solve_and_verify(question, effort)
+    verified, adapters = (verified, ()) if effort.near else settle_adapters(question, verified)
+    in_time = None if aside is None else aside.begin(truth_of, verified.tuned)
+    targets = target_results(question, verified.checked)
+    relaxed = Relaxations() if effort.near else relaxations(question, verified, targets)
+    stands = [*limits(question, verified, targets, relaxed), *unloaded_lashes(question.case)]
+    errors = errors_with_bounds(verified.tuned, verified.checked.errors)
+    robust = None if beds is None else on_drawn_beds(verified.tuned, verified.checked, beds, effort.seed)
     stands += [] if robust is None else not_kept(question.case, robust)
     effort.tell("bound and curves")
-    result = _result(question, found, targets, stands, errors)
+    result = _result(question, verified, targets, stands, errors)
     notes = (*result.notes, *([] if robust is None else noted(question.case, robust)))
     simulated = None if in_time is None else in_time.result()
     return replace(result, notes=notes, adapters=adapters, robust=robust, simulated_in_time=simulated)
@@ -116,10 +116,10 @@ def _with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> M
 
 
 def _result(
-    question: Question, found: VerifiedSolution, targets: tuple[TargetResult, ...], stands: list[str],
+    question: Question, verified: VerifiedSolution, targets: tuple[TargetResult, ...], stands: list[str],
     errors: ResponseError,
 ) -> MatchResult:  # fmt: skip
-    case, solution, checked = question.case, found.solution, found.checked
+    case, solution, checked = question.case, verified.solution, verified.checked
     return MatchResult(
         status="limited" if stands else "matched",
         limits=tuple(stands),
@@ -127,22 +127,22 @@ def _result(
             *differing_components(case),
             *case.notes,
             *standstill(case),
-            *opened_lashes(found.tuned, checked.traces),
-            *_notes(found.task, solution, found.released, bool(stands)),
+            *opened_lashes(verified.tuned, checked.traces),
+            *_notes(verified.task, solution, verified.released, bool(stands)),
             *checked.notes,
         ),
         case=case,
-        tuned=found.tuned,
+        tuned=verified.tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
         rig_modes=tuple(damped_modes(case.rig)),
         matched_modes=tuple(mode.to_dict() for mode in checked.modes),
         targets=targets,
         parameters=tuple(
-            _parameter(move, float(part), solution, move in found.task.moves)
+            _parameter(move, float(part), solution, move in verified.task.moves)
             for move, part in zip(case.moves, question.shares, strict=True)
         ),
         response_error=errors,
-        curves=curves_of(ComparedBed(found.tuned, parts_of(found.tuned, untuned=case.rig))),
+        curves=curves_of(ComparedBed(verified.tuned, parts_of(verified.tuned, untuned=case.rig))),
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,
@@ -153,16 +153,16 @@ def _result(
 
 def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
     """That nothing had to move, and what moves for a limit's sake only."""
-    found = []
+    notes = []
     ends = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
     if not limited and all(abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends):
-        found.append(NOTHING_MOVED)
-    found += [
+        notes.append(NOTHING_MOVED)
+    notes += [
         f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "
         f"and moves for the limit {limit} alone"
         for name, limit in released.items()
     ]
-    return found
+    return notes
 
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:

@@ -30,7 +30,7 @@ def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
             cells[0, 1].set_visible(False)
         if signals:
             trace(cells[1, 0], _telling_signal(signals))
-            begins = min(own.at for own in result.case.manoeuvre.values())
+            begins = min(manoeuvre.at for manoeuvre in result.case.manoeuvre.values())
             cells[1, 0].set_xlim(0, min(begins + 3, cells[1, 0].get_xlim()[1]))
             cells[1, 0].set_xlabel("Time in s")
         else:
@@ -52,8 +52,8 @@ def _telling(result: MatchResult) -> list[int]:
 
 def _telling_signal(signals: Sequence[Signal]) -> Signal:
     """The first torque that vehicle and matched rig both have, else the first signal."""
-    both = [own for own in signals if {"vehicle", "matched"} <= set(own.curves)]
-    torques = [own for own in both if "N·m" in own.label]
+    both = [signal for signal in signals if {"vehicle", "matched"} <= set(signal.curves)]
+    torques = [signal for signal in both if "N·m" in signal.label]
     return (torques or both or list(signals))[0]
 
 
@@ -67,17 +67,23 @@ def _targets(axes: Any, result: MatchResult) -> None:
     colours = {"vehicle": VEHICLE, "rig": RIG, "matched": MATCHED}
     marks = "osD^v"
     for count, (target, mark) in enumerate(zip(result.targets, marks * 9)):
-        found = {name: getattr(target, name) for name in places}
-        known = [name for name in places if found[name] is not None]
-        path = [found[name] for name in known]
+        frequencies = {name: getattr(target, name) for name in places}
+        known = [name for name in places if frequencies[name] is not None]
+        path = [frequencies[name] for name in known]
         axes.plot(path, [places[name] for name in known], color="#999999", linewidth=0.9, linestyle=":", zorder=1)
         for name in known:
             axes.plot(
-                found[name], places[name], mark, color=colours[name], markersize=9, markeredgecolor="#222222", zorder=3
+                frequencies[name],
+                places[name],
+                mark,
+                color=colours[name],
+                markersize=9,
+                markeredgecolor="#222222",
+                zorder=3,
             )
             axes.annotate(
-                f"{hertz(found[name])} Hz",
-                (found[name], places[name]),
+                f"{hertz(frequencies[name])} Hz",
+                (frequencies[name], places[name]),
                 (0, -18 if count % 2 else 9),
                 textcoords="offset points",
                 ha="center",

@@ -54,17 +54,17 @@ def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
 def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) -> None:
     """Magnitude of one compared function, with the band shaded and the error in the corner."""
     f = result.curves.frequencies
-    found = curves_of(result, index)
+    curves = curves_of(result, index)
     shade(axes, result.response_error.band)
-    for name, values in found.items():
+    for name, values in curves.items():
         axes.plot(f, np.abs(values), **LINES[name])
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(f[0], f[-1])
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_locator(LogLocator(numticks=7))
-    largest = max(np.abs(values).max() for values in found.values())
-    smallest = min(np.abs(values).min() for name, values in found.items() if name in ("vehicle", "matched"))
+    largest = max(np.abs(values).max() for values in curves.values())
+    smallest = min(np.abs(values).min() for name, values in curves.items() if name in ("vehicle", "matched"))
     axes.set_ylim(smallest / 3, largest * 2)
     clear: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5}
     axes.annotate(_error(result, index), (0.03, 0.04), xycoords="axes fraction", fontsize=8, va="bottom", bbox=clear)
@@ -79,9 +79,9 @@ def phase(axes: Any, result: MatchResult, index: int) -> None:
     band = result.response_error.band
     inside = (f >= band[0]) & (f <= band[1])
     shade(axes, band)
-    found = {name: np.degrees(np.unwrap(np.angle(values))) for name, values in curves_of(result, index).items()}
-    for name, values in found.items():
-        turns = np.round(np.mean((values - found["vehicle"])[inside]) / 360)
+    phases = {name: np.degrees(np.unwrap(np.angle(values))) for name, values in curves_of(result, index).items()}
+    for name, values in phases.items():
+        turns = np.round(np.mean((values - phases["vehicle"])[inside]) / 360)
         axes.plot(f, values - 360 * turns, **LINES[name])
     axes.set_xlim(f[0], f[-1])
     axes.yaxis.set_major_locator(MultipleLocator(90 * max(1, round(np.ptp(axes.get_ylim()) / 360))))
@@ -94,17 +94,17 @@ def shade(axes: Any, band: tuple[float, float]) -> None:
 
 def magnitude_label(result: MatchResult, pair: Compared) -> str:
     """Quantity and unit of a compared function."""
-    sensor = next(own for own in result.case.vehicle.sensors if own.name == pair.sensor)
+    sensor = next(part for part in result.case.vehicle.sensors if part.name == pair.sensor)
     return f"{sensor.measures.capitalize()} in {unit(SENSOR_UNITS[sensor.measures])} per N·m"
 
 
 def _error(result: MatchResult, index: int) -> str:
-    own = result.response_error.functions[index]
-    parts = [f"error {number(own.after, 2)}"]
-    if own.before is not None:
-        parts.append(f"without control {number(own.before, 2)}")
+    errors = result.response_error.functions[index]
+    parts = [f"error {number(errors.after, 2)}"]
+    if errors.before is not None:
+        parts.append(f"without control {number(errors.before, 2)}")
     if "unmeasured" in curves_of(result, index):
-        parts.append(f"not measured {number(own.unmeasured, 2)}")
+        parts.append(f"not measured {number(errors.unmeasured, 2)}")
     return "\n".join(parts)
 
 
