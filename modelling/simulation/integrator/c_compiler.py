@@ -6,6 +6,7 @@ A command line holds nothing but flags and fixed names of files; what is compile
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import os
 import shutil
@@ -171,5 +172,6 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
                         running.kill()
     if running.returncode:
         lines = said.splitlines()
-        raise CompilerFault(next((line for line in lines if "error" in line), lines[0] if lines else "it fails"))
+        telling = (line for mark in (os.strerror(errno.ENOSPC), "error") for line in lines if mark in line)
+        raise CompilerFault(next(telling, lines[0] if lines else "it fails"))
     return out.strip()
