@@ -1,5 +1,6 @@
 """The cache of compiled libraries: what is wrong in it is made anew, what others may write to is not loaded."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import casadi as ca
 import pytest
 from needs import compiles
 
-from modelling.common.errors import InputError
+from modelling.common.errors import InputError, of_the_machine
 from modelling.simulation.integrator import c_compiler, c_library, library_cache
 
 SOURCE = "double answer(void) { return 42.0; }\n"
@@ -200,3 +201,13 @@ def test_what_is_compiled_raises_no_warning():
 
 # CasADi writes helpers that not every function needs
 WARNING_FREE = ("-Wall", "-Werror", "-Wno-unused-function", "-shared", "-fPIC", "-std=c11")
+
+
+def test_a_compiler_without_room_is_an_error_of_the_machine(tmp_path):
+    """Not a fault of the sources: the command says that the disk is full."""
+    compiler = tmp_path / "cc"
+    compiler.write_text(f"#!/bin/sh\necho 'a.c: fatal error: {os.strerror(errno.ENOSPC)}' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as full:
+        c_compiler.compile_library(str(compiler), [], {"a.c": ""}, "a.c")
+    assert "no space is left" in str(of_the_machine(full.value))

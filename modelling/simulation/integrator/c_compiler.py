@@ -149,6 +149,8 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
     ------
     CompilerFault
         If it cannot be run, fails or takes longer.
+    OSError
+        If it says that the disk is full.
     """
     environment = os.environ | ({"TMPDIR": folder} if folder else {})  # what a killed compiler leaves goes with it
     try:
@@ -172,6 +174,7 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
                         running.kill()
     if running.returncode:
         lines = said.splitlines()
-        telling = (line for mark in (os.strerror(errno.ENOSPC), "error") for line in lines if mark in line)
-        raise CompilerFault(next(telling, lines[0] if lines else "it fails"))
+        if (full := os.strerror(errno.ENOSPC)) in said:
+            raise OSError(errno.ENOSPC, full, folder)
+        raise CompilerFault(next((line for line in lines if "error" in line), lines[0] if lines else "it fails"))
     return out.strip()
