@@ -70,7 +70,7 @@ def test_two_effects_are_both_named(tmp_path: Path) -> None:
 
 def test_free_play_touched_on_one_side_is_told_as_a_lower_bound(tmp_path: Path) -> None:
     """A drive that pulls throughout crosses half of its free play, from the middle to one side, and never the rest."""
-    hidden = make_case("two_mass", [("backlash", "shafts.link")], "plain", seed=4, duration=4.0)
+    hidden = make_case("two_mass", [("backlash", "shafts.link")], "plain", seed=4, duration=3.5)
     hidden.write(tmp_path)
     system = load(tmp_path / "model.toml")
     found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
@@ -93,7 +93,7 @@ def test_extended_model_goes_through_its_file(tmp_path: Path, subtle_drag: tuple
 
 def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
     """A 7 Hz torque that no input tells: nothing of the vocabulary may be given for sure."""
-    found, answer = diagnosed(tmp_path, "disturbance", duration=2.5)
+    found, answer = diagnosed(tmp_path, "disturbance", duration=3.0)
     assert answer["outside"]
     assert found.verdict == "unexplained" or all(cause.confidence < 0.5 for cause in found.causes)
     assert found.rest

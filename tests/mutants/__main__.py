@@ -7,7 +7,6 @@ run against it, the most particular first, until one fails. ``out/mutants/`` kee
 """
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
@@ -18,8 +17,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.mutants.bench import FAILED, PASSED, Run, copy, warm
-from tests.mutants.coverage_map import ROOT, Map, rows
+from tests.mutants.coverage_map import ROOT, Map
 from tests.mutants.operators import Fault
+from tests.mutants.rows import append, rows
 from tests.mutants.sample import all_faults, sample
 from tests.mutants.selection import tests_for
 
@@ -45,15 +45,12 @@ def main() -> int:
     results = folder / f"results-{asked.seed}.jsonl"
     done = {key(row): row for row in (rows(results) if results.exists() else [])}
     warm()
-    with results.open("a", encoding="utf-8") as file:
-        for row in judged([fault for fault in chosen if key(facts(fault)) not in done], tests, folder, asked):
-            done[key(row)] = row
-            file.write(json.dumps(row, ensure_ascii=False) + "\n")
-            file.flush()
-            print(
-                f"{len(done):4} of {len(chosen)}  {row['end']:8} {row['file']}:{row['line']}  {row['change']}",
-                flush=True,
-            )
+    for row in judged([fault for fault in chosen if key(facts(fault)) not in done], tests, folder, asked):
+        done[key(row)] = row
+        append(results, row)
+        print(
+            f"{len(done):4} of {len(chosen)}  {row['end']:8} {row['file']}:{row['line']}  {row['change']}", flush=True
+        )
     return report([done[key(facts(fault))] for fault in chosen], folder / f"survivors-{asked.seed}.md", asked.least)
 
 

@@ -7,7 +7,6 @@ recorded. Tests that have a row already are not run again, so that a stopped run
 """
 
 import functools
-import json
 import os
 import sys
 from collections import defaultdict
@@ -15,6 +14,8 @@ from pathlib import Path
 
 import coverage
 import pytest
+
+from tests.mutants.rows import append, rows
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("modelling", "matching")
@@ -62,8 +63,7 @@ class Recorder:
             seconds = round(processor_seconds() - began, 3)
             lines = {name: sorted(found) for name, found in sorted(self.lines.items())}
             row = {"test": item.nodeid, "seconds": seconds, "passed": self.passed, "lines": lines}
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row, separators=(",", ":")) + "\n")
+            append(self.path, row)
 
     def pytest_runtest_logreport(self, report) -> None:
         self.passed &= report.passed
@@ -88,12 +88,6 @@ def pytest_configure(config) -> None:
     folder = Path(os.environ["MUTANTS_MAP"])
     if "PYTEST_XDIST_WORKER" in os.environ or not config.getoption("numprocesses", None):
         config.pluginmanager.register(Recorder(folder, os.environ.get("PYTEST_XDIST_WORKER", "main")))
-
-
-def rows(path: Path) -> list[dict]:
-    """All whole rows of a file."""
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    return [json.loads(line) for line in lines if line.endswith("\n")]
 
 
 def processor_seconds() -> float:
