@@ -44,6 +44,7 @@ def generators() -> dict[str, Callable[[str], None]]:
         "examples/road_to_rig/drivetrain.png": make_drawing,
         "examples/road_to_rig/overview.png": make_overview,
         "examples/road_to_rig/map.png": make_map,
+        "examples/road_to_rig/on_the_bed.png": make_circle,
         "tests/campaign/latest.png": keep_campaign,
     }
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
@@ -55,6 +56,7 @@ COMMANDS = {
     "examples/road_to_rig/drivetrain.png": "`rigmatch show`",
     "examples/road_to_rig/overview.png": "`rm.match(case).plot()`, seed 0",
     "examples/road_to_rig/map.png": "`rigmatch map`, one start a point",
+    "examples/road_to_rig/on_the_bed.png": "`python -m tests.virtual_bed.reference_circle`",
     "tests/campaign/latest.png": "`make campaign`",
 }
 
@@ -87,6 +89,17 @@ def make_map(commit: str) -> None:
     folder = ROOT / "examples" / "road_to_rig"
     figure = rm.map(folder / "case.toml", *MAP_AXES, starts=1).plot()
     (folder / "map.png").write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
+
+
+def make_circle(commit: str) -> None:
+    """What two matches gain on the virtual bed of the reference case: some minutes."""
+    sys.path.insert(0, str(ROOT))
+    from matching.report.common.style import image
+    from tests.virtual_bed.reference_circle import measure, picture
+
+    figure = picture(measure(ROOT / "out" / "reference_circle"))
+    target = ROOT / "examples" / "road_to_rig" / "on_the_bed.png"
+    target.write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
 
 
 def keep_campaign(commit: str) -> None:

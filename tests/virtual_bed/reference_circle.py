@@ -34,6 +34,7 @@ from virtual_bed.bed import Actuator, Reader, VirtualBed, drawn, drive_of
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
 SPREAD, LATER, GAINS = 0.05, 2e-4, (1.020, 0.985)  # relative; s; of the two dynamometers
 ROUNDS = CommissionOrder(rounds=2)
+LEAST = 0.01  # lower end of the axis of the response error
 
 
 class HeldSpeed:
@@ -114,10 +115,17 @@ def picture(rows: list[dict[str, Any]]) -> Figure:
             left.errorbar(place, 100 * row["R_XiL"], yerr=200 * row["R_XiL_uncertainty"], **look)
             left.annotate(f"{100 * row['R_XiL']:.2f}", (place, 100 * row["R_XiL"]), (0, 9), textcoords="offset points",
                           ha="center", fontsize=8)  # fmt: skip
-            if row["error"] is not None:
+            if row["error"] is None:
+                continue
+            above = row["error"] + 2 * row["error_uncertainty"]
+            shown = row["error"] > 2 * row["error_uncertainty"]
+            if shown:
                 right.errorbar(place, row["error"], yerr=2 * row["error_uncertainty"], **look)
-                right.annotate(f"{row['error']:.3f}", (place, row["error"]), (9, 0), textcoords="offset points",
-                               va="center", fontsize=8)  # fmt: skip
+            else:
+                right.plot([place, place], [LEAST, above], color=look["color"], linewidth=6, alpha=0.4)
+            text = f"{row['error']:.3f}" if shown else f"below {above:.3f}"
+            right.annotate(text, (place, above), (0, 6), textcoords="offset points",
+                           ha="center", fontsize=8)  # fmt: skip
         left.set_ylabel("measured R_XiL in %")
         right.set_ylabel("measured response error")
         right.set_yscale("log")
@@ -125,6 +133,8 @@ def picture(rows: list[dict[str, Any]]) -> Figure:
             axes.set_xticks(range(len(names)), names)
             axes.set_xlim(-0.5, len(names) - 0.5)
             axes.margins(y=0.15)
+        right.set_ylim(LEAST, 6)
+        right.set_yticks([0.01, 0.1, 1], ["0.01", "0.1", "1"])
     return drawn_figure
 
 
