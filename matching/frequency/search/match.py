@@ -6,6 +6,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from matching.aside import Aside
 from matching.frequency.beds.tune import TuningEffort
 from matching.frequency.case.case import Case, Move
@@ -28,6 +30,8 @@ from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_a
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, TuningTask
 from matching.frequency.verification.drawn_beds import on_drawn_beds
+from matching.frequency.verification.observed import RobustVerification
+from matching.frequency.verification.over_beds import over_beds
 from matching.frequency.verification.robust_limits import not_kept, noted
 from modelling.modal.damped_modes import damped_modes
 
@@ -95,18 +99,50 @@ def _match_with_feedback(
 ) -> MatchResult:
     verified = solve_and_verify(question, effort)
     verified, adapters = (verified, ()) if effort.near else settle_adapters(question, verified)
+    robust = None if beds is None else on_drawn_beds(verified.tuned, verified.checked, beds, effort.seed)
+    further: list[str] = []
+    if robust is not None and not effort.near:
+        verified, robust, further = _over_beds(question, verified, robust, effort)
     in_time = None if aside is None else aside.begin(truth_of, verified.tuned)
     targets = target_results(question, verified.checked)
     relaxed = Relaxations() if effort.near else relaxations(question, verified, targets)
     stands = [*limits(question, verified, targets, relaxed), *unloaded_lashes(question.case)]
     errors = errors_with_bounds(verified.tuned, verified.checked.errors)
-    robust = None if beds is None else on_drawn_beds(verified.tuned, verified.checked, beds, effort.seed)
     stands += [] if robust is None else not_kept(question.case, robust)
     effort.tell("bound and curves")
     result = _result(question, verified, targets, stands, errors)
-    notes = (*result.notes, *([] if robust is None else noted(question.case, robust)))
+    notes = (*result.notes, *([] if robust is None else noted(question.case, robust)), *further)
     simulated = None if in_time is None else in_time.result()
     return replace(result, notes=notes, adapters=adapters, robust=robust, simulated_in_time=simulated)
+
+
+def _over_beds(
+    question: Question, verified: VerifiedSolution, robust: RobustVerification, effort: SearchEffort
+) -> tuple[VerifiedSolution, RobustVerification, list[str]]:
+    """The gains tuned over drawn beds where those found miss something and that gains; with what to note."""
+    case, count = question.case, robust.beds.drawn
+    if not count or not [*not_kept(case, robust), *noted(case, robust)]:
+        return verified, robust, []
+    better = over_beds(verified.tuned, case.rig, verified.task.moves, count, effort.seed)
+    effort.tell("gains over drawn beds")
+    if better is None or not _missed(question, better.robust) < _missed(question, robust):
+        return verified, robust, []
+    solution = replace(verified.solution, values={**verified.solution.values, **better.values}, feasible=True)
+    return (
+        replace(verified, solution=solution, tuned=better.tuned, checked=better.robust.verification),
+        better.robust,
+        [better.sentence()],
+    )
+
+
+def _missed(question: Question, robust: RobustVerification) -> tuple[float, ...]:
+    """What a tuned law misses, what weighs most first: targets, limits, stability and damping of beds, the rest."""
+    checked, beds, case = robust.verification, robust.beds, question.case
+    every = [*not_kept(case, robust), *noted(case, robust)]
+    error = float(np.median(beds.unmeasured)) if beds.unmeasured else np.inf
+    targets = sum(not target.met for target in target_results(question, checked))
+    missed = (not checked.stable) + len(checked.violations)
+    return targets, missed, beds.drawn - beds.stable, beds.drawn - beds.damped, len(every), error
 
 
 def _with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> MatchResult:

@@ -10,12 +10,13 @@ from matching.frequency.verification.observed import RobustVerification
 def not_kept(case: Case, robust: RobustVerification) -> list[str]:
     """Sentences on what makes a match limited.
 
-    An observer has to keep everything. A feedback law has to be stable on every drawn bed and to keep the error to
-    measured torques: its search does not see beds, so the rest is only :func:`noted`.
+    An observer has to keep everything. A feedback law has to be stable and damped on every drawn bed and to keep the
+    error to measured torques; the rest is only :func:`noted`.
     """
     sentences = [*_unstable(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
+    sentences += _damped_too_little(robust)
     if case.loop.structure.is_observer:
-        sentences += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
+        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
     return sentences
 
 
@@ -23,7 +24,7 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
     """Sentences on what does not limit a match: a worst bed of the box that is damped too little, a feedback's loop."""
     sentences, worst, required = [], robust.beds.worst, robust.required.damping_ratio
     if not case.loop.structure.is_observer:
-        sentences += [*_damped_too_little(robust), *_unstable_worst_bed(robust), *_loop(case, robust)]
+        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
     if worst is not None and 0 < worst.damping_ratio < required:
         sentences.append(
             f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "

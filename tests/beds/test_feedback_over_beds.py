@@ -1,0 +1,74 @@
+"""The gains of a feedback law over drawn beds: figures against the independent method, and how a match ends."""
+
+import numpy as np
+import pytest
+from small_bed import CASE, write
+
+from matching.frequency.beds.tuner import DAMPING_RESERVE
+from matching.frequency.case.load import load_case
+from matching.frequency.case.tuned import apply
+from matching.frequency.independent.beds_check import Judge
+from matching.frequency.independent.loop_check import check_loop
+from matching.frequency.loop.control_law import control_law
+from matching.frequency.loop.parts import parts_of
+from matching.frequency.search.match import match
+from matching.frequency.verification.feedback_gains import feedback_tuner
+
+GAINS = """
+[move]
+"loop.proportional_gain" = { lower = 1, upper = 300 }
+"loop.integral_gain" = { lower = 1, upper = 3000 }
+"loop.torque_feed_forward" = { lower = 0, upper = 1.5 }
+"loop.acceleration_feed_forward" = { lower = 0, upper = 1.2 }
+"loop.lead_time" = { lower = 0, upper = 0.01 }
+"""
+
+
+@pytest.fixture(scope="module")
+def feedback_cases(tmp_path_factory):
+    """The small bed by structure."""
+    text = CASE.replace('measures = ["motor_speed"]\n', "") + GAINS
+    return {
+        structure: load_case(write(tmp_path_factory.mktemp(structure), text.replace('"observer"', f'"{structure}"')))
+        for structure in ("pi", "model_based")
+    }
+
+
+@pytest.mark.parametrize("structure", ["pi", "model_based"])
+def test_errors_damping_margin_and_noise_are_those_of_the_independent_method(structure, feedback_cases):
+    case = feedback_cases[structure]
+    search = feedback_tuner(case, case.moves)
+    at = np.array([0.6, 0.5, 0.6, 0.3, 0.2])
+    tuned = apply(case, search.values(at))
+    law = control_law(parts_of(tuned))
+    box, feedback = case.uncertainty, search._feedback(at)
+    positions = box.spread(512)[:4]
+    judge = Judge(tuned, law, search.beds.frequencies)
+    verdicts = [judge.verdict(box.at(position)) for position in positions]
+    search.guarded = np.arange(5)
+    needed = search.required.damping_ratio * (1 + DAMPING_RESERVE)
+    ratios = (search._damping_room(search.pool, feedback, np.arange(5))[1:] + 1) * needed
+    np.testing.assert_allclose(ratios, [verdict.damping_ratio for verdict in verdicts], rtol=1e-5)
+    acting = search._action(feedback)
+    of_beds = acting.at(slice(len(search._frequencies) - len(search.beds.frequencies), None))
+    squares = search._squares(search.beds, of_beds)[:4]
+    tolerances = case.unmeasured_tolerance, case.tolerance
+    expected = [
+        (verdict.unmeasured / tolerances[0]) ** 2 + (verdict.measured / tolerances[1]) ** 2 for verdict in verdicts
+    ]
+    np.testing.assert_allclose(squares, expected, rtol=1e-4)
+    loop = check_loop(tuned, law, search.plan.uncertainty, search.required.margin_from, search.required.rolled_off_from)
+    *_, noise, rolled_off, margin = search.judged(at).least
+    assert margin == pytest.approx(min(loop.modulus_margin / (1.03 * 0.5) - 1, 1.0), abs=1e-4)
+    assert rolled_off == pytest.approx(max(1 - 1.03 * loop.largest_rolled_off / 0.5, -100), abs=1e-3)
+    assert noise == pytest.approx(1 - 1.03 * max(loop.command_noise) / search.required.command_noise, abs=0.02)
+
+
+def test_feedback_that_misses_a_target_with_the_margin_over_all_is_matched_over_beds(feedback_cases):
+    result = match(feedback_cases["pi"], starts=3, beds=60)
+    assert any("tuned over drawn beds" in note for note in result.notes)
+    assert result.status == "matched"
+    assert result.robust.beds.stable == result.robust.beds.damped == 60
+    assert result.verification.modulus_margin == result.robust.loop.modulus_margin >= 0.5
+    assert result.verification.winding.modulus_margin < 0.5  # on the emulated mode, where it has to be
+    assert result.response_error.after <= result.case.tolerance
