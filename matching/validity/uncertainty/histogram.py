@@ -65,13 +65,3 @@ class Histogram:
         """The value below which so much of the distribution lies."""
         edges, cumulative = self._cumulative()
         return float(np.interp(probability, cumulative, edges))
-
-    def shortest(self, coverage: float) -> tuple[float, float]:
-        """The shortest interval that holds the coverage (JCGM 101, 5.3.4, 7.7)."""
-        edges, cumulative = self._cumulative()
-        first = int(np.searchsorted(cumulative, 0.0, side="right")) - 1
-        last = int(np.searchsorted(cumulative, 1 - coverage, side="right"))
-        starts = slice(first, max(last, first + 1))
-        ends = np.interp(cumulative[starts] + coverage, cumulative, edges)
-        best = int(np.argmin(ends - edges[starts]))
-        return float(edges[starts][best]), float(ends[best])

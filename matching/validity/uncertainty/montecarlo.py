@@ -151,7 +151,10 @@ def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -
 
 def _result(coverage: float, histogram: Histogram, rows: list[tuple], seed: int, digits: int) -> MonteCarlo:
     tail = (1 - coverage) / 2
-    shortest = histogram.shortest(coverage)
+    # The average over the chunks, whose scatter is known: where the shortest interval of all draws lies is decided by
+    # where its flat minimum happens to be, and scatters more with n^(−1/3).
+    low, high = np.mean([row[2:] for row in rows], axis=0).tolist()
+    shortest = low, high
     symmetric = (histogram.quantile(tail), histogram.quantile(1 - tail))
     if histogram.standard_deviation == 0:  # an exact result, which the histogram's bins hold to a bin only
         shortest = symmetric = (histogram.mean, histogram.mean)
