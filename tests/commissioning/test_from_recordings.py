@@ -37,7 +37,7 @@ def test_the_case_holds_the_true_values_within_what_it_states(out):
     case = load_case(out / "case.toml")
     box = {own.name: own for own in case.uncertainty.uncertain}
     known = case.rig.parameters
-    for name, value in (TRUTH["vehicle"] | TRUTH["rig"]).items():
+    for name, value in (TRUTH["car"] | TRUTH["bed"]).items():
         own = box.get(f"rig.{name}" if name in known else f"vehicle.{name}")
         if own is not None:
             assert abs(own.value - value) < 2 * own.half_width, name

@@ -47,9 +47,9 @@ def readers(drive, system) -> dict[str, Reader]:
 
 def main(build: Path) -> None:
     case, truth = load_case(FOLDER / "case.toml"), tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))
-    car = true_drive("vehicle", build, vehicle=truth["vehicle"])
+    car = true_drive("vehicle", build, vehicle=truth["car"])
     (FOLDER / "road.csv").write_text(road(VirtualBed(car, [], {}, readers(car, case.vehicle)), case, build))
-    bed = true_drive("rig", build, vehicle=truth["vehicle"], rig=truth["rig"])
+    bed = true_drive("rig", build, vehicle=truth["car"], rig=truth["bed"])
     loop = case.loop
     actuator = Actuator(truth["loop"]["dead_time"] - HELD, loop["inverter_lag"], truth["loop"]["torque_gain"])
     sensing = readers(bed, case.rig)
