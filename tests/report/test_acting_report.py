@@ -29,13 +29,13 @@ def test_saved_curves_are_those_of_the_figures(hand_made, data):
     assert head[0] == "frequency [Hz]"
     assert numbers[:, 0] == pytest.approx(hand_made.curves.frequencies, rel=1e-6)
     pair = hand_made.case.compared[1]
-    column = head.index(f"{pair.sensor} / {pair.input}, matched, modulus [SI]")
+    column = head.index(f"{pair.sensor} / {pair.input} matched modulus [SI]")
     assert head[column + 1].endswith("phase [deg]")
     values = numbers[:, column] * np.exp(1j * np.radians(numbers[:, column + 1]))
     assert values == pytest.approx(hand_made.curves.matched[:, 1], rel=1e-5)
     traces = hand_made.verification.traces
     head, *rows = csv.reader(io.StringIO(data["manoeuvre"]))
-    column = next(number for number, name in enumerate(head) if name.startswith("Motor speed, vehicle ["))
+    column = next(number for number, name in enumerate(head) if name.startswith("Motor speed vehicle ["))
     assert np.array(rows, float)[:, column] == pytest.approx(traces.vehicle["motor_speed"], rel=1e-6, abs=1e-9)
 
 

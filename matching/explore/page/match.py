@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,9 @@ from matching.explore.page.map_view import MapView
 from matching.explore.page.running import Runner, address_of
 from matching.frequency.studies.map_axis import quantities
 from matching.report.common.wording import component, unit
+from matching.report.match.checks import PEAK_UNITS
 from matching.report.match.text import summary
+from modelling.bed.manoeuvres.shapes import UNITS as MANOEUVRE_UNITS
 from modelling.common.errors import InputError
 from modelling.common.escape import html
 
@@ -93,9 +96,22 @@ class MatchTab:
         if field.keys[0] == "move":
             name = str(field.keys[1])
             label = f"{component(name)}, {field.key} [{unit(quantities(self.form.case)[name][1]) or '1'}]"
+        elif si := self._unit(field):
+            label += f" [{unit(si)}]"
         widget = pn.widgets.TextInput(name=label, value=field.text, width=320)
         widget.param.watch(partial(self._enter, field), "value")
         return widget
+
+    def _unit(self, field: Field) -> str:
+        """SI unit of a value of loop, limits or manoeuvre that is written without one; empty where there is none."""
+        known = {
+            "loop": {name: knob.unit for name, knob in self.form.case.loop.quantities.items()},
+            "manoeuvre": MANOEUVRE_UNITS,
+            "limits": PEAK_UNITS,
+        }.get(str(field.keys[0]), {})
+        key = re.split(r"[._](?=[a-z]+$)", field.key)[-1] if field.keys[0] == "limits" else field.key
+        written = field.text.strip().partition(" ")[2]  # such as "1 deg"
+        return "" if written or known.get(key) == "1" else known.get(key, "")
 
     def _enter(self, field: Field, event: Any) -> None:
         if event.new != field.text:
