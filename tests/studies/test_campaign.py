@@ -28,7 +28,7 @@ class Quick:
 def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monkeypatch):
     asked, progress = [], []
     monkeypatch.setattr("matching.diagnosis.diagnosis.diagnose", lambda *given: asked.append(given) or Quick())
-    campaign = Campaign(cases=6, seed=1, seconds=1.0)
+    campaign = Campaign(cases=6, seed=1, seconds=0.5)
     record = record_of(campaign, tmp_path)
     with ThreadPoolExecutor(2) as executor:
         run(campaign, tmp_path, executor, first=3)
