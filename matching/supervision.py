@@ -22,6 +22,7 @@ GRACE_SECONDS = 0.5  # from a signal until the command is killed
 CLEARING_SECONDS = 2.0  # at most, until killed processes are gone
 DIE_WITH_PARENT, ADOPT_ORPHANS = 1, 36  # prctl of Linux: PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
 FAULT = 1
+SILENT_CLEARING = "ignore:resource_tracker:UserWarning"  # it says what it removes, which is nobody's concern
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -39,6 +40,7 @@ def supervised(command: Callable[[], int]) -> int:
             os._exit(128 + signal.SIGKILL)
         if temporary:
             os.environ["TMPDIR"] = temporary
+        os.environ["PYTHONWARNINGS"] = f"{os.environ.get('PYTHONWARNINGS', '')},{SILENT_CLEARING}".lstrip(",")
         interruption.install()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         code = command()
@@ -104,12 +106,16 @@ def _died(number: int) -> int:
 
 
 def _kill_orphans() -> None:
-    """Kill what the command had begun: its processes became ours when it ended."""
+    """Kill what the command had begun: its processes became ours when it ended.
+
+    Python's own process that removes the semaphores of worker processes ends by itself once these are gone.
+    """
     end = time.monotonic() + CLEARING_SECONDS
     while (children := _children()) and time.monotonic() < end:
         for child in children:
             with contextlib.suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
+                if not _clears_up(child):
+                    os.kill(child, signal.SIGKILL)
         with contextlib.suppress(ChildProcessError):
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
@@ -122,6 +128,13 @@ def _children() -> list[int]:
             int(child) for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
         ]
     return []
+
+
+def _clears_up(process: int) -> bool:
+    """Whether a process is the one that removes the semaphores of others."""
+    with contextlib.suppress(OSError):
+        return b"resource_tracker" in Path(f"/proc/{process}/cmdline").read_bytes()
+    return False
 
 
 def _temporary_folder() -> str:

@@ -42,6 +42,14 @@ def work():
     sum(range(10**11))
 """
 
+HAS_A_SEMAPHORE = """
+def work():
+    from multiprocessing import get_context
+    kept = get_context("spawn").Lock()
+    begun(kept._semlock.name)
+    sum(range(10**11))
+"""
+
 
 @pytest.fixture
 def begin(tmp_path):
@@ -133,3 +141,13 @@ def test_an_interruption_before_the_command_begins_is_one_line(monkeypatch, caps
     monkeypatch.setattr(rigmatch, "replaced_package", interrupted)
     assert rigmatch.main() == 130
     assert capsys.readouterr().err == "rigmatch: interrupted\n"
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="semaphores are files there on Linux only")
+def test_semaphores_of_workers_are_removed_in_silence(begin):
+    process, (_, name) = begin(HAS_A_SEMAPHORE)
+    place = Path("/dev/shm", f"sem.{name.removeprefix('/')}")
+    assert place.exists()
+    process.send_signal(signal.SIGTERM)
+    assert process.communicate()[1] == "rigmatch: ended by SIGTERM\n"
+    assert not place.exists()
