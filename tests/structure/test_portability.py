@@ -9,7 +9,7 @@ from structure.imports import modules
 from modelling.fmu import build
 
 ABSOLUTE = {
-    "matching.supervision": {"/proc/self/task/", "/tmp", "/var/tmp"}
+    "matching.supervision": {"/proc/", "/proc/self/task/", "/tmp", "/var/tmp"}
 }  # where there is fork, which is asked first
 
 
