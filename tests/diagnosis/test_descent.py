@@ -121,3 +121,13 @@ def test_polish_reaches_the_exact_minimum() -> None:
     assert start.cost > 10
     assert fit.cost < 0.02
     np.testing.assert_allclose(difference_steps(start), 1 / np.linalg.norm(derivatives(v), axis=0))
+
+
+def test_an_old_jacobian_whose_steps_gain_little_is_renewed() -> None:
+    """Two exponentials: the steps along the first Jacobians keep their small promises and end far away (χ² 18 000)."""
+    t = np.linspace(0, 1, 50)
+    bounds = {"a": (-np.inf, np.inf), "b": (0.1, 50.0), "c": (-np.inf, np.inf), "d": (0.1, 50.0)}
+    target = 2 * np.exp(-3 * t) - np.exp(-6 * t)
+    problem = KnownProblem(bounds, lambda v: 100 * (v[0] * np.exp(-v[1] * t) + v[2] * np.exp(-v[3] * t) - target))
+    fit = solve(problem, np.array([0.654, 1.549, -0.497, 3.807]), None, FitOptions(iterations=20))
+    assert fit.cost < 1.0

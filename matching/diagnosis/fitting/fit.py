@@ -1,8 +1,8 @@
 """Fits by output error: free simulation against measurement, weighted by the sensors' uncertainty, within bounds.
 
 Gauss–Newton with a trust region on the scaled variables. The Jacobian comes from finite differences and is kept while
-the steps it gives do what they promise (a chord method; Kelley, Iterative Methods for Linear and Nonlinear Equations,
-1995, section 5.4).
+the steps it gives do what they promise and converge fast (a chord method; Kelley, Iterative Methods for Linear and
+Nonlinear Equations, 1995, section 5.4).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ ENOUGH, ENOUGH_SHARE = 0.02, 2e-6  # decrease of χ² not worth a step: absolute
 REJECTED, REJECTED_SHARE = 0.5, 1e-5  # the same after a step from a Jacobian of the point failed
 ACCEPTED_GAIN = 1e-4  # decrease over promised decrease from which a step is taken
 KEEP_GAIN = (0.7, 1.5)  # in between, an old Jacobian serves on
+SLOW_CHORD = 0.5  # of the decrease before: an old Jacobian whose steps gain no less than this converges too slowly
 GROW_GAIN, SHRINK_GAIN, RENEW_GAIN = 0.7, 0.25, 0.5  # of the trust region; of the Jacobian
 SMALLEST_DIFFERENCE = 1.0  # of the residual, in times the noise: less is lost in what the integration leaves
 SHORTEST_STEP = 1e-10  # in times the noise
@@ -130,6 +131,7 @@ class _Descent:
         self._finer_steps: np.ndarray | None = None  # (v,) of the differences, once wider ones failed
         self._use(jacobian(problem, self.v, self.residual) if known_jacobian is None else known_jacobian)
         self.fresh = known_jacobian is None
+        self._decrease = np.inf  # of χ² by the last step
         self._paced = (0, self.cost)  # iteration and χ² when last judged with a Jacobian of the point itself
 
     def _use(self, matrix: np.ndarray) -> None:
@@ -160,7 +162,7 @@ class _Descent:
             gain = (self.cost - cost) / promised
         if self._hopeless(iteration, min(cost, self.cost)):
             return False
-        length, moved = self.quadratic.length(step), gain > ACCEPTED_GAIN
+        length, moved, before = self.quadratic.length(step), gain > ACCEPTED_GAIN, self.cost
         if moved:
             self.v, self.residual, self.cost = trial, residual, cost
             if gain > GROW_GAIN and np.isfinite(self.radius):
@@ -171,7 +173,10 @@ class _Descent:
             self.radius = length / 4
             if promised < max(REJECTED, REJECTED_SHARE * self.cost) or length < SHORTEST_STEP:
                 return False
-        renew = moved and gain < RENEW_GAIN if self.fresh else not KEEP_GAIN[0] < gain < KEEP_GAIN[1]
+        renew = moved and gain < RENEW_GAIN
+        if not self.fresh:
+            renew = not KEEP_GAIN[0] < gain < KEEP_GAIN[1] or before - self.cost > SLOW_CHORD * self._decrease
+        self._decrease = before - self.cost
         if renew:
             self._use(jacobian(problem, self.v, self.residual, largest_central=self._finer_steps))
         elif self.fresh and not moved and self._kinked:
