@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ import pytest
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
-from matching.frequency.search.adapters import HALVINGS, as_good_between
+from matching.frequency.search.adapter_trade import HALVINGS, PLACES, Retuning
+from matching.frequency.solver.ends import End
 from tests.match.programme import programme_of
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
@@ -18,20 +20,27 @@ ELSEWHERE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("low", "high", "at"), [(0.3, 0.8, 0.5), (-1.0, 2.0, 0.5), (0.45, 3.0, 0.5), (0.0, 0.02, 0.0)])
-def test_the_range_that_is_as_good_is_found_to_a_part_of_the_way_to_its_bound(low, high, at):
-    tried = []
+class MadeUp(Retuning):
+    """One quantity whose answer is as good between two values; nothing is solved."""
 
-    def as_good(part):
-        tried.append(part)
-        return low <= part <= high
+    def __init__(self, low, high, ordered):
+        self.low, self.high, self.ordered, self.ends = low, high, ordered, {}
+        self.solution = SimpleNamespace(as_good_to=1.0)
 
-    first, last = as_good_between(as_good, at)
-    low, high = max(low, 0.0), min(high, 1.0)
-    assert low <= first <= low + (at - 0.0) / 2**HALVINGS
-    assert high - (1.0 - at) / 2**HALVINGS <= last <= high
-    assert all(0 <= part <= 1 for part in tried)
-    assert len(tried) <= 2 * (HALVINGS + 1)
+    def _tuned(self, place):
+        return None if place > 0.97 else End(1.0 if self.low <= place <= self.high else 2.0, np.zeros(1), True)
+
+
+@pytest.mark.parametrize(("low", "high", "at"), [(0.3, 0.8, 0.6), (-1.0, 2.0, 0.5), (0.45, 3.0, 0.5), (0.0, 0.02, 0.0)])
+def test_the_range_that_is_as_good_is_found_to_a_part_of_the_way_to_the_next_value_tried(low, high, at):
+    retuning = MadeUp(low, high, at)
+    retuning.survey(0.1)
+    assert set(retuning.ends) == {*PLACES, at, 0.1}
+    first, last = retuning.as_good_between()
+    low, high = max(low, 0.0), min(high, 0.97)
+    step = (PLACES[1] - PLACES[0]) / 2**HALVINGS
+    assert low <= first <= low + step
+    assert high - step <= last <= high
 
 
 def test_what_is_looked_for_does_not_depend_on_where_one_starts(tmp_path):
@@ -52,8 +61,12 @@ def test_what_is_looked_for_does_not_depend_on_where_one_starts(tmp_path):
     first, second = (problem.objective(v, problem.extra()) for problem in problems)
     np.testing.assert_allclose(float(first[0]), float(second[0]), rtol=1e-9)
     np.testing.assert_allclose(first[1].full(), second[1].full(), rtol=1e-9)
+    changes = [replace(task, error_limit=1.0).build(compiled=False) for task in tasks]
+    there, here = (float(problem.objective(v, problem.extra())[0]) for problem in changes)
+    assert there == pytest.approx(here, rel=1e-9)
     moved = replace(tasks[0], moves=tuple(replace(move, planned=move.upper) for move in tasks[0].moves))
-    assert float(moved.build(compiled=False).objective(v, problems[0].extra())[0]) != float(first[0])
+    moved = replace(moved, error_limit=1.0).build(compiled=False)
+    assert float(moved.objective(v, moved.extra())[0]) != pytest.approx(there, rel=1e-3)
 
 
 def test_the_range_of_an_adapter_goes_with_what_is_ordered():

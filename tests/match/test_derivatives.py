@@ -80,8 +80,10 @@ def test_against_differences(problem, functions, point, which):
     np.testing.assert_allclose(product, bend, rtol=1e-4, atol=1e-5 * np.abs(bend).max())
 
 
-def test_compact_derivatives_against_casadis_own(problem, point):
+@pytest.mark.parametrize("error_limit", [None, 0.37], ids=["error", "least change"])
+def test_compact_derivatives_against_casadis_own(programme, point, error_limit):
     """What IPOPT is given, term by term mapped over frequencies, against CasADi's own of the same expressions."""
+    problem = programme(exact=True, compiled=False, error_limit=error_limit)
     v = ca.MX.sym("v", len(point))
     f, g = problem.objective(v, EXTRA)
     weights = np.random.default_rng(5).normal(size=g.shape[0])

@@ -8,9 +8,10 @@ from match import independent
 
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
+from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.adapters import feedback_error
+from matching.frequency.search.adapter_trade import feedback_error
 from matching.frequency.search.match import match
 
 
@@ -88,22 +89,32 @@ def test_adapters_with_what_they_gain_and_how_exactly_they_have_to_be_met(refere
         assert own.error_as_ordered == pytest.approx(reference.response_error.unmeasured, rel=1e-6)
         low, high = own.acceptable
         assert low <= own.ordered <= high
-        for value in {low, high} - {own.ordered}:
-            together = next(move.together for move in reference.case.moves if move.name == own.name)
-            there = apply(reference.tuned, dict.fromkeys(together, value))
-            assert feedback_error(there, nodes) <= 1.0201 * own.error_as_ordered
         ordered = own.ordered != own.planned
         if ordered and own.error_as_planned is not None:  # else nothing would be ordered
-            assert own.error_as_ordered < own.error_as_planned / 1.02
+            assert own.error_as_ordered < own.error_as_planned
+        together = next(move.together for move in reference.case.moves if move.name == own.name)
+        for value, error in own.curve:  # tuned for each value: better than with the rest as it is
+            there = apply(reference.tuned, dict.fromkeys(together, value))
+            if encirclements(parts_of(there)).modulus_margin >= reference.case.limits["modulus_margin"]:
+                assert error <= 1.01 * feedback_error(there, nodes)
         assert own.to_dict()["acceptable"] == [low, high]
 
 
-def test_what_the_weight_on_changes_costs_is_stated(reference):
+def test_an_adapter_that_gains_nothing_is_not_ordered(reference):
+    """Any flange does as well with the loop tuned for it; the adapter's inertia gains more than 2 %."""
+    flange, inertia = reference.adapters
+    assert flange.ordered == flange.planned == 2e5
+    assert flange.acceptable[0] < 2e5 < flange.acceptable[1]
+    assert inertia.error_as_planned > 1.05 * inertia.error_as_ordered
+    assert inertia.error_all_as_planned > 1.05 * inertia.error_as_ordered
+
+
+def test_the_change_of_each_quantity_is_stated(reference):
     for row in reference.parameters:
         by_logarithm = row.upper / row.lower > 4 if row.lower > 0 else False
         place = np.log if by_logarithm else float
         change = (place(row.tuned) - place(row.start)) / (place(row.upper) - place(row.lower))
-        assert row.to_dict()["change_cost"] == pytest.approx(2e-3 * row.weight * change**2, rel=1e-9, abs=1e-15)
+        assert row.to_dict()["change_cost"] == pytest.approx(row.weight * change**2, rel=1e-9, abs=1e-15)
     assert sum(row.change_cost for row in reference.parameters) > 0
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import modes
-from modelling.modal.result import Mode
+from modelling.modal.result import Mode, Modes
+
+FARTHEST_DAMPED = float(np.log(1.5))  # between a mode's damped and undamped frequency, logarithm
+LEAST_SCORE = 1e-3  # of any pair that may be one mode, so that as many as possible are paired
 
 
 @dataclass(frozen=True)
@@ -30,12 +35,16 @@ class Goal:
 def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
     """For every target the undamped vehicle mode it numbers and the damped mode it is.
 
+    Each damped mode is one undamped mode: both are paired as a whole, by shape and frequency, since neighbours that lie
+    1 % apart may come in another order, or mix, once they are damped.
+
     Raises
     ------
     InputError
         If the vehicle has no such mode, or it is rigid or overdamped.
     """
     plain, damped = modes(case.vehicle), damped_modes(case.vehicle)
+    counterpart = _paired(plain, damped, {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias})
     pairs = []
     for number, target in enumerate(case.targets, 1):
         where = f"{case.path}: targets[{number}].mode"
@@ -44,13 +53,8 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
         wanted = plain[target.mode - 1]
         if wanted.frequency == 0:
             raise InputError(where, f"mode {target.mode} is a rigid motion", "name an elastic mode")
-        alike = [
-            mode
-            for mode in damped
-            if mode.frequency > 0 and mode.damping_ratio < 1 and mode.symmetry == wanted.symmetry
-        ]
-        best = min(alike, key=lambda mode: abs(np.log(mode.frequency / wanted.frequency)), default=None)
-        if best is None or abs(np.log(best.frequency / wanted.frequency)) > np.log(1.5):
+        best = counterpart.get(wanted.number)
+        if best is None:
             raise InputError(
                 where,
                 f"mode {target.mode} ({wanted.frequency:.3g} Hz) is overdamped in the vehicle",
@@ -58,6 +62,27 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
             )
         pairs.append((wanted, best))
     return pairs
+
+
+def _paired(plain: Modes, damped: Modes, inertia: Mapping[str, float]) -> dict[int, Mode]:
+    """The damped mode of every undamped one that has one, by the number of the latter."""
+    elastic = [mode for mode in plain if mode.frequency > 0]
+    swinging = [mode for mode in damped if mode.frequency > 0 and mode.damping_ratio < 1]
+    score = np.zeros((len(elastic), len(swinging)))
+    for row, first in enumerate(elastic):
+        for column, second in enumerate(swinging):
+            far = abs(np.log(second.frequency / first.frequency))
+            if first.symmetry == second.symmetry and far <= FARTHEST_DAMPED:
+                score[row, column] = LEAST_SCORE + _likeness(first, second, inertia) * np.exp(-far)
+    places = zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True)
+    return {elastic[row].number: swinging[column] for row, column in places if score[row, column] > 0}
+
+
+def _likeness(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
+    """Modal assurance criterion over the inertias, each weighted by its inertia."""
+    weight = np.sqrt(list(inertia.values()))
+    a, b = (weight * np.array([mode.shape[name] for name in inertia]) for mode in (first, second))
+    return float(abs(np.vdot(a, b)) ** 2 / max(np.vdot(a, a).real * np.vdot(b, b).real, 1e-300))
 
 
 def goals(case: Case, pairs: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -175,18 +175,37 @@ def match_mode(
 
     The likeness is the modal assurance criterion over the drive side and the ends of the cuts, each coordinate weighted
     by its ``inertia`` (kg·m² by ``inertias.NAME``, 1 unless given). Among the modes that look alike (0.5 or more), the
-    one nearest in frequency on a logarithmic scale and most alike is taken: likeness·exp(−|ln f/f₀|). None if no mode
-    looks alike, a rigid one, or an overdamped motion.
+    one with the nearest eigenvalue on a logarithmic scale and most alike is taken: likeness·exp(−|ln s/s₀|), so that
+    of two that move the drive side alike the damping decides, too. None if no mode looks alike, a rigid one, or an
+    overdamped motion.
     """
     best: tuple[float, LoopMode, float] | None = None
     for mode in modes:
         if mode.frequency <= 0 or vehicle_mode.frequency <= 0:
             continue
         likeness = _likeness(vehicle_mode, mode, inertia or {})
-        score = likeness * float(np.exp(-abs(np.log(mode.frequency / vehicle_mode.frequency))))
+        score = likeness * float(np.exp(-abs(np.log(eigenvalue_of(mode) / eigenvalue_of(vehicle_mode)))))
         if likeness >= 0.5 and (best is None or score > best[0]):
             best = score, mode, likeness
     return None if best is None else (best[1], best[2])
+
+
+class Swinging(Protocol):
+    """What has a frequency in Hz and a damping ratio."""
+
+    @property
+    def frequency(self) -> float:
+        """Hz."""
+
+    @property
+    def damping_ratio(self) -> float:
+        """−Re s/|s|."""
+
+
+def eigenvalue_of(mode: Swinging) -> complex:
+    """2π·f·(−ζ + j·√(1 − ζ²)), 1/s."""
+    damping = float(np.clip(mode.damping_ratio, -1, 1))
+    return 2 * np.pi * mode.frequency * complex(-damping, np.sqrt(1 - damping**2))
 
 
 def _likeness(vehicle_mode: Mode, mode: LoopMode, inertia: Mapping[str, float]) -> float:

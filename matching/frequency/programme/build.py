@@ -1,11 +1,13 @@
 """The match as one nonlinear programme in CasADi, with exact derivatives, for IPOPT.
 
-Minimise   objective + EIGENVALUE_WEIGHT · Σ[(Δf/f)² + Δζ²] + CHANGE_WEIGHT · Σ weight·(change/range)²
+Minimise   error = objective + EIGENVALUE_WEIGHT · Σ[(Δf/f)² + Δζ²]
 over the scaled quantities that move and, for every target, an explicit eigenpair (s, x) of the closed loop,
 subject to  (I + L(s))·x = 0, x normalised to the target's pattern over the dynamometers      (tracked eigenvalues)
             σ_min(I + L(jω)) ≥ modulus margin on a grid
             the same, halved, on the ray of the smallest damping ratio: no root may cross it   (damping and stability)
             torque and power the vehicle's own manoeuvre asks of adapters and dynamometers within limits.
+Of answers that are as good, the one that changes least: with ``error_limit`` the programme minimises
+change = Σ weight·(change/range)² subject to error ≤ error_limit and to all of the above.
 The objective is one of :mod:`matching.frequency.programme.objectives`; one that tracks no modes leaves out the second
 term. Everything is exact in s, dead time included (:mod:`matching.frequency.programme.dead_time`). A margin alone is no
 stability; the starts are stable and what comes out is verified by :mod:`matching.frequency.verification`.
@@ -34,14 +36,16 @@ from matching.frequency.programme.scaling import fixed_numbers, is_logarithmic, 
 from matching.frequency.programme.terms import eigenpair, margin
 
 EIGENVALUE_WEIGHT = 0.3  # on a relative frequency error or a damping-ratio error of 1, against a response error of 1
-CHANGE_WEIGHT = 2e-3  # on a change over the whole range of a quantity of weight 1
 # Bounds of an eigenpair: σ and ω over the goal's |s| (real part far left to slightly unstable), entries of its vector.
 REAL_PART, IMAGINARY_PART, VECTOR_ENTRY = (-8.0, 0.5), (0.0, 12.0), (-5.0, 5.0)
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """What the programme is put together from: decision vector, added frequencies, objective, constraints, change."""
+    """What the programme is put together from: decision vector, added frequencies, objective, constraints, change.
+
+    ``error_limit`` is None where the error is minimised, else the change is.
+    """
 
     v: ca.MX
     extra: ca.MX
@@ -50,12 +54,14 @@ class _Parts:
     pairs: EigenpairConstraints
     demands: ca.MX
     change: ca.MX
+    error_limit: float | None
 
 
 # more than six parameters: the programme is all of this, and a TuningTask (search) holds it for who searches
 def build(
     case: Case, moves: tuple[Move, ...], weights: np.ndarray, goals: tuple[Goal, ...], objective: Objective,
     demands: Demands, *, tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True,
+    error_limit: float | None = None,
 ) -> Problem:  # fmt: skip
     """Build the programme.
 
@@ -80,6 +86,8 @@ def build(
         Frequencies at which the margin may be asked for beside the grid.
     compiled : bool
         Compile where there is a compiler; CasADi does not differentiate what is compiled any further.
+    error_limit : float, optional
+        Minimise the change from what was planned, with the error at most this, instead of the error.
     """
     loop = closed_loop(case, [move.together for move in moves])
     size, count = len(moves), len(moves) + sum(2 + 2 * len(goal.pattern) for goal in goals)
@@ -93,19 +101,21 @@ def build(
         v, extra, objective.block(common, moves, compiled),
         MarginConstraints(common, margin_points(case, extra)), EigenpairConstraints(common, goals),
         ca.vertcat(*(rows for rows, _ in limits)) if limits else ca.MX(0, 1),
-        CHANGE_WEIGHT * ca.dot(ca.DM(weights), (v[:size] - planned) ** 2),
+        ca.dot(ca.DM(weights), (v[:size] - planned) ** 2), error_limit,
     )  # fmt: skip
     solver, both = _solver(parts, tight, exact)
     survey = ca.Function("survey", [v], common.over("margin", ca.MX(ca.DM(survey_points(case)))))
     margins, rows = parts.margins.value().numel(), parts.pairs.value()[0].numel()
     pairs = np.array([pair for goal in goals for pair in _pair_bounds(len(goal.pattern))]).reshape(-1, 2)
-    zeros = np.zeros(rows)
+    zeros, within = np.zeros(rows), np.zeros(0 if error_limit is None else 1)
     return Problem(
         case, loop, moves, goals, tight, solver, both, survey,
         lower=np.concatenate([np.zeros(size), pairs[:, 0]]),
         upper=np.concatenate([np.ones(size), pairs[:, 1]]),
-        g_lower=np.concatenate([np.zeros(margins), zeros, np.full(parts.demands.numel(), -np.inf)]),
-        g_upper=np.concatenate([np.full(margins, np.inf), zeros, *(np.full(r.numel(), upper) for r, upper in limits)]),
+        g_lower=np.concatenate([np.zeros(margins), zeros, np.full(parts.demands.numel(), -np.inf), within - np.inf]),
+        g_upper=np.concatenate(
+            [np.full(margins, np.inf), zeros, *(np.full(r.numel(), upper) for r, upper in limits), within + 1.0]
+        ),
     )  # fmt: skip
 
 
@@ -124,18 +134,23 @@ def _rig_values(case: Case, moves: tuple[Move, ...], v: ca.MX) -> dict[str, Any]
 
 def _solver(parts: _Parts, tight: bool, exact: bool) -> tuple[ca.Function, ca.Function]:
     """IPOPT with its derivatives, and objective and constraints (v, extra) → (f, g)."""
-    v, extra, demands = parts.v, parts.extra, parts.demands
+    v, extra, demands, limit = parts.v, parts.extra, parts.demands, parts.error_limit
     rows, distance = parts.pairs.value()
     margins = parts.margins.value()
-    f = parts.objective.value() + parts.change + EIGENVALUE_WEIGHT * distance
+    f = parts.objective.value() + EIGENVALUE_WEIGHT * distance
     g = ca.vertcat(margins, rows, demands)
     margins_again, margins_jacobian = parts.margins.jacobian()
     rows_again, rows_jacobian, _, distance_gradient = parts.pairs.jacobian()
     objective_again, objective_gradient = parts.objective.gradient()
-    f_again = objective_again + parts.change + EIGENVALUE_WEIGHT * distance
-    gradient = objective_gradient + EIGENVALUE_WEIGHT * distance_gradient + ca.gradient(parts.change, v)
+    f_again = objective_again + EIGENVALUE_WEIGHT * distance
+    gradient = objective_gradient + EIGENVALUE_WEIGHT * distance_gradient
     jacobian_g = ca.vertcat(margins_jacobian, rows_jacobian, ca.jacobian(demands, v))
     g_again = ca.vertcat(margins_again, rows_again, demands)
+    if limit is not None:
+        g, g_again = ca.vertcat(g, f / limit), ca.vertcat(g_again, f_again / limit)
+        jacobian_g = ca.vertcat(jacobian_g, gradient.T / limit)
+        f = f_again = parts.change
+        gradient = ca.gradient(parts.change, v)
     options: Any = {
         "print_time": False, "error_on_fail": False, "no_nlp_grad": True, "calc_lam_p": False,
         "ipopt": ipopt_options(tight, exact),
@@ -152,10 +167,15 @@ def _solver(parts: _Parts, tight: bool, exact: bool) -> tuple[ca.Function, ca.Fu
 def _hessian(parts: _Parts, margins: int, rows: int) -> ca.Function:
     """Upper triangle of the Lagrangian's Hessian."""
     v, demands = parts.v, parts.demands
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", margins + rows + demands.numel())
-    of_margins, of_rows, of_demands = ca.vertsplit(lam_g, [0, margins, margins + rows, lam_g.numel()])
-    hessian = lam_f * (parts.objective.hessian() + ca.hessian(parts.change, v)[0]) + parts.margins.hessian(of_margins)
-    hessian += parts.pairs.hessian(of_rows, EIGENVALUE_WEIGHT * lam_f) + ca.hessian(ca.dot(of_demands, demands), v)[0]
+    before_limit, limit = margins + rows + demands.numel(), parts.error_limit
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", before_limit + (limit is not None))
+    of_margins, of_rows, of_demands = ca.vertsplit(lam_g[:before_limit], [0, margins, margins + rows, before_limit])
+    of_error = lam_f if limit is None else lam_g[before_limit] / limit
+    hessian = of_error * parts.objective.hessian() + parts.margins.hessian(of_margins)
+    hessian += parts.pairs.hessian(of_rows, EIGENVALUE_WEIGHT * of_error)
+    hessian += ca.hessian(ca.dot(of_demands, demands), v)[0]
+    if limit is not None:
+        hessian += lam_f * ca.hessian(parts.change, v)[0]
     return ca.Function(
         "nlp_hess_l", [v, parts.extra, lam_f, lam_g], [ca.triu(hessian)],
         ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],

@@ -1,118 +1,168 @@
-"""What to order: what adapters gain over the bed as planned, and how exactly they have to be what was ordered.
+"""What to order: which adapter quantities gain over the bed as planned, and how exactly they have to be met.
 
-The bed as planned, loop and residual vehicle tuned for it, is solved like any other. Where it is as good, nothing is
-ordered.
+A quantity is ordered only if no answer that is as good within 2 % has it as planned, with everything else tuned for
+that. Quantities are put back one after another, first the one that costs least (backward elimination), since two may
+replace each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from matching.frequency.case.case import Case, Move
+from matching.frequency.case.case import Move
 from matching.frequency.case.tuned import apply
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.response.band import BandNodes
-from matching.frequency.response.response_error import log_squares, pooled
-from matching.frequency.response.responses import ComparedBed
+from matching.frequency.search.adapter_trade import Retuning, feedback_error, nothing_else_moves
 from matching.frequency.search.question import Question
 from matching.frequency.search.result import AdapterTrade
 from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
 from matching.frequency.search.targets_met import target_results
+from matching.frequency.solver.given_point import given_end, never_worse
+from matching.frequency.solver.least_change import SAME_ERROR, as_good_as, least_change
 from matching.frequency.solver.solve import warm
+from matching.frequency.solver.task import Solution, TuningTask
 from matching.frequency.verification.verify import verify
 
-AS_GOOD = 0.02  # relative, in the response error and in the modulus margin
-HALVINGS = 3  # of the way to a bound, in looking for the end of what is as good: to an eighth of it
-TRADE_POINTS = 5  # between the bounds, beside those where the end of what is as good was looked for
 ADAPTERS = "rig."  # the names they begin with
+SAME_OBJECTIVE = 1e-3  # relative: what reruns differ by
 
 
 def settle_adapters(
     question: Question, verified: VerifiedSolution
 ) -> tuple[VerifiedSolution, tuple[AdapterTrade, ...]]:
-    """The match with nothing ordered that gains nothing, and the trade of every adapter that was allowed to move.
+    """The match with nothing ordered that gains nothing, and the trade of every adapter quantity that may move.
 
     Where targets or limits are missed there is nothing to order yet, and no trade.
     """
-    moves = [move for move in verified.task.moves if move.name.startswith(ADAPTERS)]
-    checked = verified.checked
-    matched = (
-        checked.stable and not checked.violations and all(target.met for target in target_results(question, checked))
-    )
-    if not moves or verified.beyond or not verified.solution.feasible or not matched:
+    adapters = [move for move in verified.task.moves if move.name.startswith(ADAPTERS)]
+    solution = verified.solution
+    if not adapters or verified.beyond or not solution.feasible or not solution.holds or not _met(question, verified):
         return verified, ()
-    nodes, error = checked.errors.nodes, checked.errors.unmeasured
-    planned, error_planned = _as_planned(question, verified), None
-    if planned is not None:
-        error_planned = feedback_error(planned.tuned, nodes)
-        if error_planned <= (1 + AS_GOOD) * error:
-            checked = verify(planned.tuned, question.case.rig)
-            met = all(target.met for target in target_results(question, checked))
-            if met and checked.stable and not checked.violations:
-                verified, error = replace(planned, task=verified.task, checked=checked), checked.errors.unmeasured
-    return verified, tuple(_trade(question.case, verified, move, error_planned, error) for move in moves)
+    everything = _as_planned(question, verified, adapters)
+    settled = _settled(question, verified, adapters, everything)
+    nodes = settled.checked.errors.nodes
+    planned = None if everything is None else feedback_error(apply(question.case, everything.values), nodes)
+    return settled, _of_one_bed(tuple(_trade(settled, move, adapters, planned, nodes) for move in adapters))
 
 
-def feedback_error(tuned: Case, nodes: BandNodes) -> float:
-    """Response error of the feedback alone, over the band."""
-    bed = ComparedBed(tuned).at(nodes.frequencies)
-    return pooled(nodes.root_mean(log_squares(bed.unmeasured, bed.vehicle)))
+def _of_one_bed(trades: tuple[AdapterTrade, ...]) -> tuple[AdapterTrade, ...]:
+    """The bed as planned with one error: of two searches for it, where all but one are as planned, the better counts."""
+    ordered = [trade for trade in trades if trade.ordered != trade.planned]
+    if len(ordered) != 1 or ordered[0].error_as_planned is None or ordered[0].error_all_as_planned is None:
+        return trades
+    least = min(ordered[0].error_as_planned, ordered[0].error_all_as_planned)
+    both = replace(ordered[0], error_as_planned=least)
+    return tuple(replace(both if trade is ordered[0] else trade, error_all_as_planned=least) for trade in trades)
 
 
-def _as_planned(question: Question, verified: VerifiedSolution) -> VerifiedSolution | None:
-    """The match with every adapter as planned; None where no loop keeps its limits."""
-    moves = [move for move in verified.task.moves if not move.name.startswith(ADAPTERS)]
-    if not moves:
+def _met(question: Question, verified: VerifiedSolution) -> bool:
+    checked = verified.checked
+    return checked.stable and not checked.violations and all(row.met for row in target_results(question, checked))
+
+
+def _settled(
+    question: Question, verified: VerifiedSolution, adapters: Sequence[Move], everything: Solution | None
+) -> VerifiedSolution:
+    """The match with as many adapters as planned as an answer that is as good allows."""
+    limit = verified.solution.as_good_to
+    back, best = list[Move](), None
+    if everything is not None and everything.objective <= limit:
+        back, best = list(adapters), everything
+    while best is None or len(back) < len(adapters):
+        tried = []
+        for move in adapters:
+            if move in back or len(back) == len(adapters) - 1:  # all together were tried at first
+                continue
+            solution = _as_planned(question, verified, [*back, move])
+            if solution is not None and solution.objective <= limit:
+                tried.append((solution.objective, move, solution))
+        if not tried:
+            break
+        _, move, best = min(tried, key=lambda trial: trial[0])
+        back.append(move)
+    return _with_some_as_planned(question, verified, back, best or verified.solution)
+
+
+def _with_some_as_planned(
+    question: Question, verified: VerifiedSolution, back: list[Move], best: Solution
+) -> VerifiedSolution:
+    """The match with some adapters as planned, the others changed least and all else tuned for them.
+
+    As it was where that does not pass the verification; as it was given where that is better.
+    """
+    values = _with_least_order(question, verified, back, best)
+    point = given_end(verified.task.build())
+    if values is None:
+        return verified
+    solution = replace(values, starts=verified.solution.starts, as_good_to=verified.solution.as_good_to)
+    if point is not None and point.objective < (1 - SAME_OBJECTIVE) * solution.objective:
+        solution = never_worse(verified.task, solution, point)
+    tuned = apply(question.case, solution.values)
+    settled = replace(verified, solution=solution, tuned=tuned, checked=verify(tuned, question.case.rig))
+    return settled if _met(question, settled) else verified
+
+
+def _with_least_order(
+    question: Question, verified: VerifiedSolution, back: list[Move], best: Solution
+) -> Solution | None:
+    task = _task_as_planned(question, verified, back)
+    adapters = [move for move in verified.task.moves if move.name.startswith(ADAPTERS)]
+    weights = np.array([weight * (move in adapters) for move, weight in zip(task.moves, task.weights, strict=True)])
+    if weights.any():
+        best = least_change(replace(task, weights=weights), best, verified.solution.as_good_to)
+    held = {name: move.planned for move in back for name in move.together}
+    held |= {name: best.values[name] for move in adapters if move not in back for name in move.together}
+    rest = task_of(question, [move for move in verified.task.moves if move not in adapters])
+    if not rest.moves:
+        return replace(best, values=held | best.values)
+    rest = replace(rest, case=apply(question.case, held))
+    tuned = warm(rest, best)
+    if tuned is None or not tuned.holds:
         return None
-    task = task_of(question, moves)
+    tuned = least_change(rest, tuned, as_good_as(tuned.objective, SAME_ERROR))
+    return replace(tuned, values=held | tuned.values)
+
+
+def _task_as_planned(question: Question, verified: VerifiedSolution, back: Sequence[Move]) -> TuningTask:
+    """The programme in which some adapters are as planned and do not move."""
+    values = {name: move.planned for move in back for name in move.together}
+    left = [move for move in verified.task.moves if move not in back]
+    return replace(task_of(question, left), case=apply(question.case, values))
+
+
+def _as_planned(question: Question, verified: VerifiedSolution, back: Sequence[Move]) -> Solution | None:
+    """The best answer with some adapters as planned; None where no loop keeps its limits."""
+    task = _task_as_planned(question, verified, back)
+    if not task.moves:
+        return nothing_else_moves(verified.task, verified.solution)
     solution = warm(task, verified.solution)
     if solution is None or not solution.holds:
         return None
-    solution = replace(solution, starts=verified.solution.starts)
-    released = {name: limit for name, limit in verified.released.items() if not name.startswith(ADAPTERS)}
-    return VerifiedSolution(task, solution, [], released, apply(question.case, solution.values), verified.checked)
+    planned = {name: move.planned for move in back for name in move.together}
+    return replace(solution, values=planned | solution.values)
 
 
 def _trade(
-    case: Case, verified: VerifiedSolution, move: Move, error_planned: float | None, error: float
-) -> AdapterTrade:  # fmt: skip
-    nodes, tried = verified.checked.errors.nodes, dict[float, float]()
-    ordered = verified.solution.values.get(move.name, move.start)
-
-    def as_good(part: float) -> bool:
-        value = float(unscaled(part, move))
-        tuned = apply(verified.tuned, dict.fromkeys(move.together, value))
-        winding = encirclements(parts_of(tuned))
-        if winding.unstable or not winding.clear:
-            return False
-        tried[value] = feedback_error(tuned, nodes)
-        kept = winding.modulus_margin >= (1 - AS_GOOD) * case.limits["modulus_margin"]
-        return kept and tried[value] <= (1 + AS_GOOD) * error
-
-    ends = [float(unscaled(part, move)) for part in as_good_between(as_good, scaled(ordered, move))]
-    for part in np.linspace(0, 1, TRADE_POINTS):
-        as_good(part)
-    tried[ordered] = error
+    settled: VerifiedSolution, move: Move, adapters: Sequence[Move], planned: float | None, nodes: BandNodes
+) -> AdapterTrade:
+    """What an adapter quantity gains, the others ordered or as planned as they are, everything else tuned for it."""
+    task, values = settled.task, settled.solution.values
+    number = task.moves.index(move)
+    others = [other for other in adapters if other is not move and values[other.name] == other.planned]
+    held = {task.moves.index(other): scaled(other.planned, other) for other in others}
+    retuning = Retuning(task, settled.solution, number, held)
+    as_planned = scaled(move.planned, move)
+    retuning.survey(*([as_planned] if 0 <= as_planned <= 1 else []))
+    low, high = retuning.as_good_between()
+    curve = retuning.curve(nodes)
+    error = next((error for value, error in curve if abs(value - move.planned) <= 1e-9 * abs(move.planned)), None)
+    ends = [float(unscaled(place, move)) for place in (low, high)]
     return AdapterTrade(
-        move.name, move.unit, move.planned, ordered, (ends[0], ends[1]), error_planned, error,
-        tuple(sorted(tried.items())),
+        name=move.name, unit=move.unit, planned=move.planned, ordered=values[move.name], acceptable=(ends[0], ends[1]),
+        error_as_planned=error, error_all_as_planned=planned, error_as_ordered=settled.checked.errors.unmeasured,
+        curve=tuple(curve),
     )  # fmt: skip
-
-
-def as_good_between(as_good: Callable[[float], bool], at: float) -> tuple[float, float]:
-    """Ends of the range about ``at``, in parts 0 … 1, within which values are as good; each end is one that is."""
-    ends = []
-    for bound in (0.0, 1.0):
-        good, bad = at, bound
-        if at != bound and as_good(bound):
-            good = bound
-        for _ in range(HALVINGS if good != bound else 0):
-            middle = (good + bad) / 2
-            good, bad = (middle, bad) if as_good(middle) else (good, middle)
-        ends.append(float(np.clip(good, 0, 1)))
-    return ends[0], ends[1]

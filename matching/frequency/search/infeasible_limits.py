@@ -105,8 +105,8 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
         return False
     loop_modes = feedback_modes(parts)
     inertia = {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias}
-    for target, (plain, wanted) in zip(case.targets, targets, strict=True):
-        best = match_mode(plain, loop_modes, inertia)
+    for target, (_, wanted) in zip(case.targets, targets, strict=True):
+        best = match_mode(wanted, loop_modes, inertia)
         if (
             best is None
             or abs(best[0].frequency / wanted.frequency - 1) > target.frequency_tolerance

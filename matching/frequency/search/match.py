@@ -14,7 +14,6 @@ from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.in_time.table import truth_of
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.build import CHANGE_WEIGHT
 from matching.frequency.programme.scaling import scaled
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
@@ -203,7 +202,7 @@ def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], li
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
     tuned, weight = solution.values.get(move.name, move.start), change_weight(part)
-    cost = CHANGE_WEIGHT * weight * (scaled(tuned, move) - scaled(move.planned, move)) ** 2
+    cost = weight * (scaled(tuned, move) - scaled(move.planned, move)) ** 2
     return ParameterResult(
         move.name, move.start, tuned, move.unit, move.lower, move.upper, weight, part, not free, change_cost=cost
     )

@@ -135,13 +135,18 @@ class AdapterTrade:
     Attributes
     ----------
     ordered : float
+        As planned where it gains nothing.
     acceptable : tuple of float
-        Between these, the rest as tuned, response error and modulus margin are as good within 2 %.
+        Between these the answer is as good within 2 %, with everything else that may move tuned for the value; adapters
+        that are not ordered stay as planned.
     error_as_planned : float or None
-        Of the bed with every adapter as planned, tuned for it; None where no loop was found that keeps its limits.
+        With this quantity as planned, the others as ordered, everything else tuned for it; None where no loop was found
+        that keeps its limits.
     error_as_ordered : float
     curve : tuple of (float, float)
-        Values tried and the response error there, the rest as tuned.
+        Values tried and the response error there, everything else tuned for each.
+    error_all_as_planned : float or None
+        Of the bed with every adapter as planned, tuned for it.
     """
 
     name: str
@@ -152,6 +157,7 @@ class AdapterTrade:
     error_as_planned: float | None
     error_as_ordered: float
     curve: tuple[tuple[float, float], ...]
+    error_all_as_planned: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""

@@ -30,12 +30,14 @@ def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | No
     return next((candidate for candidate in candidates if candidate.holds), candidates[0])
 
 
-def finish(task: TuningTask, best: End, starts: tuple[float | None, ...]) -> Solution:
+def finish(task: TuningTask, best: End, starts: tuple[float | None, ...], added: tuple[float, ...] = ()) -> Solution:
     """Solve again to more digits, and ask for the margin where it is missed between the grid, until it holds.
+
+    ``added`` are frequencies, Hz, at which it is asked for from the beginning.
 
     What IPOPT then does not call a minimum is solved once more with the exact Hessian.
     """
-    problem, extra = task.build(tight=True, slots=SLOTS), np.zeros(0)
+    problem, extra = task.build(tight=True, slots=SLOTS), np.array(added)
     least = task.case.limits["modulus_margin"]
     for number in range(MARGIN_ROUNDS):
         if best.margin < least:

@@ -9,6 +9,7 @@ import numpy as np
 from matching.frequency.programme.problem import Problem
 from matching.frequency.programme.scaling import scaled
 from matching.frequency.solver.ends import End, stable_ends
+from matching.frequency.solver.nearest_roots import with_nearest_roots
 from matching.frequency.solver.starts import start
 from matching.frequency.solver.task import Solution, TuningTask
 
@@ -18,6 +19,7 @@ def given_end(problem: Problem) -> End | None:
     size = len(problem.moves)
     v = start(problem, None)
     v[:size] = [scaled(move.start, move) for move in problem.moves]
+    v = with_nearest_roots(problem, v)
     lower, upper = problem.lower.copy(), problem.upper.copy()
     lower[:size] = upper[:size] = v[:size]
     return next(stable_ends(replace(problem, lower=lower, upper=upper), [v]), None)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from itertools import chain, islice
 
 from matching.executors import executor_of
@@ -16,6 +17,7 @@ from matching.frequency.solver.continuation import continued_starts, follows_tar
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.finish import finish, first_that_holds
 from matching.frequency.solver.given_point import from_given, given_end, never_worse
+from matching.frequency.solver.least_change import AS_GOOD, SAME_ERROR, as_good_as, least_change
 from matching.frequency.solver.perturbed import improved
 from matching.frequency.solver.starts import gentler, numbered_start, start, start_at
 from matching.frequency.solver.task import AGREEMENT, Near, NoBetter, Solution, TuningTask
@@ -34,6 +36,7 @@ def solve(
 ) -> Solution:  # fmt: skip
     """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
 
+    The error alone decides; of answers as good within 0.2 % the one that changes least is taken.
     What starts agree on is left again by searches from about it, and given up for what is better. Where no start ends
     in a stable loop, settings are drawn blindly over the bounds, and those that are stable are starts as well.
 
@@ -86,7 +89,16 @@ def solve(
         counted = (blind.drawn, len(blind.stable)) if blind else None
         nothing = Solution(problem.values(best), float("nan"), objectives, False, False, blind=counted)
         return never_worse(task, nothing, point)
-    return never_worse(task, first_that_holds(task, kept, objectives), point)
+    return _settled(task, never_worse(task, first_that_holds(task, kept, objectives), point), point)
+
+
+def _settled(task: TuningTask, best: Solution, point: End | None = None) -> Solution:
+    """Of answers as good as the best to 0.2 %, and no worse than the given point, the one that changes least."""
+    limit = as_good_as(best.objective, SAME_ERROR)
+    if point is not None and point.margin >= task.case.limits["modulus_margin"]:
+        limit = min(limit, max(point.objective, best.objective))
+    settled = never_worse(task, least_change(task, best, limit), point)
+    return replace(settled, as_good_to=as_good_as(best.objective, AS_GOOD))
 
 
 def _agree(task: TuningTask, ends: list[End | None], enough: int, point: End | None) -> bool:
@@ -139,9 +151,9 @@ def _from(task: TuningTask, near: Near) -> Solution:
     problem = task.build()
     begins = [start_at(problem, values, start_pairs) for values, pairs in near.solutions for start_pairs in (pairs, ())]
     ends = list(stable_ends(problem, begins))
-    if not any(near.beaten_by(end.objective) for end in ends):
+    if not any(near.beaten_by(as_good_as(end.objective, SAME_ERROR)) for end in ends):
         raise NoBetter
-    solution = first_that_holds(task, ends, tuple(end.objective for end in ends))
+    solution = _settled(task, first_that_holds(task, ends, tuple(end.objective for end in ends)))
     if not near.beaten_by(solution.objective):
         raise NoBetter
     return solution

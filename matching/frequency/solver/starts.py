@@ -35,14 +35,16 @@ def start(problem: Problem, random: np.random.Generator | None) -> np.ndarray:
         moves = np.where(loop, gentle * part, point + shift)
         return np.concatenate([np.clip(moves, 0.01, 0.99), *pairs])
 
-    def merit(v: np.ndarray) -> float:
-        f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
-        return float(np.nan_to_num(f[0] + VIOLATION_WEIGHT * min(problem.violation(g), 1.0), nan=np.inf))
-
     if random is None:
         return begin(0.5, 0.0)
     drawn = (begin(random.random(len(point)), 0.2 * random.normal(size=len(point))) for _ in range(DRAWN_FOR_A_START))
-    return min(drawn, key=merit)
+    return min(drawn, key=lambda v: merit(problem, v))
+
+
+def merit(problem: Problem, v: np.ndarray) -> float:
+    """How little a start (v,) promises: its objective and what it misses of constraints, weighted."""
+    f, g = (part.full().ravel() for part in problem.objective(v, problem.extra()))
+    return float(np.nan_to_num(f[0] + VIOLATION_WEIGHT * min(problem.violation(g), 1.0), nan=np.inf))
 
 
 def start_at(problem: Problem, values: Mapping[str, float], pairs: Sequence[float] = ()) -> np.ndarray:

@@ -24,7 +24,7 @@ class Solution:
     ``holds`` is whether the modulus margin is kept between the frequencies of the grid, too, and ``added`` are those
     (Hz) at which it was asked for beside the grid. ``pairs`` are the goals' eigenpairs as the decision vector has them.
     ``blind`` is how many settings were drawn over the bounds where no start led to a stable loop, and how many of them
-    are stable.
+    are stable. ``as_good_to`` is the largest objective that counts as good as the best one.
     """
 
     values: dict[str, float]
@@ -35,6 +35,7 @@ class Solution:
     added: tuple[float, ...] = ()
     pairs: tuple[float, ...] = ()
     blind: tuple[int, int] | None = None
+    as_good_to: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,10 @@ class NoBetter(Exception):
 
 @dataclass(frozen=True)
 class TuningTask:
-    """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it; ``weights`` (moves,)."""
+    """The programme to solve, as :func:`matching.frequency.programme.build.build` takes it; ``weights`` (moves,).
+
+    With ``error_limit`` the change is minimised subject to it, else the error.
+    """
 
     case: Case
     moves: tuple[Move, ...]
@@ -67,10 +71,12 @@ class TuningTask:
     goals: tuple[Goal, ...]
     objective: Objective
     demands: Demands
+    error_limit: float | None = None
 
     def build(self, tight: bool = False, exact: bool = False, slots: int = 0, compiled: bool = True) -> Problem:
         """The programme."""
         return build(
             self.case, self.moves, self.weights, self.goals, self.objective, self.demands,
             tight=tight, exact=exact, slots=slots, compiled=compiled,
+            error_limit=self.error_limit,
         )  # fmt: skip

@@ -8,17 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from matching.frequency.case.targets import target_modes
 from matching.frequency.loop.linear_body import Body, body
+from matching.frequency.loop.loop_modes import eigenvalue_of
 from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
 from matching.frequency.verification.running_controller import Running
 from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.manoeuvres import Kick
-from modelling.modal.modes import modes
 from modelling.modal.result import Mode
 
 PERIODS = 8.0  # that an excitation of its own is watched for
 NEIGHBOUR_WITHIN = 0.25  # relative in frequency: a mode so near might be taken for the target's
+SAME_EIGENVALUE = (
+    0.05  # |ln s/s₀| between what is read off the simulated vehicle and the eigenvalue of its linear model
+)
 NEIGHBOUR_DAMPING = 3.0  # times the target's: what is damped more dies away before it could be taken for it
 
 
@@ -68,10 +72,10 @@ def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[Id
         If the loop grows out of bounds.
     """
     vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
-    known = modes(parts.case.vehicle)
-    targets = [known[target.mode - 1] for target in parts.case.targets]
+    pairs = target_modes(parts.case)
+    targets = [plain for plain, _ in pairs]
     swinging = swinging_modes(vehicle)
-    chosen = [damped_counterpart(vehicle, swinging, mode) for mode in targets]
+    chosen = [int(np.argmin(np.abs(swinging.values - eigenvalue_of(damped)))) for _, damped in pairs]
     top = max(parts.case.band[1], *(1.5 * mode.frequency for mode in targets))
     read = _read(parts, vehicle, traces, swinging, chosen, top)
     identified = []
@@ -102,20 +106,7 @@ def swinging_modes(vehicle: Body) -> SwingingModes:
     return SwingingModes(values[upper], vectors[:, upper])
 
 
-def damped_counterpart(vehicle: Body, swinging: SwingingModes, mode: Mode) -> int | None:
-    """Index of the damped mode that moves like an undamped one, None where nothing swings."""
-    if not len(swinging.values):
-        return None
-    wanted = np.array([mode.shape[name] for name in vehicle.masses])
-    turns = vehicle.turns @ swinging.vectors
-    weighted = vehicle.J * wanted
-    kinetic = np.sum(vehicle.J[:, None] * np.abs(turns) ** 2, axis=0)
-    mac = np.abs(weighted.conj() @ turns) ** 2 / np.maximum(kinetic * np.vdot(wanted, weighted).real, 1e-300)
-    near = np.exp(-np.abs(np.log(np.abs(swinging.values) / max(2 * np.pi * mode.frequency, 1e-300))))
-    return int(np.argmax(mac * near))
-
-
-def neighbours(swinging: SwingingModes, chosen: list[int | None]) -> list[int]:
+def neighbours(swinging: SwingingModes, chosen: list[int]) -> list[int]:
     """Indices of modes that might be taken for one of the chosen: near in frequency, and not damped much more."""
     sizes = np.abs(swinging.values)
     damping = -swinging.values.real / np.maximum(sizes, 1e-300)
@@ -128,7 +119,7 @@ def neighbours(swinging: SwingingModes, chosen: list[int | None]) -> list[int]:
 
 
 def _read(
-    parts: Parts, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int | None], top: float
+    parts: Parts, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int], top: float
 ) -> list[tuple[Ringing | None, Ringing | None]]:
     """(vehicle, matched) for every chosen mode, off what follows the last change of a torque."""
     changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
@@ -139,13 +130,23 @@ def _read(
     rows += [vehicle.space.output(interface_speed(cut.shaft)) for cut in parts.cuts]
     names += [f"interfaces.{cut.shaft}.speed" for cut in parts.cuts]
     amplitudes = np.array(rows) @ swinging.vectors  # (c, m)
-    shapes = np.array([np.zeros(len(rows)) if index is None else amplitudes[:, index] for index in chosen])
-    others = amplitudes[:, neighbours(swinging, chosen)].T
+    shapes = amplitudes[:, chosen].T
+    around = neighbours(swinging, chosen)
+    others, known = amplitudes[:, around].T, swinging.values[[*chosen, *around]]
     pair = []
     for trace in (traces.vehicle, traces.matched):
         signals = np.stack([trace[name][first:] for name in names], axis=1)
-        pair.append(read_modes(signals, step, shapes, top, others) if len(signals) >= 40 else [None] * len(shapes))
-    return list(zip(*pair, strict=True))
+        nothing: list[Ringing | None] = [None] * len(shapes)
+        pair.append(read_modes(signals, step, shapes, top, others, known) if len(signals) >= 40 else nothing)
+    read = zip(*pair, known, strict=False)
+    return [(vehicle, rig) if is_mode(vehicle, value) else (None, None) for vehicle, rig, value in read]
+
+
+def is_mode(reading: Ringing | None, eigenvalue: complex) -> bool:
+    """Whether what was read off the vehicle's own motion is the mode that it is known to have."""
+    if reading is None:
+        return False
+    return abs(np.log(eigenvalue_of(reading) / eigenvalue)) <= SAME_EIGENVALUE
 
 
 def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:

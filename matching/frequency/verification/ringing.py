@@ -114,9 +114,11 @@ def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, f
     return smooth[::by], step * by
 
 
+# more than six parameters: what is known of the modes beside the signals
 def read_modes(
-    signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0, neighbours: np.ndarray | None = None
-) -> list[Ringing | None]:
+    signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0, neighbours: np.ndarray | None = None,
+    eigenvalues: np.ndarray | None = None,
+) -> list[Ringing | None]:  # fmt: skip
     """Read off modes, told from others by how they move the sensors.
 
     Parameters
@@ -131,6 +133,9 @@ def read_modes(
         Hz; modes above are filtered off.
     neighbours : ndarray (n, c), optional
         The same of modes for which those to be read might be taken: what moves the sensors as they do is theirs.
+    eigenvalues : ndarray (m + n,), optional
+        1/s, of the modes and then of the neighbours in the vehicle: of poles that move the sensors alike, a mode gets
+        the nearer one.
 
     Returns
     -------
@@ -146,18 +151,32 @@ def read_modes(
         open_yet = [i for i, modes in enumerate(out) if modes is None]
         if not open_yet or length < SHORTEST:
             break
-        of_all = _alike(signals[:length], step, np.concatenate([shapes, others]), top)
+        of_all = _alike(signals[:length], step, Wanted(np.concatenate([shapes, others]), eigenvalues), top)
         for i, modes in ((i, of_all[i]) for i in open_yet):
             if modes is not None and (length == len(signals) or modes.fit > EXPLAINED):
                 out[i] = modes
     return out
 
 
-def _alike(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> list[Ringing | None]:
+@dataclass(frozen=True)
+class Wanted:
+    """Complex amplitudes (m, c) of the modes to read, and their eigenvalues (m,), 1/s, where they are known."""
+
+    shapes: np.ndarray
+    eigenvalues: np.ndarray | None
+
+    def nearness(self, poles: np.ndarray) -> np.ndarray:
+        """exp(−|ln s/s₀|) of each mode and pole, (m, poles)."""
+        if self.eigenvalues is None:
+            return np.ones((len(self.shapes), len(poles)))
+        return np.asarray(np.exp(-np.abs(np.log(poles[None] / self.eigenvalues[:, None]))))
+
+
+def _alike(signals: np.ndarray, step: float, wanted: Wanted, top: float) -> list[Ringing | None]:
     """What three parts of a record show alike."""
     length = len(signals)
     spans = ((0, length), (length // 10, length), (0, 4 * length // 5))
-    runs = [_read(signals[first:last], step, shapes, top) for first, last in spans]
+    runs = [_read(signals[first:last], step, wanted, top) for first, last in spans]
     out: list[Ringing | None] = []
     for together in zip(*runs, strict=True):
         good = [mode for mode in together if mode is not None]
@@ -170,8 +189,8 @@ def _alike(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> 
     return out
 
 
-def _read(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> list[Ringing | None]:
-    few, longer = thinned(signals, step, top)
+def _read(signals: np.ndarray, step: float, modes: Wanted, top: float) -> list[Ringing | None]:
+    (few, longer), shapes = thinned(signals, step, top), modes.shapes
     nothing: list[Ringing | None] = [None] * len(shapes)
     moving = np.ptp(few, axis=0) > 1e-9 * np.abs(few).max(axis=0, initial=1e-300) if len(few) else np.zeros(0, bool)
     if len(few) < 20 or not moving.any():
@@ -190,7 +209,7 @@ def _read(signals: np.ndarray, step: float, shapes: np.ndarray, top: float) -> l
     wanted = shapes / got.scale
     mac = np.abs(wanted.conj() @ amplitudes.T) ** 2  # modal assurance criterion (m, poles)
     mac /= np.maximum(np.outer(np.sum(np.abs(wanted) ** 2, axis=1), np.sum(np.abs(amplitudes) ** 2, axis=1)), 1e-300)
-    score = np.where((mac > LEAST_MAC) & (share > LEAST_SHARE), mac * np.sqrt(share), 0.0)
+    score = np.where((mac > LEAST_MAC) & (share > LEAST_SHARE), mac * np.sqrt(share), 0.0) * modes.nearness(poles)
     out = nothing
     # a pole belongs to one mode
     for shape, i in zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True):

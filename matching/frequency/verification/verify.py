@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.targets import target_modes
 from matching.frequency.independent.check import IndependentCheck, check
 from matching.frequency.loop.encirclements import Encirclements, encirclements
 from matching.frequency.loop.exact_loop import ExactLoop
@@ -32,7 +33,6 @@ from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.residual_vehicle import cut
 from modelling.linear.reference_motion import is_linear
-from modelling.modal.modes import modes
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 
@@ -259,10 +259,9 @@ def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, note
 
 def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
     """For every target its number, the mode that it became, and their likeness."""
-    known = modes(case.vehicle)
     inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
     reached = []
-    for target in case.targets:
-        best = match_mode(known[target.mode - 1], candidates, inertia)
+    for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
+        best = match_mode(wanted, candidates, inertia)
         reached.append((target.mode, *(best or (None, 0.0))))
     return tuple(reached)

@@ -93,12 +93,22 @@ def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
         for axes, trade in zip(panels, trades):
             values, errors = np.array(trade.curve).T
             axes.axvspan(*trade.acceptable, color=BAND, label="as good within 2 %")
-            axes.plot(values, errors, "o-", color=MATCHED, markersize=3.5, label="response error, the rest as tuned")
+            axes.plot(
+                values,
+                errors,
+                "o-",
+                color=MATCHED,
+                markersize=3.5,
+                label="response error, the rest tuned for each value",
+            )
             axes.axvline(trade.planned, color=RIG, linestyle="--", label="as planned")
             axes.plot(trade.ordered, trade.error_as_ordered, "D", color=MATCHED, markersize=8, label="ordered")
-            if trade.error_as_planned is not None:
+            if trade.error_all_as_planned is not None:
                 axes.axhline(
-                    trade.error_as_planned, color=LIMIT, linestyle=":", label="all adapters as planned, tuned for it"
+                    trade.error_all_as_planned,
+                    color=LIMIT,
+                    linestyle=":",
+                    label="all adapters as planned, tuned for it",
                 )
             if values.min() > 0 and values.max() > LOGARITHMIC_FROM * values.min():
                 axes.set_xscale("log")
