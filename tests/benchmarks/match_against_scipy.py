@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
 from matching.frequency.case.load import load_case
-from matching.frequency.programme.build import CHANGE_WEIGHT, EIGENVALUE_WEIGHT
+from matching.frequency.programme.build import EIGENVALUE_WEIGHT
 from matching.frequency.programme.closed_loop import _expressions
 from matching.frequency.programme.margin_grid import SLOTS, margin_points
 from matching.frequency.programme.problem import Problem, eigenpairs
@@ -181,7 +181,6 @@ class Reduced:
         ratio = H / self.task.objective.vehicle
         parts = [np.log(np.abs(ratio)).ravel(), np.unwrap(np.angle(ratio), axis=0).ravel()]
         wrong = [part / np.sqrt(ratio.size) for part in parts]
-        wrong.append(np.sqrt(CHANGE_WEIGHT * self.task.weights) * (v[: self.size] - self.start))
         pairs = eigenpairs(v, self.size, self.problem.case)
         for goal, (sigma, omega, *_) in zip(self.problem.goals, pairs, strict=True):
             natural, ratio_wanted = np.hypot(sigma, omega), -goal.eigenvalue.real / abs(goal.eigenvalue)

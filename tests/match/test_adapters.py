@@ -10,7 +10,7 @@ import pytest
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
-from matching.frequency.search.adapter_trade import HALVINGS, PLACES, Retuning
+from matching.frequency.solver.adapter_trade import HALVINGS, PLACES, Retuning
 from matching.frequency.solver.ends import End
 from tests.match.programme import programme_of
 

@@ -11,7 +11,7 @@ from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.adapter_trade import feedback_error
+from matching.frequency.solver.adapter_trade import feedback_error
 from matching.frequency.search.match import match
 
 

@@ -190,7 +190,7 @@ def match_mode(
     return None if best is None else (best[1], best[2])
 
 
-class Swinging(Protocol):
+class SwingingMotion(Protocol):
     """What has a frequency in Hz and a damping ratio."""
 
     @property
@@ -202,7 +202,7 @@ class Swinging(Protocol):
         """−Re s/|s|."""
 
 
-def eigenvalue_of(mode: Swinging) -> complex:
+def eigenvalue_of(mode: SwingingMotion) -> complex:
     """2π·f·(−ζ + j·√(1 − ζ²)), 1/s."""
     damping = float(np.clip(mode.damping_ratio, -1, 1))
     return 2 * np.pi * mode.frequency * complex(-damping, np.sqrt(1 - damping**2))

@@ -16,7 +16,7 @@ from matching.frequency.case.case import Move
 from matching.frequency.case.tuned import apply
 from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.response.band import BandNodes
-from matching.frequency.search.adapter_trade import Retuning, feedback_error, nothing_else_moves
+from matching.frequency.solver.adapter_trade import Retuning, feedback_error, nothing_else_moves
 from matching.frequency.search.question import Question
 from matching.frequency.search.result import AdapterTrade
 from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
@@ -50,7 +50,7 @@ def settle_adapters(
 
 
 def _of_one_bed(trades: tuple[AdapterTrade, ...]) -> tuple[AdapterTrade, ...]:
-    """The bed as planned with one error: of two searches for it, where all but one are as planned, the better counts."""
+    """The bed as planned with one error: of two searches for it, where one quantity is ordered, the better counts."""
     ordered = [trade for trade in trades if trade.ordered != trade.planned]
     if len(ordered) != 1 or ordered[0].error_as_planned is None or ordered[0].error_all_as_planned is None:
         return trades

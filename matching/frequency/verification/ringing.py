@@ -151,7 +151,7 @@ def read_modes(
         open_yet = [i for i, modes in enumerate(out) if modes is None]
         if not open_yet or length < SHORTEST:
             break
-        of_all = _alike(signals[:length], step, Wanted(np.concatenate([shapes, others]), eigenvalues), top)
+        of_all = _alike(signals[:length], step, KnownModes(np.concatenate([shapes, others]), eigenvalues), top)
         for i, modes in ((i, of_all[i]) for i in open_yet):
             if modes is not None and (length == len(signals) or modes.fit > EXPLAINED):
                 out[i] = modes
@@ -159,7 +159,7 @@ def read_modes(
 
 
 @dataclass(frozen=True)
-class Wanted:
+class KnownModes:
     """Complex amplitudes (m, c) of the modes to read, and their eigenvalues (m,), 1/s, where they are known."""
 
     shapes: np.ndarray
@@ -172,7 +172,7 @@ class Wanted:
         return np.asarray(np.exp(-np.abs(np.log(poles[None] / self.eigenvalues[:, None]))))
 
 
-def _alike(signals: np.ndarray, step: float, wanted: Wanted, top: float) -> list[Ringing | None]:
+def _alike(signals: np.ndarray, step: float, wanted: KnownModes, top: float) -> list[Ringing | None]:
     """What three parts of a record show alike."""
     length = len(signals)
     spans = ((0, length), (length // 10, length), (0, 4 * length // 5))
@@ -189,7 +189,7 @@ def _alike(signals: np.ndarray, step: float, wanted: Wanted, top: float) -> list
     return out
 
 
-def _read(signals: np.ndarray, step: float, modes: Wanted, top: float) -> list[Ringing | None]:
+def _read(signals: np.ndarray, step: float, modes: KnownModes, top: float) -> list[Ringing | None]:
     (few, longer), shapes = thinned(signals, step, top), modes.shapes
     nothing: list[Ringing | None] = [None] * len(shapes)
     moving = np.ptp(few, axis=0) > 1e-9 * np.abs(few).max(axis=0, initial=1e-300) if len(few) else np.zeros(0, bool)

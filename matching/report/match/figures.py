@@ -39,7 +39,7 @@ CAPTIONS = {
     "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
     "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest tuned for "
-    "each value, and the range in which error and margin are as good within 2 %. Dotted: what the bed as planned reaches.",
+    "each value, and the range that is as good within 2 %. Dotted: what the bed as planned reaches.",
     "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
 }
 
