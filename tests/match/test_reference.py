@@ -11,8 +11,8 @@ from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
-from matching.frequency.solver.adapter_trade import feedback_error
 from matching.frequency.search.match import match
+from matching.frequency.solver.adapter_trade import feedback_error
 
 
 def test_targets(reference):

@@ -16,11 +16,11 @@ from matching.frequency.case.case import Move
 from matching.frequency.case.tuned import apply
 from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.response.band import BandNodes
-from matching.frequency.solver.adapter_trade import Retuning, feedback_error, nothing_else_moves
 from matching.frequency.search.question import Question
 from matching.frequency.search.result import AdapterTrade
 from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
 from matching.frequency.search.targets_met import target_results
+from matching.frequency.solver.adapter_trade import Retuning, feedback_error, nothing_else_moves
 from matching.frequency.solver.given_point import given_end, never_worse
 from matching.frequency.solver.least_change import SAME_ERROR, as_good_as, least_change
 from matching.frequency.solver.solve import warm
