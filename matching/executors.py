@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from multiprocessing.reduction import ForkingPickler
 from threading import Thread, active_count
 from typing import Any
 
@@ -22,7 +23,8 @@ class LocalProcesses(Executor):
     """Worker processes of this machine.
 
     When one is killed all of them are lost to :class:`concurrent.futures.ProcessPoolExecutor`; :meth:`restart` begins
-    new ones.
+    new ones. A task is what its arguments were when it was submitted: they are pickled there, not by the pool's thread
+    some time later, while this process goes on and caches what it works out in them.
     """
 
     def __init__(self, workers: int | None = None, like_this_process: bool = False):
@@ -35,7 +37,7 @@ class LocalProcesses(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         """As :meth:`concurrent.futures.Executor.submit`."""
-        return self._pool.submit(fn, *args, **kwargs)
+        return self._pool.submit(_call, bytes(ForkingPickler.dumps((fn, args, kwargs))))
 
     def restart(self) -> None:
         """Begin new processes; what has not ended has to be submitted anew."""
@@ -98,6 +100,11 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         raise InputError("--scheduler", f"{scheduler!r} does not answer ({said})", right) from None
     with client:
         yield client.get_executor()
+
+
+def _call(task: bytes) -> Any:
+    function, arguments, options = ForkingPickler.loads(task)
+    return function(*arguments, **options)
 
 
 def _can_fork() -> bool:

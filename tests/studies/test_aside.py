@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from concurrent.futures import BrokenExecutor, Future
 
 import pytest
@@ -101,3 +102,30 @@ def test_a_killed_process_costs_nothing_but_time():
         os.kill(process, signal.SIGKILL)
         assert aside.begin(work, 5).result()[1] == 25
         assert aside.begin(work, 6).result()[1] == 36
+
+
+def wait_for(path):
+    while not path.exists():
+        time.sleep(0.01)
+
+
+def keys_of(value):
+    return sorted(vars(value))
+
+
+class Cached:
+    """A value in which its process keeps what it works out."""
+
+
+def test_a_task_has_its_arguments_as_they_were_when_it_was_begun(tmp_path):
+    """What this process caches in them later is not sent: it would be pickled while it changes."""
+    value, go_on = Cached(), tmp_path / "go_on"
+    value.known = 1
+    with beside(2) as aside:
+        waiting = [aside.begin(wait_for, go_on) for _ in range(4)]  # more than the pool pickles ahead
+        aside.share(value)
+        shared, sent = aside.begin(keys_of, value), Aside(aside._process).begin(keys_of, value)
+        value.later = 2
+        go_on.touch()
+        assert [task.promise.result(60) for task in (shared, sent)] == [["known"], ["known"]]
+        assert all(task.promise.result(60) is None for task in waiting)
