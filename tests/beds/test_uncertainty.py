@@ -11,7 +11,7 @@ from modelling.common.errors import InputError
 
 
 def widths(case, table):
-    box = read_uncertainty({"uncertainty": table}, case.rig, case.loop, "case.toml")
+    box = read_uncertainty({"uncertainty": table}, case.vehicle, case.rig, case.loop, "case.toml")
     return {one.name: one.half_width for one in box.uncertain}
 
 
