@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import tomllib
 from pathlib import Path
 
 from matching.frequency.case.load import load_case
@@ -56,6 +57,8 @@ def seeds() -> tuple[Seed, ...]:
         found.append(Seed("case", folder.name, files["case.toml"], others))
         for name, content in others.items():
             case = b"\nrig = " in content  # another case of the same drive
+            if not case and "inertias" not in tomllib.loads(content.decode()):
+                continue  # neither a case nor a model: no command reads it
             beside = {"rig.toml": files["rig.toml"], "vehicle.toml": files["vehicle.toml"]} if case else {}
             found.append(Seed("case" if case else "model", f"{folder.name}_{name[:-5]}", content, beside))
     found += [Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))]

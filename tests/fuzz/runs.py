@@ -5,11 +5,13 @@ Beside answering or refusing in one line, text of a file has to stay text: XML a
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
 import zlib
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 from pathlib import Path
@@ -29,9 +31,10 @@ from matching.explore.signals.measurement import read_as_suggested
 from matching.fmu.export_source import read_export_source
 from matching.frequency.case.load import load_case
 from matching.records import CHECKSUM
-from matching.report.common.style import image
-from matching.report.drawing.figures import model_figure
+from matching.report.drawing.layout import MOST_INERTIAS
 from modelling.common.output import strict_json
+from modelling.equations import latex
+from modelling.equations.lagrange import derive
 from modelling.fmu.description import description
 from modelling.fmu.export import page_of
 from modelling.fmu.source import sources
@@ -40,7 +43,7 @@ from modelling.measurement.read import read_recording
 from modelling.model.files import load
 
 DRAWN_SHARE = 8  # one model in so many is drawn
-LARGEST_DRAWN = 40  # inertias
+SVG = "data:image/svg+xml;base64,"
 TAGS = re.compile(
     "a|article|b|body|br|caption|code|col|colgroup|dd|details|div|dl|dt|em|figure|h[1-6]|head|html|i|li|math|meta|m[a-z]+"
     "|ol|p|pre|section|small|span|strong|style|sub|summary|sup|table|tbody|td|th|thead|title|tr|ul"
@@ -145,11 +148,12 @@ def written(path: Path, deep: bool) -> None:
     ET.fromstring(described.encode())
     for name, text in sources(source.block, "m", "2.0", "{0}").items():
         _check_c(name, text)
-    _check_html(page_of("index.html", block=source.block, fmi="2.0"))
+    check_html(page_of("index.html", block=source.block, fmi="2.0"))
     system = load(path)
-    _check_html(system._repr_html_())
-    if deep and len(system.inertias) <= LARGEST_DRAWN and _one_in(DRAWN_SHARE, path):
-        ET.fromstring(image(model_figure(system), "svg"))
+    check_html(latex.html(derive(system), system))
+    if not deep or _one_in(DRAWN_SHARE, path):
+        drawn = len(system.inertias) <= MOST_INERTIAS
+        check_html(system._repr_html_(), [system.title or "drivetrain"] if drawn else [])
 
 
 def _check_c(name: str, text: str) -> None:
@@ -161,16 +165,45 @@ def _check_c(name: str, text: str) -> None:
 
 
 class _Tags(HTMLParser):
+    """Collects the titles of the pictures."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pictures: list[str | None] = []
+
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Only tags that the program writes, and no attribute that runs anything."""
-        if not TAGS.fullmatch(tag) or any(name.startswith("on") for name, _ in attrs):
+        if tag == "img" and _is_drawing(attrs):
+            self.pictures.append(dict(attrs)["alt"])
+        elif not TAGS.fullmatch(tag) or any(name.startswith("on") for name, _ in attrs):
             raise AssertionError(f"HTML holds <{tag[:20]}>")
 
 
-def _check_html(page: str) -> None:
+def _is_drawing(attributes: list[tuple[str, str | None]]) -> bool:
+    """Whether an image is an SVG within the page, well-formed and without script, and has no other attributes."""
+    source = dict(attributes).get("src") or ""
+    if [name for name, _ in attributes] != ["alt", "src", "style"] or not source.startswith(SVG):
+        return False
+    elements = ET.fromstring(base64.b64decode(source.removeprefix(SVG), validate=True)).iter()
+    return not any(
+        element.tag.endswith(("}script", "}foreignObject")) or any(name.startswith("on") for name in element.attrib)
+        for element in elements
+    )
+
+
+def check_html(page: str, pictures: Sequence[str] = ()) -> None:
+    """Only what the program writes, and exactly its pictures, each with its title.
+
+    Raises
+    ------
+    AssertionError
+        Where a tag, an attribute or a picture stands there that the program does not write.
+    """
     parser = _Tags()
     parser.feed(page)
     parser.close()
+    if parser.pictures != list(pictures):
+        raise AssertionError(f"HTML holds {len(parser.pictures)} <img>")
 
 
 def opened_to_edit(path: Path, deep: bool) -> None:

@@ -1,17 +1,20 @@
 """A short form of the fuzzer, the inputs it found, and that it finds what is planted."""
 
+import base64
 import itertools
+import tomllib
 
 import pytest
 
 from modelling.common.errors import InputError
+from modelling.model.files import from_dict
 from tests.fuzz import targets
 from tests.fuzz.corpus import seeds
 from tests.fuzz.inputs import fuzz_input
 from tests.fuzz.minimise import minimised
 from tests.fuzz.mutate import mutated
-from tests.fuzz.runs import RUNS
-from tests.fuzz.seed import FOUND, Seed
+from tests.fuzz.runs import RUNS, check_html
+from tests.fuzz.seed import FOUND, MODEL, Seed
 from tests.fuzz.targets import TARGETS, failure
 
 SHORT_RUN, SHORT_COUNT, PARTS = 0, 2500, 5
@@ -73,6 +76,25 @@ def test_planted_faults_are_found(fault, tmp_path, monkeypatch):
         "KeyError at " if isinstance(fault, KeyError) else ("TooLong", "")[isinstance(fault, InputError)]
     )
     assert bool(what) is not isinstance(fault, InputError)  # its parts are cut, so the line stays short
+
+
+def test_a_picture_is_allowed_once_and_only_as_the_program_draws_it():
+    model = from_dict(tomllib.loads(MODEL))
+    page = model._repr_html_()
+    check_html(page, ["two discs"])
+    drawing = page[page.index("<img") : page.index("</p>")]
+    script = base64.b64encode(b"<svg xmlns='http://www.w3.org/2000/svg'><script/></svg>").decode()
+    for planted in (
+        "<img src=x>",
+        "<img alt='a' src='x.svg' style='max-width:100%'>",
+        drawing,
+        drawing.replace("<img ", "<img onload='a()' "),
+        f"<img alt='a' src='data:image/svg+xml;base64,{script}' style='max-width:100%'>",
+    ):
+        with pytest.raises(AssertionError, match="<img>"):
+            check_html(page + planted, ["two discs"])
+    with pytest.raises(AssertionError, match="0 <img>"):
+        check_html(page.replace(drawing, ""), ["two discs"])
 
 
 def test_a_failing_input_is_made_small():
