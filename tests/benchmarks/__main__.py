@@ -14,7 +14,7 @@ from pathlib import Path
 from tests.benchmarks.row import HEAD
 
 HERE = Path(__file__).parent
-APART = {"row", "dead_times", "diagnosis_growth"}  # no timings, or too long to be run with the others
+APART = {"row", "dead_times", "delay_coverage", "diagnosis_growth", "observer_table"}  # no timings, or too long
 
 
 def main() -> int:

@@ -2,7 +2,9 @@
 
 Rows are dead times in ms, with ``g`` where the gains of dynamometers and torque sensors are drawn as well and ``s``
 where the motor's speed is not measured: ``1 3 3g 3s 5 8 12``. Every row is a match, judged on fresh beds and by the
-worst bed of the box; printed as a table in Markdown. It takes about a minute of one core a row.
+worst bed of the box; printed as a table in Markdown. It takes about half a minute of one core a row.
+``--limit command_noise=30`` changes a limit of the case, ``--loop sample_time=0.0005`` a value of its loop, SI: the
+trades between error, noise, roll-off and sampling.
 """
 
 import argparse
@@ -11,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
 from matching.frequency.independent.beds_check import quantile
 from matching.frequency.search.observed import match_with_observer
@@ -25,10 +28,11 @@ HEAD = (
 )
 
 
-def case_of(row: str):
-    """The reference case of a row."""
+def case_of(row: str, limits: dict[str, float], values: dict[str, float]) -> Case:
+    """The reference case of a row, with some limits and values of the loop changed."""
     case = load_case(CASE)
-    loop = case.loop.with_values({"dead_time": float(row.rstrip("gs")) / 1e3})
+    case = replace(case, limits={**case.limits, **limits})
+    loop = case.loop.with_values({"dead_time": float(row.rstrip("gs")) / 1e3, **values})
     if row.endswith("s"):
         loop = replace(loop, further_sensors=())
     box = case.uncertainty if row.endswith("g") else case.uncertainty.without(*GAINS)
@@ -38,11 +42,11 @@ def case_of(row: str):
     return replace(case, loop=loop, uncertainty=box)
 
 
-def line(row: str, beds: int) -> str:
+def line(row: str, case: Case, beds: int) -> str:
     """One row of the table."""
     begin = time.process_time()
-    found = match_with_observer(question_of(case_of(row)), 0, lambda _: None, TuningEffort(fresh=beds))
-    checked, loop, error = found.robust.beds, found.robust.loop, found.response_error
+    result = match_with_observer(question_of(case), 0, lambda _: None, TuningEffort(fresh=beds))
+    checked, loop, error = result.robust.beds, result.robust.loop, result.response_error
     by_input = {
         kind: (sum(f.unmeasured**2 for f in error.functions if f.input == kind) / 3) ** 0.5
         for kind in ("motor_torque", "road_left")
@@ -52,8 +56,14 @@ def line(row: str, beds: int) -> str:
         f"| {quantile(checked.unmeasured, 0.5):.3f}, {quantile(checked.unmeasured, 0.95):.3f} "
         f"| {checked.stable} / {checked.damped} of {checked.drawn} | {checked.worst.damping_ratio:.4f} "
         f"| {loop.modulus_margin:.2f} | {loop.largest_rolled_off:.2f} | {max(loop.command_noise):.1f} "
-        f"| {error.unmeasured_bound:.4f} | {found.status} | {time.process_time() - begin:.0f} |"
+        f"| {error.unmeasured_bound:.4f} | {result.status} | {time.process_time() - begin:.0f} |"
     )
+
+
+def changed(text: str) -> tuple[str, float]:
+    """Name and value of an option."""
+    name, value = text.split("=")
+    return name, float(value)
 
 
 def main() -> None:
@@ -61,10 +71,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rows", nargs="*", default=ROWS)
     parser.add_argument("--beds", type=int, default=2000)
+    parser.add_argument("--limit", action="append", default=[], type=changed, metavar="NAME=VALUE")
+    parser.add_argument("--loop", action="append", default=[], type=changed, metavar="NAME=VALUE")
     arguments = parser.parse_args()
+    limits, values = dict(arguments.limit), dict(arguments.loop)
     print(HEAD, "|" + "---|" * 11, sep="\n", flush=True)
     for row in arguments.rows:
-        print(line(row, arguments.beds), flush=True)
+        print(line(row, case_of(row, limits, values), arguments.beds), flush=True)
 
 
 if __name__ == "__main__":
