@@ -123,6 +123,34 @@ def test_polish_reaches_the_exact_minimum() -> None:
     np.testing.assert_allclose(difference_steps(start), 1 / np.linalg.norm(derivatives(v), axis=0))
 
 
+def creeping(ratio: float, promise: float = 1.1) -> KnownProblem:
+    """One variable e, minimum 0: with the Jacobian (1, 0)ᵀ each step decreases χ² to ``ratio`` times and as promised.
+
+    The steps are c·e with (1 − c)² = ratio; χ² = (c² + d²)·e², of which c²·e² is promised and (c² + d²)(2c − c²)·e²
+    gained.
+    """
+    c = 1 - np.sqrt(ratio)
+    column = 1e3 * np.array([c, np.sqrt(promise * c / (2 - c) - c**2)])
+    return KnownProblem({"e": (-np.inf, np.inf)}, lambda v: v[0] * column)
+
+
+def test_an_old_jacobian_that_converges_slowly_is_renewed() -> None:
+    """After 20 steps of it 0.85²⁰ = 4 % of χ² would be left; the problem is linear, so that a new one needs one step."""
+    old = np.array([[1e3], [0.0]])
+    begin = fit_at(creeping(0.85), np.ones(1), old).cost
+    assert solve(creeping(0.85), np.ones(1), old, FitOptions(iterations=20)).cost < 1e-6 * begin
+
+
+def test_an_old_jacobian_that_converges_fast_serves_on() -> None:
+    """Ten steps: eleven simulations and none for derivatives."""
+    problem, calls = creeping(0.6), []
+    function = problem.function
+    problem.function = lambda v: calls.append(1) or function(v)
+    fit = solve(problem, np.ones(1), np.array([[1e3], [0.0]]), FitOptions(iterations=10, exact=False))
+    assert len(calls) == 11
+    assert fit.v[0] == pytest.approx(0.6**5, rel=1e-6)
+
+
 def test_an_old_jacobian_whose_steps_gain_little_is_renewed() -> None:
     """Two exponentials: the steps along the first Jacobians keep their small promises and end far away (χ² 18 000)."""
     t = np.linspace(0, 1, 50)

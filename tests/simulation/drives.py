@@ -48,6 +48,7 @@ EFFECTS = {
     "coulomb_friction": ("inertias.load", {"torque": 1.2, "torque_reverse": 0.8}),
     "stribeck_friction": ("inertias.motor", {"torque": 0.5, "breakaway": 0.9, "speed": 0.8}),
     "quadratic_drag": ("inertias.load", {"coefficient": 0.02}),
+    "imposed_motion": ("inertias.load", {}),  # the brake's input is the speed of the load then
     "constant_torque": ("inertias.load", {"torque": 1.1}),
     "torque_ripple": ("inertias.motor", {"order": 3.0, "amplitude": 0.5, "phase": 0.3}),
     "dead_time": ("inputs.motor_torque", {"delay": 0.0047}),

@@ -82,6 +82,8 @@ def test_every_kind_takes_part():
         (("slip", "coulomb_friction"), "plain"),
         (("tyre_slip", "backlash"), "plain"),
         (("backlash", "dead_time"), "light"),
+        (("imposed_motion", "hysteresis"), "light"),
+        (("all_pass", "stribeck_friction"), "stiff"),
     ],
 )
 def test_drawn_pairs(kinds, body):

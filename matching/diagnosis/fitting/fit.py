@@ -21,7 +21,8 @@ ENOUGH, ENOUGH_SHARE = 0.02, 2e-6  # decrease of χ² not worth a step: absolute
 REJECTED, REJECTED_SHARE = 0.5, 1e-5  # the same after a step from a Jacobian of the point failed
 ACCEPTED_GAIN = 1e-4  # decrease over promised decrease from which a step is taken
 KEEP_GAIN = (0.7, 1.5)  # in between, an old Jacobian serves on
-SLOW_CHORD = 0.5  # of the decrease before: an old Jacobian whose steps gain no less than this converges too slowly
+SLOW_CHORD = 0.8  # of the decrease before: at this ratio 20 steps of an old Jacobian leave 0.8²⁰ = 1 % of what they can
+# gain, above it too much; below it, e.g. where stick-slip lets χ² fall by a quarter a step, a new one saves no step
 GROW_GAIN, SHRINK_GAIN, RENEW_GAIN = 0.7, 0.25, 0.5  # of the trust region; of the Jacobian
 SMALLEST_DIFFERENCE = 1.0  # of the residual, in times the noise: less is lost in what the integration leaves
 SHORTEST_STEP = 1e-10  # in times the noise
