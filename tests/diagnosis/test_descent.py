@@ -135,7 +135,7 @@ def creeping(ratio: float, promise: float = 1.1) -> KnownProblem:
 
 
 def test_an_old_jacobian_that_converges_slowly_is_renewed() -> None:
-    """After 20 steps of it 0.85²⁰ = 4 % of χ² would be left; the problem is linear, so that a new one needs one step."""
+    """After 20 steps of it 0.85²⁰ = 4 % of χ² would be left; the problem is linear: a new one needs one step."""
     old = np.array([[1e3], [0.0]])
     begin = fit_at(creeping(0.85), np.ones(1), old).cost
     assert solve(creeping(0.85), np.ones(1), old, FitOptions(iterations=20)).cost < 1e-6 * begin
