@@ -170,6 +170,16 @@ def test_no_finite_value_for_some_draws():
         evaluate(budget)
 
 
+@pytest.mark.parametrize(("width", "draws"), [(1.7e308, False), (1.7e308, True), (1e151, True), (1e60, False)])
+def test_an_uncertainty_whose_square_is_no_number_counts_without_a_first_derivative_too(width, draws):
+    """Of x·y at y = 0, ∂/∂x = 0; of 1e200·x² at x = 0 too, whose bias is 1e200·u²."""
+    formula, x = ("x*y", 1.0) if width > 1e100 else ("1e200*x**2 + y", 0.0)
+    inputs = {"x": {"value": x, "half_width": width}, "y": {"value": 0.0, "uncertainty": 1.0}}
+    budget = budget_from_tables({"measurand": {"formula": formula}, "inputs": inputs})
+    with pytest.raises(InputError, match="too large for a number"):
+        evaluate(budget, draws=100, with_monte_carlo=draws)
+
+
 @pytest.mark.parametrize(
     ("content", "words"), [("a = ", "is not TOML"), (None, "does not exist"), (b"\xff\xfe", "is not UTF-8")]
 )

@@ -15,6 +15,7 @@ import sympy
 from matching.validity.budget.budget import Budget, Measurand
 from matching.validity.uncertainty.draws import sampler
 from matching.validity.uncertainty.histogram import Histogram
+from matching.validity.uncertainty.propagate import LARGEST_VALUE, too_large
 from matching.validity.uncertainty.rounding import numerical_tolerance
 from modelling.common.errors import InputError
 from modelling.units import Unit
@@ -22,6 +23,7 @@ from modelling.units import Unit
 PILOT = 10  # chunks kept to place the histogram's edges
 MOST = 2_000_000  # draws until the result is stable
 MOST_TO_DECIDE = 10_000_000  # draws until a question to the result is decided as well, some seconds
+WIDEST_DRAWS = 1e150  # of wider ones the sum of squares over all draws is no floating-point number
 QUESTION_GROWTH = 1.25  # the question is asked again when there are so many times the draws
 
 
@@ -144,6 +146,8 @@ def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -
                 f"has no finite real value for {np.count_nonzero(~np.isfinite(y))} of {count} draws",
                 "narrow an input or correct it",
             )
+        if max(abs(y.max()), abs(y.min())) > LARGEST_VALUE or y.max() - y.min() > WIDEST_DRAWS:
+            raise too_large(budget, measurand)
         return y
 
     return values

@@ -103,19 +103,27 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
         return _propagated(budget, measurand, _evaluate(budget, measurand))
 
 
+def too_large(budget: Budget, measurand: Measurand) -> InputError:
+    """That a value, or the square of an uncertainty, is beyond what a floating-point number holds."""
+    return InputError(
+        f"{budget.where}: measurand {measurand.name}",
+        "its value or variance is too large for a number",
+        "give values and uncertainties in a larger unit",
+    )
+
+
 def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives) -> Propagation:
     c, hessian, covariance = derivatives.gradient, derivatives.hessian, budget.covariance
     first = float(c @ covariance @ c)
     largest = np.sum(np.abs(c) * budget.standard_uncertainties) ** 2
-    if not (np.isfinite(largest) and abs(derivatives.value) <= LARGEST_VALUE):
-        raise InputError(
-            f"{budget.where}: measurand {measurand.name}",
-            "its value or variance is too large for a number",
-            "give values and uncertainties in a larger unit",
-        )
+    product = hessian @ covariance
+    bias = 0.5 * float(np.trace(product))
+    squares = np.isfinite(covariance).all() and np.isfinite(largest)
+    curved = np.isfinite(bias) or not np.isfinite(hessian).all()  # a kink has no second derivative
+    if not (squares and curved and abs(derivatives.value) <= LARGEST_VALUE):
+        raise too_large(budget, measurand)
     if first < CANCELLED * largest:
         first = 0.0
-    product = hessian @ covariance
     extra = 0.5 * np.trace(product @ product) + c @ covariance @ derivatives.weighted_third
     for i, quantity in enumerate(budget.inputs):
         if np.count_nonzero(budget.correlation[i]) == 1 and quantity.standard_uncertainty > 0:
@@ -125,7 +133,6 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
     smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)
     second = math.sqrt(max(first + extra, 0.0)) if smooth else math.nan
-    bias = 0.5 * float(np.trace(product))
     return Propagation(derivatives.value, c, math.sqrt(max(first, 0.0)), second, bias, freedom, refusal)
 
 
