@@ -7,7 +7,10 @@ import pytest
 from match import drawn
 
 from matching.frequency.case.load import load_case
+from matching.frequency.case.tuned import apply
+from matching.frequency.programme.scaling import scaled
 from matching.frequency.solver import solve as searching
+from matching.frequency.solver.adapter_trade import some_as_planned
 from matching.frequency.solver.given_point import given_end
 from matching.frequency.solver.least_change import AS_GOOD, as_good_as, least_change, vector_of
 from matching.frequency.solver.nearest_roots import with_nearest_roots
@@ -70,3 +73,20 @@ def test_the_given_point_is_judged_by_the_roots_nearest_to_the_targets(solved):
     np.testing.assert_allclose(pairs[len(moves) :], v[len(moves) :], atol=1e-4)
     point = given_end(problem)
     assert point.objective == pytest.approx(answer.objective, rel=1e-6)
+
+
+def test_an_answer_with_an_adapter_held_is_one_of_the_programme_without_it(solved):
+    """Here it is better than what the search without the adapter finds, which begins from other values."""
+    task, best = solved
+    adapter = next(move for move in task.moves if move.name.startswith("rig."))
+    held = some_as_planned(task, best, [adapter])
+    assert held.values[adapter.name] == pytest.approx(adapter.planned, rel=1e-12)
+    assert held.objective > best.objective
+    left = np.array([move is not adapter for move in task.moves])
+    moves = tuple(move for move in task.moves if move is not adapter)
+    case = apply(task.case, dict.fromkeys(adapter.together, adapter.planned))
+    without = replace(task, case=case, moves=moves, weights=task.weights[left])
+    problem = without.build()
+    v = np.array([*(scaled(held.values[move.name], move) for move in moves), *held.pairs])
+    assert float(problem.objective(v, problem.extra())[0]) == pytest.approx(held.objective, rel=1e-4)
+    assert held.objective <= searching.warm(without, best).objective * (1 + 1e-3)

@@ -2,7 +2,8 @@
 
 A quantity is ordered only if no answer that is as good within 2 % has it as planned, with everything else tuned for
 that. Quantities are put back one after another, first the one that costs least (backward elimination), since two may
-replace each other.
+replace each other. What is left has used up the 2 %; where it then gains less than 2 % over what can still be put back,
+that goes back as well.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from matching.frequency.search.question import Question
 from matching.frequency.search.result import AdapterTrade
 from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
 from matching.frequency.search.targets_met import target_results
-from matching.frequency.solver.adapter_trade import Retuning, feedback_error, nothing_else_moves
+from matching.frequency.solver.adapter_trade import Retuning, feedback_error, some_as_planned
 from matching.frequency.solver.given_point import given_end, never_worse
-from matching.frequency.solver.least_change import SAME_ERROR, as_good_as, least_change
+from matching.frequency.solver.least_change import AS_GOOD, SAME_ERROR, as_good_as, least_change
 from matching.frequency.solver.solve import warm
 from matching.frequency.solver.task import Solution, TuningTask
 from matching.frequency.verification.verify import verify
@@ -67,24 +68,41 @@ def _met(question: Question, verified: VerifiedSolution) -> bool:
 def _settled(
     question: Question, verified: VerifiedSolution, adapters: Sequence[Move], everything: Solution | None
 ) -> VerifiedSolution:
-    """The match with as many adapters as planned as an answer that is as good allows."""
+    """The match with as many adapters as planned as answers allow that are as good: as the best, then as the order."""
     limit = verified.solution.as_good_to
-    back, best = list[Move](), None
+    back, best = _put_back(question, verified, adapters, everything, [], limit)
+    settled = _with_some_as_planned(question, verified, back, best or verified.solution)
+    ordered, limit = len(adapters) - len(back), as_good_as(settled.solution.objective, AS_GOOD)
+    if not ordered or settled is verified:
+        return settled
+    more, best = _put_back(question, verified, adapters, everything, back, limit)
+    if best is None:
+        return settled
+    solution = replace(verified.solution, as_good_to=max(verified.solution.as_good_to, best.objective))
+    fewer = _with_some_as_planned(question, replace(verified, solution=solution), more, best)
+    return settled if fewer.solution is solution else fewer
+
+
+def _put_back(
+    question: Question, verified: VerifiedSolution, adapters: Sequence[Move], everything: Solution | None,
+    back: list[Move], limit: float,
+) -> tuple[list[Move], Solution | None]:  # fmt: skip
+    """Adapters as planned, beside those that are, up to a limit of the objective, and the answer; None if no more."""
+    back, best = list(back), None
     if everything is not None and everything.objective <= limit:
-        back, best = list(adapters), everything
-    while best is None or len(back) < len(adapters):
+        return list(adapters), everything
+    while len(back) < len(adapters) - 1:  # all together were tried at first
         tried = []
         for move in adapters:
-            if move in back or len(back) == len(adapters) - 1:  # all together were tried at first
-                continue
-            solution = _as_planned(question, verified, [*back, move])
-            if solution is not None and solution.objective <= limit:
-                tried.append((solution.objective, move, solution))
+            if move not in back:
+                solution = _as_planned(question, verified, [*back, move])
+                if solution is not None and solution.objective <= limit:
+                    tried.append((solution.objective, move, solution))
         if not tried:
             break
         _, move, best = min(tried, key=lambda trial: trial[0])
         back.append(move)
-    return _with_some_as_planned(question, verified, back, best or verified.solution)
+    return back, best
 
 
 def _with_some_as_planned(
@@ -135,15 +153,20 @@ def _task_as_planned(question: Question, verified: VerifiedSolution, back: Seque
 
 
 def _as_planned(question: Question, verified: VerifiedSolution, back: Sequence[Move]) -> Solution | None:
-    """The best answer with some adapters as planned; None where no loop keeps its limits."""
+    """The best answer with some adapters as planned; None where no loop keeps its limits.
+
+    Searched for in the programme without them, and from the answer with them held: one alone may end in a worse place.
+    """
     task = _task_as_planned(question, verified, back)
-    if not task.moves:
-        return nothing_else_moves(verified.task, verified.solution)
-    solution = warm(task, verified.solution)
-    if solution is None or not solution.holds:
+    answers = [some_as_planned(verified.task, verified.solution, back)]
+    if task.moves:
+        answers.append(warm(task, verified.solution))
+    held = [answer for answer in answers if answer is not None and answer.holds]
+    if not held:
         return None
     planned = {name: move.planned for move in back for name in move.together}
-    return replace(solution, values=planned | solution.values)
+    best = min(held, key=lambda answer: answer.objective)
+    return replace(best, values=planned | best.values)
 
 
 def _trade(

@@ -41,7 +41,7 @@ NOTHING_MOVED = "matched at the values the case began with: nothing had to move 
 # more than six parameters: what the options of the command say, the map's start, and a process beside this one
 def match(
     case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
-    near: Near | None = None, beds: int | None = None, aside: Aside | None = None,
+    near: Near | None = None, beds: int | None = None, aside: Aside | None = None, ordering: bool = True,
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
@@ -62,6 +62,9 @@ def match(
     beds : int, optional
         Fresh beds drawn from the case's box that judge the result; 200 of an observer unless given, none of a feedback
         law.
+    ordering : bool
+        Have adapters stay as planned that gain nothing; without it they are as the least error has them, as a map
+        compares its points. Never with ``near``.
     aside : Aside, optional
         Works out ``in_time`` beside the verification; without it only where somebody asks for it.
 
@@ -89,7 +92,7 @@ def match(
     if case.loop.structure.is_observer:
         effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
         return _with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)
-    result = _match_with_feedback(question, SearchEffort(seed, starts, workers, tell, near), beds, aside)
+    result = _match_with_feedback(question, SearchEffort(seed, starts, workers, tell, near, ordering), beds, aside)
     return _with_simple_vehicle(replace(result, seconds=time.perf_counter() - begin), simple)
 
 
@@ -97,7 +100,7 @@ def _match_with_feedback(
     question: Question, effort: SearchEffort, beds: int | None, aside: Aside | None
 ) -> MatchResult:
     verified = solve_and_verify(question, effort)
-    verified, adapters = (verified, ()) if effort.near else settle_adapters(question, verified)
+    verified, adapters = settle_adapters(question, verified) if effort.ordering and not effort.near else (verified, ())
     robust = None if beds is None else on_drawn_beds(verified.tuned, verified.checked, beds, effort.seed)
     further: list[str] = []
     if robust is not None and not effort.near:

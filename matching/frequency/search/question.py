@@ -45,13 +45,17 @@ class Question:
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """Seed of the random starts, most of them, processes, whom to tell, and solutions to start from instead."""
+    """Seed of the random starts, most of them, processes, whom to tell, and solutions to start from instead.
+
+    With ``ordering`` adapters that gain nothing stay as planned.
+    """
 
     seed: int
     starts: int
     workers: int
     tell: Progress
     near: Near | None = None
+    ordering: bool = True
 
 
 def question_of(case: Case) -> Question:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from matching.frequency.case.case import Case
+from matching.frequency.case.case import Case, Move
 from matching.frequency.case.tuned import apply
 from matching.frequency.programme.margin_grid import SLOTS
 from matching.frequency.programme.problem import Problem
@@ -111,12 +111,19 @@ class Retuning:
         return None
 
 
-def nothing_else_moves(task: TuningTask, solution: Solution) -> Solution | None:
-    """Everything that moves as planned, where adapters are all that moves; None where that keeps no limits."""
-    planned = {i: scaled(move.planned, move) for i, move in enumerate(task.moves)}
-    retuning = Retuning(task, solution, 0, planned)
-    retuning.as_good(planned[0])
-    end = retuning.ends[planned[0]]
+def some_as_planned(task: TuningTask, solution: Solution, planned: Sequence[Move]) -> Solution | None:
+    """The answer with some quantities held as planned, from the answer that moves them; None where no limits are kept.
+
+    Parameters
+    ----------
+    planned : sequence of Move
+        At least one of the task's.
+    """
+    held = {task.moves.index(move): scaled(move.planned, move) for move in planned}
+    moved = next(iter(held))
+    retuning = Retuning(task, solution, moved, held)
+    retuning.as_good(held[moved])
+    end = retuning.ends[held[moved]]
     if end is None:
         return None
     pairs = tuple(end.v[len(task.moves) :].tolist())

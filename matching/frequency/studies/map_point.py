@@ -99,7 +99,7 @@ def held_at(case: Case, name: str, value: float) -> Case:
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
-        result = match(held_at(held_at(case, *x), *y), seed=seed, starts=starts)
+        result = match(held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False)
     except InputError as fault:
         return Point(x[1], y[1], "impossible", None, None, None, False, None, (str(fault),))
     return _point(x[1], y[1], result)
