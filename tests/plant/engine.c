@@ -19,10 +19,12 @@ typedef struct {
     const double *J, *drag, *friction, *friction_reverse, *breakaway, *breakaway_reverse, *stribeck_speed;
     const double *quadratic, *constant, *ripple_order, *ripple_amplitude, *ripple_phase;
     const double *place_period, *place_amplitude, *place_phase;   /* resisting torque that repeats over the angle */
+    const double *imposed;   /* 1: the inertia has the speed of the input on it, whatever torque that takes */
     /* shafts */
     const int *first, *second;
     const double *ratio, *k, *c, *gap, *cubic, *dahl_torque, *dahl_angle, *series_damper, *wave_amplitude, *wave_order;
     const double *lost_driven, *lost_driving;   /* shares of the torque that the second end loses */
+    const double *slip_stiffness, *slip_peak, *slip_shape;   /* a tyre on the road, which is the second end */
     /* inputs */
     const int *on, *controlled;
     const double *delay, *lag, *factor, *limit, *offset;
@@ -59,6 +61,13 @@ static double recorded(const Plant *p, int j, double t) {
     return a;
 }
 
+/* slope of a recorded input, linear between samples */
+static double recorded_slope(const Plant *p, int j, double t) {
+    int k = (int)floor((t - p->delay[j]) / p->dt);
+    if (k < 0 || k > p->samples - 2) return 0;
+    return p->factor[j] * (p->input[(k + 1) * p->u + j] - p->input[k * p->u + j]) / p->dt;
+}
+
 /* twist beyond the free play and the pressing torque there; both must be positive for contact on that side */
 static double pressing(const Plant *p, int j, const double *y, int b, int side, double *torque) {
     const double *q = y, *w = y + p->n;
@@ -76,7 +85,11 @@ static double shaft_torque(const Plant *p, int j, const double *y, const Modes *
     double rate = w[p->first[j]] / p->ratio[j] - w[p->second[j]];
     double k = p->k[b * p->s + j], c = p->c[b * p->s + j], torque = 0;
     *dspring = 0;
-    if (p->series_damper[j] > 0) {
+    if (p->slip_stiffness[j] > 0) {   /* carcass in series with a contact patch after the Magic Formula */
+        double per_torque = fabs(w[p->second[j]]) / p->slip_stiffness[j], most = p->slip_shape[j] * p->slip_peak[j];
+        *dspring = (rate - per_torque * k * spring[j]) / (1 + per_torque * c);
+        torque = p->slip_peak[j] * sin(p->slip_shape[j] * atan((k * spring[j] + c * *dspring) / most));
+    } else if (p->series_damper[j] > 0) {
         *dspring = (p->series_damper[j] * rate - k * spring[j]) / (p->series_damper[j] + c);
         torque = k * spring[j] + c * *dspring;
     } else if (p->gap[j] > 0) {
@@ -138,6 +151,8 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
         }
         dy[p->n + i] = (load[i] - dry) / p->J[b * p->n + i];
     }
+    for (int j = 0; j < p->u; j++)
+        if (p->imposed[p->on[j]] > 0) dy[p->n + p->on[j]] = recorded_slope(p, j, t);
 }
 
 static void runge_kutta(const Plant *p, double t, const double *y, const Modes *m, int b, double h, double *z) {
@@ -208,6 +223,8 @@ static void advance(const Plant *p, double t, double *y, Modes *m, int b, double
         left -= high;
         if (left < 1e-12 * h) left = 0;
     }
+    for (int j = 0; j < p->u; j++)   /* rounding puts the end of a step before or behind the recording's kink */
+        if (p->imposed[p->on[j]] > 0) y[p->n + p->on[j]] = INPUT_NOW(p, j, t);
 }
 
 static int write_row(const Plant *p, double t, const double *y, const Modes *m, int b, double *row) {

@@ -33,6 +33,7 @@ INERTIA = (
     "place_period",
     "place_amplitude",
     "place_phase",
+    "imposed",
 )
 SHAFT_ENDS = ("first", "second")
 SHAFT = (
@@ -48,6 +49,9 @@ SHAFT = (
     "wave_order",
     "lost_driven",
     "lost_driving",
+    "slip_stiffness",
+    "slip_peak",
+    "slip_shape",
 )
 INPUT_FLAGS = ("on", "controlled")
 INPUT = ("delay", "lag", "factor", "limit", "offset", "gain_p", "gain_i", "torque_limit")
