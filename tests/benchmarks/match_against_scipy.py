@@ -381,7 +381,11 @@ def watched(task: TuningTask, ours: Solution, seed: int) -> float:
         began = clock()
         problem = task.build(slots=SLOTS)
     for number in range(min(seed, 1), 14):
-        run_from(problem.oscillating(), numbered_start(problem, seed, number), ours.added)
+        try:
+            run_from(problem.oscillating(), numbered_start(problem, seed, number), ours.added)
+        except KeyboardInterrupt:  # the watch stops IPOPT as Ctrl-C does
+            if not run.arrived:
+                raise
         if run.arrived:
             return clock() - began
     raise SystemExit("none of our starts comes where the whole match ends")
