@@ -194,8 +194,8 @@ class MatchResult(Displayed):
     verification : Verification
         See :mod:`matching.frequency.verification`.
     objective : float
-        Of the optimiser, and ``starts`` that of every start (None where it failed or was unstable); ``pairs`` as
-        :class:`matching.frequency.solver.solve.Solution` has them.
+        Of the optimiser, before gains are tuned over beds, as ``adapters`` are, and ``starts`` that of every start
+        (None where it failed or was unstable); ``pairs`` as :class:`matching.frequency.solver.solve.Solution` has them.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
     simple_vehicle : SimpleVehicle or None

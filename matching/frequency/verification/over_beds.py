@@ -36,7 +36,8 @@ class TunedOverBeds:
         kept = "the residual vehicle stays as it is cut from the vehicle" if self.as_cut else "the rest stays as found"
         return (
             f"the gains were tuned over drawn beds, with the modulus margin counted from "
-            f"{self.robust.required.margin_from:.3g} Hz on, above the emulated modes; {kept}"
+            f"{self.robust.required.margin_from:.3g} Hz on, above the emulated modes; {kept}; "
+            "what to order, its errors and the objective are those of the gains before that"
         )
 
 

@@ -29,9 +29,11 @@ def to_order(result: MatchResult) -> list[ScreenPoint]:
     ]
     gain = next((trade for trade in result.adapters if trade.error_all_as_planned is not None), None)
     if changed and gain is not None and gain.error_all_as_planned is not None:
+        retuned = abs(gain.error_as_ordered / result.response_error.unmeasured - 1) > SAME_RELATIVE
+        before = ", before the gains were tuned over drawn beds" if retuned else ""
         reason = (
             f"for unmeasured torques the response error is then {number(gain.error_as_ordered, 2)} instead of "
-            f"{number(gain.error_all_as_planned, 2)} with the bed as planned"
+            f"{number(gain.error_all_as_planned, 2)} with the bed as planned{before}"
         )
         points[-1] = ScreenPoint(points[-1].text, "; ".join(filter(None, (points[-1].reason, reason))))
     if not points:
