@@ -211,8 +211,8 @@ def compared_inputs(case: Case) -> list[str]:
     return list(dict.fromkeys(pair.input for pair in case.compared))
 
 
-def drive(beds: BedSet, acting: Action, announced: Sequence[str]) -> Driven:
-    """What the compared functions' inputs do; ``announced`` and what acts inside the residual vehicle are known."""
+def drive(beds: BedSet, acting: Action, measured: Sequence[str]) -> Driven:
+    """What the compared functions' inputs do; ``measured`` and what acts inside the residual vehicle are known."""
     rig_inputs, inputs = disturbing(beds.case), compared_inputs(beds.case)
     shape = beds.read.shape[:2]
     read = np.zeros((*shape, beds.read.shape[2], len(inputs)), complex)
@@ -222,7 +222,7 @@ def drive(beds: BedSet, acting: Action, announced: Sequence[str]) -> Driven:
         if name in rig_inputs:
             read[..., i] = beds.read[..., rig_inputs.index(name)]
             answered[..., i] = beds.answered[..., rig_inputs.index(name)]
-        if name in announced or name not in rig_inputs:
+        if name in measured or name not in rig_inputs:
             known[i] = acting.known.index(name)
     commands = acting.of_readings @ read
     for i, column in known.items():
@@ -230,19 +230,19 @@ def drive(beds: BedSet, acting: Action, announced: Sequence[str]) -> Driven:
     return Driven(commands, read, answered, known)
 
 
-def responses(beds: BedSet, acting: Action, announced: Sequence[str]) -> np.ndarray:
-    """Compared functions (b, f, h) of the beds under control for continuous torques, of which ``announced`` are known.
+def responses(beds: BedSet, acting: Action, measured: Sequence[str]) -> np.ndarray:
+    """Compared functions (b, f, h) of the beds under control for continuous torques, of which ``measured`` are known.
 
     What acts inside the residual vehicle is always known.
     """
-    driven = drive(beds, acting, announced)
+    driven = drive(beds, acting, measured)
     answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
     sensors, inputs = compared_columns(beds.case)
     return answer[:, :, sensors, inputs]
 
 
-def errors(beds: BedSet, acting: Action, announced: Sequence[str]) -> np.ndarray:
+def errors(beds: BedSet, acting: Action, measured: Sequence[str]) -> np.ndarray:
     """Mean squares (b, h) over the frequencies of |log(H_rig/H_vehicle)|, complex logarithm."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        squares = np.abs(np.log(responses(beds, acting, announced) / beds.vehicle)) ** 2
+        squares = np.abs(np.log(responses(beds, acting, measured) / beds.vehicle)) ** 2
     return np.nan_to_num(squares, nan=1e6, posinf=1e6).mean(axis=1)

@@ -171,7 +171,7 @@ class Judge:
         k, on_rig = len(bed.gains), [source for source in self._sources if source in self._rig_inputs]
         moved = bed.moved(s, np.hstack([bed.drive, bed.rig.drive(on_rig)]))
         by_command, sensed = moved[:, :, :k] * bed.command_at(s)[:, None, :], bed.sensors(s) @ moved[:, :, k:]
-        commanded = {announced: self._commands(sensed, on_rig, announced) for announced in (True, False)}
+        commanded = {known: self._commands(sensed, on_rig, known) for known in (True, False)}
         commands = np.linalg.solve(self._return_difference(bed), np.concatenate([*commanded.values()], axis=2))
         i = len(self._sources)
         wanted = plain_responses(vehicle, s, self._sources, self._sensors)
@@ -182,18 +182,18 @@ class Judge:
         for pair in self.case.compared:
             row, column = self._sensors.index(pair.sensor), self._sources.index(pair.input)
             of_rig = alone[:, row, on_rig.index(pair.input)] if pair.input in on_rig else 0.0
-            for announced, first in ((True, 0), (False, i)):
+            for known, first in ((True, 0), (False, i)):
                 response = of_rig + answered[:, row, first + column]
-                squares[announced].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
+                squares[known].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
         return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))
 
-    def _commands(self, sensed: np.ndarray, on_rig: list[str], announced: bool) -> np.ndarray:
+    def _commands(self, sensed: np.ndarray, on_rig: list[str], known: bool) -> np.ndarray:
         """What the controller makes (f, k, i) of the sources, before its commands return; readings (f, y, rig)."""
         made = np.zeros((*self._of_known.shape[:2], len(self._sources)), complex)
         for column, source in enumerate(self._sources):
             if source in on_rig:
                 made[:, :, column] += (self._of_readings @ sensed[:, :, [on_rig.index(source)]])[:, :, 0]
-            if source not in on_rig or (announced and source in self.law.known):
+            if source not in on_rig or (known and source in self.law.known):
                 made[:, :, column] += self._of_known[:, :, self.law.known.index(source)]
         return made
 
