@@ -10,8 +10,11 @@ import pytest
 
 import rigmatch as rm
 from matching.cli import main
+from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
+from matching.frequency.independent.loop_check import check_loop
+from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.studies.distribution import Regressors, quantile_intervals, spread
@@ -65,12 +68,20 @@ def test_draws_against_the_verification_of_each(prepared):
     stable, roots = prepared.stable(x, determinants), prepared.roots(x, prepared.goals)
     for i, row in enumerate(x):
         true = prepared.true(row)
-        winding = encirclements(true, prepared.dead_time(row))
+        winding = encirclements(true, prepared.dead_time(row), prepared.margin_from)
         assert stable[i] == (winding.unstable == 0)
         assert least[i] == pytest.approx(winding.modulus_margin, rel=1e-3)
         if prepared.dead_time(row) == true.case.loop["dead_time"]:
             near = min((mode.eigenvalue for mode in feedback_modes(true)), key=lambda s: abs(s - roots[i, 0]))
             assert abs(near - roots[i, 0]) < 1e-3 * abs(near)
+
+
+def test_the_margin_counts_from_where_a_match_counts_it(prepared):
+    """By dynamic stiffness and with the controller sampled, as a match judges; lower down it is less."""
+    law, required = control_law(prepared.parts), requirements(prepared.case)
+    judged = check_loop(prepared.case, law, np.ones(len(law.sensors)), required.margin_from, required.rolled_off_from)
+    assert prepared.margin == pytest.approx(judged.modulus_margin, rel=0.01)  # the hold and its grid of frequencies
+    assert encirclements(prepared.parts).modulus_margin < 0.5 * prepared.margin
 
 
 def test_wide_tolerances_against_the_verification_of_each():
@@ -81,7 +92,7 @@ def test_wide_tolerances_against_the_verification_of_each():
     wide = Prepared((own, varied_of(own, {**dict.fromkeys(names, 0.3), "loop.dead_time": 0.9}), 5))
     x = draw(wide.varied, 5, 0, 30)
     least, determinants = wide.margins(x)
-    exact = [encirclements(wide.true(row), wide.dead_time(row)) for row in x]
+    exact = [encirclements(wide.true(row), wide.dead_time(row), wide.margin_from) for row in x]
     np.testing.assert_allclose(least, [one.modulus_margin for one in exact], rtol=1e-3)
     stable = [one.unstable == 0 and one.clear for one in exact]
     assert wide.stable(x, determinants).tolist() == stable
@@ -145,7 +156,7 @@ def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
         for value in (one.lower, one.upper):
             x = prepared.center.copy()
             x[i] = value
-            ends.append(encirclements(prepared.true(x), prepared.dead_time(x)).modulus_margin)
+            ends.append(encirclements(prepared.true(x), prepared.dead_time(x), prepared.margin_from).modulus_margin)
         swings[one.name] = abs(ends[1] - ends[0])
     assert margin.drivers[0][0] == max(swings, key=lambda name: swings[name])
     assert first.shares["all"] <= min(first.shares[name] for name in ("stable", "modulus_margin"))

@@ -34,7 +34,7 @@ class Encirclements:
     remainder : float
         By how much the winding missed a whole number; 0.5 where a pole stands on the imaginary axis elsewhere.
     modulus_margin : float
-        Least singular value of I + L over all frequencies: least distance from −1 of a loop of one dynamometer.
+        Least singular value of I + L from where it counts on: least distance from −1 of a loop of one dynamometer.
     margin_frequency : float
         Hz, where it is reached.
     gain_edge : float
@@ -58,8 +58,8 @@ class Encirclements:
         return abs(self.remainder) < 0.1
 
 
-def encirclements(parts: Parts, dead_time: float | None = None) -> Encirclements:
-    """Count encirclements and find the margin of a case's feedback loop."""
+def encirclements(parts: Parts, dead_time: float | None = None, margin_from: float = 0.0) -> Encirclements:
+    """Count encirclements and find the margin of a case's feedback loop, from ``margin_from`` (Hz) on."""
     loop = ExactLoop(parts, dead_time)
     open_loop = np.concatenate(
         [np.linalg.eigvals(part.space.A) for part in parts.residual] + [np.linalg.eigvals(parts.rig.space.A)]
@@ -68,10 +68,12 @@ def encirclements(parts: Parts, dead_time: float | None = None) -> Encirclements
     resting += parts.case.loop.structure.integrators(parts.case.loop.values) * len(parts.dynamometers)
     right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= ZERO)))
     corners = np.abs(open_loop[open_loop.imag > 0]) / (2 * np.pi)
-    return count(loop.return_difference, right, resting, loop.dead_time, corners)
+    return count(loop.return_difference, right, resting, loop.dead_time, corners, margin_from)
 
 
-def count(difference: Difference, right: int, resting: int, delay: float, corners: np.ndarray) -> Encirclements:
+def count(
+    difference: Difference, right: int, resting: int, delay: float, corners: np.ndarray, margin_from: float = 0.0
+) -> Encirclements:
     """Encirclements of the origin by det(I + L) along the imaginary axis.
 
     The winding is that of det(I + L)·(s/(s + 1))^r, r the open loop's poles at 0, so that neither end has a pole:
@@ -88,8 +90,10 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
         s; the grid resolves its turning phase.
     corners : ndarray
         Hz, where the open loop resonates: the grid starts finer there.
+    margin_from : float
+        Hz, from where on the modulus margin counts.
     """
-    frequencies = _grid(delay, corners, _top(difference))
+    frequencies = np.union1d(_grid(delay, corners, _top(difference)), [margin_from] if margin_from > 0 else [])
     values = difference(2j * np.pi * frequencies)
     while True:
         s = 2j * np.pi * frequencies
@@ -105,7 +109,8 @@ def count(difference: Difference, right: int, resting: int, delay: float, corner
     left = round(float(slope))
     unstable = right - step.sum() / np.pi - left / 2
     remainder = 0.5 if len(wide) or np.abs(step).max() > STEP else float(unstable - round(unstable))
-    margin, where = modulus_margin(difference, frequencies, values)
+    first = min(int(np.searchsorted(frequencies, margin_from)), len(frequencies) - 1)
+    margin, where = modulus_margin(difference, frequencies[first:], values[first:])
     gaining = frequencies[_gain(values) > 0.5]
     edge = float(gaining.max(initial=LOWEST))
     return Encirclements(round(unstable), right, left, remainder, margin, where, edge, frequencies)

@@ -35,16 +35,20 @@ class Loops:
         Their values in the nominal loop, which is stable.
     corners : sequence of float
         Hz, where the bed resonates: from half the lowest to twice the highest the grid is fine.
-    near : float
-        Hz, where the nominal margin is reached.
+    near, margin_from : float
+        Hz, where the nominal margin is reached, and from where on it counts.
     """
 
-    def __init__(self, case: Case, names: Sequence[str], center: np.ndarray, corners: Sequence[float], near: float):
+    def __init__(
+        self, case: Case, names: Sequence[str], center: np.ndarray, corners: Sequence[float], near: float,
+        margin_from: float,
+    ):  # fmt: skip
         self.k, self.center = len(case.loop.dynamometers), center
         self.difference = VectorFunction(closed_loop(case, [(name,) for name in names]).difference)
         about = [part * np.linspace(0.92, 1.08, 9) for part in (near, *corners)]
         fine = np.geomspace(0.5 * min(corners, default=1.0), 2 * max(corners, default=1.0), 500)
-        self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 140), fine, *about]))
+        self.frequencies = np.unique(np.concatenate([np.geomspace(0.01, 1500, 140), fine, [margin_from], *about]))
+        self._counts = self.frequencies >= margin_from  # for the margin
         self.nominal = determinant(self.returns(2j * np.pi * self.frequencies, center[None]))
 
     def returns(self, s: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -64,18 +68,18 @@ class Loops:
         for begin in range(0, len(x), AT_ONCE):
             some = x[begin : begin + AT_ONCE]
             D = self.returns(2j * np.pi * self.frequencies, some)
-            least.append(self._deepest(some, _distance(D)))
+            least.append(self._deepest(some, _distance(D[self._counts])))
             determinants.append(determinant(D))
         return np.concatenate(least), np.concatenate(determinants, axis=1)
 
     def _deepest(self, x: np.ndarray, on_grid: np.ndarray) -> np.ndarray:
-        """Least distances (b,) between the frequencies of a grid (f, b) too.
+        """Least distances (b,) between the frequencies from where the margin counts, a grid (f, b), too.
 
         The square of the distance is a parabola at a local minimum, also at a narrow one past a resonance. Every local
         minimum of the grid that may be the least is looked at more finely, as two may be one there; those that are
         found so are approached by parabolas.
         """
-        grid = np.broadcast_to(np.log(self.frequencies)[:, None], on_grid.shape)
+        grid = np.broadcast_to(np.log(self.frequencies[self._counts])[:, None], on_grid.shape)
         rows, draws = _local_minima(on_grid)
         minima = _Minima.of(grid, on_grid, rows, draws, draws).kept(on_grid.min(axis=0))
         least = on_grid.min(axis=0)

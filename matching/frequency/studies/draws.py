@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.case import Case
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.linear_body import body
@@ -53,10 +54,12 @@ class Prepared(Loops):
         corners = [mode.frequency for mode in modes(self.case.rig) if 0 < mode.frequency < 1000]
         center = np.array([quantity.value for quantity in self.varied])
         names = [quantity.name for quantity in self.varied]
-        super().__init__(self.case, names, center, corners, encirclements(self.parts).margin_frequency)
+        self.margin_from = requirements(self.case).margin_from
+        near = encirclements(self.parts, margin_from=self.margin_from).margin_frequency
+        super().__init__(self.case, names, center, corners, near, self.margin_from)
         self.margin = float(self.margins(center[None])[0][0])
-        near = self._goals()
-        self.targets, self.goals = list(near), list(near.values())
+        goals = self._goals()
+        self.targets, self.goals = list(goals), list(goals.values())
         loop = self.case.loop
         reference = cut(self.case.emulated_vehicle, self.case.rig)
         self.feed_forward = loop.structure.feed_forward(self.case.rig, reference, loop)
@@ -146,7 +149,7 @@ def _differences(
     prepared: Prepared, x: np.ndarray, values: dict[str, Any], errors: list[str]
 ) -> dict[str, float]:  # fmt: skip
     """Largest relative differences from draws (b, p) worked out exactly; of stability the share that differs."""
-    windings = [encirclements(prepared.true(row), prepared.dead_time(row)) for row in x]
+    windings = [encirclements(prepared.true(row), prepared.dead_time(row), prepared.margin_from) for row in x]
     exact = {"modulus_margin": np.array([winding.modulus_margin for winding in windings])}
     if prepared.drawn_errors is not None:
         exact |= dict(zip(errors, np.array([prepared.errors(row) for row in x]).T, strict=True))

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load_moves import movable
@@ -53,6 +54,8 @@ class Tolerance(Displayed):
     shares : dict of str to float
         Yield: the share of draws that is stable, keeps the margin asked for, keeps every target mode near its nominal
         value (1 % in frequency, 0.02 in damping ratio), and all of these.
+    asked, asked_from : float
+        Modulus margin that is required, and from which frequency (Hz) on it counts.
     """
 
     title: str
@@ -63,6 +66,7 @@ class Tolerance(Displayed):
     differences: dict[str, float]
     shares: dict[str, float]
     asked: float
+    asked_from: float
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tolerance.json``."""
@@ -70,7 +74,7 @@ class Tolerance(Displayed):
             "title": self.title, "draws": self.draws, "seed": self.seed,
             "varied": [vars(quantity) for quantity in self.varied],
             "quantities": [spread.to_dict() for spread in self.spreads], "yield": self.shares,
-            "modulus_margin_asked": self.asked,
+            "modulus_margin_asked": self.asked, "modulus_margin_from": self.asked_from,
             "checked_exactly": {"draws": min(CHECKED, self.draws), "largest_difference": self.differences},
         }  # fmt: skip
 
@@ -177,9 +181,9 @@ def tolerance(
         spread(name, unit, nominal[name], values[name], every if len(values[name]) == len(x) else some)
         for name, unit in rows[0]["units"].items()
     ]
-    asked = case.limits["modulus_margin"]
+    asked, counted_from = case.limits["modulus_margin"], requirements(case).margin_from
     shares = yields(values, nominal, asked)
-    return Tolerance(case.title, draws, seed, varied, tuple(spreads), rows[0]["check"], shares, asked)
+    return Tolerance(case.title, draws, seed, varied, tuple(spreads), rows[0]["check"], shares, asked, counted_from)
 
 
 def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked: float) -> dict[str, float]:

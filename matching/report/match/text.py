@@ -117,8 +117,9 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
         f"{_worst(beds.get('worst'))}); their "
         f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}"
         f"{_largest(beds.get('largest_error'))}",
-        f"margin counted from {number(margin['from'], 3)} Hz, |T| at most {number(margin['largest_rolled_off'], 3)} "
-        f"from {number(margin['rolled_off_from'], 3)} Hz, sensor noise makes {number(noise, 3)} N·m rms of command",
+        f"modulus margin {number(margin['modulus'], 3)} from {number(margin['from'], 3)} Hz on, |T| at most "
+        f"{number(margin['largest_rolled_off'], 3)} from {number(margin['rolled_off_from'], 3)} Hz on, sensor noise "
+        f"makes {number(noise, 3)} N·m rms of command",
     ]
 
 

@@ -99,7 +99,9 @@ def _failure(name: str) -> str:
 
 
 def _required(study: Tolerance, name: str) -> str:
-    return f"required: {number(study.asked)}" if name == "modulus_margin" else ""
+    if name != "modulus_margin":
+        return ""
+    return f"required: {number(study.asked)} from {number(study.asked_from, 3)} Hz on"
 
 
 def _row(spread: Spread) -> dict[str, str]:

@@ -59,7 +59,8 @@ def summary(result: Mapping[str, Any]) -> str:
     lines = [
         f"{result['title']}: {result['draws']} draws of {len(result['varied'])} quantities",
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
-        f"{result['modulus_margin_asked']:g} {shares['modulus_margin']:.1%}"
+        f"{result['modulus_margin_asked']:g} from {result['modulus_margin_from']:.3g} Hz on "
+        f"{shares['modulus_margin']:.1%}"
         + "".join(f", {result_words(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
         f"{'':46} {'nominal':>9} {'5 %':>9} {'(interval)':20} {'95 %':>9} {'(interval)':20} {'draws':>8}   driven by",
     ]
