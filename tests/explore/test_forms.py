@@ -2,6 +2,7 @@
 
 import shutil
 import tomllib
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ pytest.importorskip("tomlkit", reason="the packages of the explorer are not inst
 
 from structure.imports import ROOT
 
+from matching.explore.files.as_shown import case_tables, write_case, write_model
 from matching.explore.files.case_form import CaseForm, write_case_at
 from matching.explore.files.document import Document
 from matching.explore.files.forms import fields
@@ -36,11 +38,11 @@ def field(form, *keys):
 
 def test_a_case_is_changed_by_its_fields_and_stays_a_case(form):
     before = form.document.text
-    form.set(field(form, "loop", "dead_time"), "5 ms")
+    form.set(("loop", "dead_time"), "5 ms")
     assert form.case.loop["dead_time"] == 0.005
     assert form.document.text == before.replace("dead_time = 0.003  ", 'dead_time = "5 ms"  ')
     with pytest.raises(InputError, match="dead_time"):
-        form.set(field(form, "loop", "dead_time"), "-1")
+        form.set(("loop", "dead_time"), "-1")
     assert form.case.loop["dead_time"] == 0.005
     assert form.undo()
     assert form.document.text == before
@@ -63,6 +65,28 @@ def test_a_case_at_other_values_holds_them(form, tmp_path):
     assert there.loop["dead_time"] == 0.001
     assert there.rig.parameters["shafts.flange.stiffness"].value == 3e5
     assert "rig.shafts.flange.stiffness" not in [move.name for move in there.moves]
+
+
+def test_a_run_reads_the_files_as_they_are_shown_and_leaves_them_alone(tmp_path):
+    folder = shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    text = (folder / "case.toml").read_text()
+    head, _, tail = text.partition('kind = "tip_in"')
+    (folder / "case.toml").write_text(f'{head}file = "trace.csv"\n[limits]{tail.partition("[limits]")[2]}')
+    (folder / "trace.csv").write_text("time [s],motor_torque [N*m]\n0,0\n0.5,0\n0.6,80\n3,80\n")
+    workspace = opened([folder / "case.toml"], tmp_path / "out")
+    assert write_case(workspace) == folder / "case.toml"  # nothing is changed
+    form = CaseForm(workspace.case, partial(case_tables, workspace))
+    workspace.models["rig"].set_text("shafts.flange.stiffness", "3e5")
+    form.set(("loop", "dead_time"), "5 ms")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    there = load_case(write_case(workspace))
+    for case in (form.case, there):
+        assert case.loop["dead_time"] == 0.005
+        assert case.rig.parameters["shafts.flange.stiffness"].value == 3e5
+        assert "0.6,80" in case.manoeuvre["motor_torque"].csv("motor_torque")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert "# s, measured torque" in (tmp_path / "out" / "as_shown" / "case.toml").read_text()
+    assert write_model(workspace, "vehicle") == folder / "vehicle.toml"
 
 
 def test_lists_and_texts_of_a_file_are_fields_too(form):

@@ -216,7 +216,7 @@ def opened_to_edit(path: Path, deep: bool) -> None:
     if workspace.case is not None:
         form = CaseForm(workspace.case)
         for field in [table[-1] for table in form.fields.values()][:1]:
-            form.set(field, field.text)
+            form.set(field.keys, field.text)
     elif deep and "model" in workspace.models:
         read_as_suggested(path.parent / "drive.csv", workspace.models["model"].system)
 

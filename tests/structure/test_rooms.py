@@ -66,6 +66,7 @@ FLOORS = [
     ["matching.dry_run"],
     ["matching.explore.files", "matching.explore.signals"],
     ["matching.explore"],
+    ["matching.explore.page.widgets"],
     ["matching.explore.page"],
     ["matching.api"],
     ["matching.commands"],

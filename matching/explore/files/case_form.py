@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from matching.explore.files.document import Document
+from matching.explore.files.document import Document, Keys
 from matching.explore.files.forms import Field, fields, set_field
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
@@ -23,11 +23,16 @@ SPREAD = 2.0  # a quantity that begins to move may do so by this factor up and d
 class CaseForm:
     """An open case file with its fields.
 
-    Attributes
+    Parameters
     ----------
     document : Document
+    with_models : callable, optional
+        The content of the case with its models as they are edited; as they are saved without it.
+
+    Attributes
+    ----------
     case : Case
-        With all changes of the case file, saved or not; its models as they are saved.
+        With all changes, saved or not.
 
     Raises
     ------
@@ -35,8 +40,8 @@ class CaseForm:
         If the case is wrong.
     """
 
-    def __init__(self, document: Document):
-        self.document = document
+    def __init__(self, document: Document, with_models: Callable[[dict[str, Any]], dict[str, Any]] = dict):
+        self.document, self._with_models = document, with_models
         self.case: Case = self._read(document.content)
 
     @property
@@ -54,9 +59,9 @@ class CaseForm:
         moving = {name for move in self.case.moves for name in move.together}
         return [name for name in quantities(self.case) if name not in moving]
 
-    def set(self, field: Field, text: str) -> None:
-        """Write a field; raises ``InputError`` where the case is wrong with it, and then nothing has changed."""
-        self.case = set_field(self.document, field.keys, text, self._read)
+    def set(self, keys: Keys, text: str) -> None:
+        """Write the field at ``keys``; raises ``InputError`` where the case is wrong with it; then nothing changed."""
+        self.case = set_field(self.document, keys, text, self._read)
 
     def move(self, name: str) -> None:
         """Let a quantity move, by a factor of two up and down to begin with.
@@ -80,8 +85,12 @@ class CaseForm:
     def undo(self) -> bool:
         """Take the last change back; whether there was one."""
         undone = self.document.undo()
-        self.case = self._read(self.document.content)
+        self.read_again()
         return undone
+
+    def read_again(self) -> None:
+        """Take the models as they are by now; raises ``InputError`` where the case is wrong with them."""
+        self.case = self._read(self.document.content)
 
     def _change(self, keys: tuple[str | int, ...], value: Any) -> None:
         self._take(self.document.replaced(keys, value))
@@ -94,8 +103,8 @@ class CaseForm:
             self.document.undo()
             raise
 
-    def _read(self, content: Mapping[str, Any]) -> Case:
-        return case_from_tables(content, str(self.document.path))
+    def _read(self, content: dict[str, Any]) -> Case:
+        return case_from_tables(self._with_models(content), str(self.document.path))
 
 
 def write_case_at(case: Case, values: Mapping[str, float], folder: Path) -> Path:

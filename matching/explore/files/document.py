@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +65,7 @@ class Document:
 
     def replaced(self, keys: Keys, value: Any) -> str:
         """The text with another value at a place; the value's comment stays. A missing last key is added."""
-        document = _toolkit().parse(self.text)
-        _at(document, keys[:-1])[keys[-1]] = value
-        return _toolkit().dumps(document)
+        return edited(self.text, {keys: value})
 
     def without(self, keys: Keys) -> str:
         """The text without a value."""
@@ -103,6 +101,20 @@ class Document:
             raise InputError(str(self.path), "was changed by another program since it was opened", "open it again")
         write_all(self.path.parent, {self.path.name: self.text.encode()})
         self._texts = [self.text]
+
+
+def edited(text: str, values: Mapping[Keys, Any]) -> str:
+    """The text of a TOML file with other values at some places; a missing last key is added.
+
+    Raises
+    ------
+    InputError
+        If tomlkit is not installed.
+    """
+    document = _toolkit().parse(text)
+    for keys, value in values.items():
+        _at(document, keys[:-1])[keys[-1]] = value
+    return str(_toolkit().dumps(document))
 
 
 def _at(content: Any, keys: Sequence[str | int]) -> Any:

@@ -9,16 +9,18 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
+from matching.explore.files.document import Document
 from matching.explore.files.model_document import part_of
 from matching.explore.files.workspace import Workspace
-from matching.explore.page.drivetrain_view import DrivetrainView
-from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, paragraph
+from matching.explore.page.editing import Editing
+from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, heading, paragraph
+from matching.explore.page.widgets.drivetrain_view import DrivetrainView
+from matching.explore.page.widgets.entries import Entry, lay_out
 from matching.explore.pictures import pictures
 from matching.report.common.wording import amount, spaced, unit
 from matching.report.drawing.figures import LEGEND
 from matching.report.drawing.picture import Picture
 from matching.report.drawing.svg import Marks, drivetrain_svg
-from modelling.common.errors import InputError
 
 
 class DrivetrainTab:
@@ -29,17 +31,13 @@ class DrivetrainTab:
         self._role, self._part = next(iter(workspace.models)), ""
         self._pictures: dict[str, Picture] = {}
         self.views = {role: DrivetrainView(sizing_mode=WIDE) for role in workspace.models}
-        self.message = Message()
+        self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
         self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
         self.values = pn.Column(sizing_mode=WIDE)
         self.changes = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
-        self.undo = pn.widgets.Button(name="Undo", width=100)
-        self.save = pn.widgets.Button(name="Save", button_type="primary", width=100)
         for role, view in self.views.items():
             view.param.watch(partial(self._picked, role), "picked")
         self.chooser.param.watch(lambda event: self.select(*event.new), "value")
-        self.undo.on_click(self._undo)
-        self.save.on_click(self._save)
         file = workspace.case or workspace.models[self._role]
         self.same = EquivalentBox(equivalents.show(str(file.path), str(workspace.out)))
         self.select(*self.chooser.value)
@@ -53,9 +51,9 @@ class DrivetrainTab:
             heading("Values", 2),
             self.chooser,
             self.values,
-            self.message,
+            self.editing.message,
             self.changes,
-            pn.FlexBox(self.undo, self.save),
+            self.editing.buttons(),
             self.same,
             sizing_mode=WIDE,
         )
@@ -66,7 +64,7 @@ class DrivetrainTab:
         if self.chooser.value != (role, part):
             self.chooser.value = (role, part)
             return
-        self.values[:] = self._fields()
+        lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
     def refresh(self) -> None:
@@ -83,13 +81,11 @@ class DrivetrainTab:
             for name, (before, after) in document.changes.items()
         ]
         self.changes.object = f"<p>Not saved:</p><ul>{''.join(rows)}</ul>" if rows else "<p>Everything is saved.</p>"
-        self.save.disabled = not rows
-        self.undo.disabled = not self._history()
 
     def after_change(self) -> None:
         """Show values that were changed here or elsewhere."""
         self._pictures.clear()
-        self.values[:] = self._fields()
+        lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
     def _groups(self) -> dict[str, dict[str, tuple[str, str]]]:
@@ -108,11 +104,10 @@ class DrivetrainTab:
             self._pictures |= pictures(self.workspace)
         return self._pictures[role]
 
-    def _fields(self) -> list[Any]:
+    def _entries(self) -> list[Entry]:
         document = self.workspace.models[self._role]
-        names = [name for name in document.system.parameters if part_of(name) == self._part]
-        fields = []
-        for name in names:
+        entries = []
+        for name in (name for name in document.system.parameters if part_of(name) == self._part):
             quantity, si = document.system.parameters[name], unit(document.system.units[name])
             between = (
                 f", uncertain: {amount(quantity.lower, '1')} … {amount(quantity.upper, document.system.units[name])}"
@@ -120,49 +115,29 @@ class DrivetrainTab:
                 else ""
             )
             label = f"{spaced(name.removeprefix(self._part + '.').replace('.', ' '))} [{si or '1'}]{between}"
-            field = pn.widgets.TextInput(name=label, value=document.written(name), width=300)
-            field.param.watch(partial(self._enter, name), "value")
-            fields.append(field)
-        return fields
+            entries.append(Entry((self._role, name), label, document.written(name)))
+        return entries
 
-    def _enter(self, name: str, event: Any) -> None:
-        document = self.workspace.models[self._role]
-        try:
-            document.set_text(name, event.new)
-        except InputError as error:
-            self.message.say(str(error), wrong=True)
-            return
-        before = document.changes.get(name)
-        self.message.say(f"{name} is {event.new}" + ("" if before else ", as in the file"))
-        self._after_change()
+    def _enter(self, place: tuple[str, str], text: str) -> str:
+        role, name = place
+        document = self.workspace.models[role]
+        document.set_text(name, text)
+        return f"{name} is {text}" + ("" if name in document.changes else ", as in the file")
 
     def _picked(self, role: str, event: Any) -> None:
         part = event.new.rpartition(" ")[0]
         if any(part_of(name) == part for name in self.workspace.models[role].system.parameters):
             self.select(role, part)
         else:
-            self.message.say(f"{spaced(part)} has no values")
+            self.editing.message.say(f"{spaced(part)} has no values")
 
-    def _history(self) -> list[str]:
-        return [role for role, document in self.workspace.models.items() if document.changed]
+    def _undo(self) -> bool:
+        changed = [role for role, document in self.workspace.models.items() if document.changed]
+        role = self._role if self._role in changed else (changed or [self._role])[0]
+        return self.workspace.models[role].undo()
 
-    def _undo(self, _: Any) -> None:
-        changed = self._history()
-        role = self._role if self._role in changed else (changed or [""])[0]
-        if role and self.workspace.models[role].undo():
-            self.message.say("The last change is taken back")
-            self._after_change()
-
-    def _save(self, _: Any) -> None:
-        try:
-            for document in self.workspace.models.values():
-                if document.changed:
-                    document.save()
-        except InputError as error:
-            self.message.say(str(error), wrong=True)
-            return
-        self.message.say("Saved")
-        self._after_change()
+    def _documents(self) -> list[Document]:
+        return list(self.workspace.models.values())
 
     def _after_change(self) -> None:
         self.after_change()

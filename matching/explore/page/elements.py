@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import panel as pn
 
@@ -60,6 +61,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> s
 def _cell(text: str) -> str:
     number = text[:1].isdigit() or (text[:1] in "+-−×" and text[1:2] != "")
     return f'<td class="n">{html(text)}</td>' if number else f"<td>{html(text)}</td>"
+
+
+def offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
+    """Other options for a chooser; the choice stays where it is one of them, and nothing is wanted."""
+    values = list(options.values())
+    first = values[0] if values else None
+    chosen = wanted if wanted is not None else chooser.value if chooser.value in values else first
+    if options != chooser.options or chosen != chooser.value:
+        chooser.param.update(options=options, value=chosen)
 
 
 class EquivalentBox(pn.pane.HTML):

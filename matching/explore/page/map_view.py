@@ -12,6 +12,7 @@ from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
 
 from matching.explore import equivalents
+from matching.explore.files.as_shown import case_path
 from matching.explore.files.model_document import number_or_text
 from matching.explore.files.workspace import Workspace
 from matching.explore.job import Ended
@@ -77,8 +78,7 @@ class MapView:
 
     def _equivalent(self) -> equivalents.Equivalent:
         x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))
-        path = self.workspace.case.path if self.workspace.case else ""
-        return equivalents.map_of(str(path), x, y, str(self.out))
+        return equivalents.map_of(str(case_path(self.workspace)), x, y, str(self.out))
 
     def _show(self, ended: Ended) -> None:
         self.show_map(ended.result)
@@ -110,7 +110,8 @@ class MapView:
         fig.on_event(Tap, lambda event: self._tapped(event.x, event.y))
         self.figure[:] = [pn.pane.Bokeh(fig, sizing_mode=WIDE)]
         for field, key, label in ((self.at_x, "x", names[0]), (self.at_y, "y", names[1])):
-            field.param.update(name=label, value=number(content[key]["here"], 6))
+            if field.name != label:  # else what was asked last stays
+                field.param.update(name=label, value=number(content[key]["here"], 6))
         self.questions[:] = [
             pn.FlexBox(self.at_x, self.at_y, self.ask), self.message, self.answer, self.exactly.panel()
         ]  # fmt: skip

@@ -9,20 +9,22 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
+from matching.explore.files.as_shown import case_path, case_tables, write_case
 from matching.explore.files.case_form import CaseForm, write_case_at
+from matching.explore.files.document import Keys
 from matching.explore.files.forms import Field
 from matching.explore.files.workspace import Workspace
 from matching.explore.job import Ended
-from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, paragraph
+from matching.explore.page.editing import Editing
+from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, heading, offer, paragraph
 from matching.explore.page.map_view import MapView
-from matching.explore.page.running import Runner, address_of
+from matching.explore.page.match_result import result_html
+from matching.explore.page.running import Runner
+from matching.explore.page.widgets.entries import Entry, lay_out
 from matching.frequency.studies.map_axis import quantities
 from matching.report.common.wording import component, unit
 from matching.report.match.checks import PEAK_UNITS
-from matching.report.match.text import summary
 from modelling.bed.manoeuvres.shapes import UNITS as MANOEUVRE_UNITS
-from modelling.common.errors import InputError
-from modelling.common.escape import html
 
 STARTS = 14
 TITLES = {
@@ -37,25 +39,25 @@ class MatchTab:
     """The open case."""
 
     def __init__(self, workspace: Workspace, document: Any):
-        self.workspace, self.form, self.message = workspace, CaseForm(document), Message()
-        self.tables = pn.Column(sizing_mode=WIDE)
+        self.workspace = workspace
+        self.form = CaseForm(document, partial(case_tables, workspace))
+        self.editing = Editing(self._enter, self.form.undo, lambda: [document], self.refresh, width=320)
+        self.tables, self._cards = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.added = pn.widgets.Select(name="Let another quantity move", width=340)
         self.held = pn.widgets.Select(name="Hold a quantity that moves", width=340)
         self.add, self.hold = (pn.widgets.Button(name=name, width=100) for name in ("Add", "Hold"))
-        self.undo, self.save = (pn.widgets.Button(name=name, width=100) for name in ("Undo", "Save"))
         self.starts = pn.widgets.TextInput(name="Starting points", value=str(STARTS), width=140)
         self.seed = pn.widgets.TextInput(name="Seed", value="0", width=140)
         self.out = workspace.out / "match"
         self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         self.runner = Runner("Run the match", self._words, self._show)
-        self.map = MapView(workspace, lambda: self.form.case, self._write_at)
         self.same = EquivalentBox(self._equivalent())
-        self.add.on_click(lambda _: self._do(lambda: self.form.move(self.added.value)))
-        self.hold.on_click(lambda _: self._do(lambda: self.form.hold(self.held.value)))
-        self.undo.on_click(lambda _: self._do(self.form.undo))
-        self.save.on_click(lambda _: self._do(self.form.document.save))
+        self.map = MapView(workspace, lambda: self.form.case, self._write_at)
+        self.add.on_click(lambda _: self.editing.do(self._add))
+        self.hold.on_click(lambda _: self.editing.do(self._hold))
         for number in (self.starts, self.seed):
             number.param.watch(lambda _: self.same.set(self._equivalent()), "value")
+        self._ran: list[str] = []  # texts of the files when they were run last
         self.refresh()
 
     def panel(self) -> Any:
@@ -64,9 +66,10 @@ class MatchTab:
             heading("Case"),
             self.tables,
             pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
-            self.message,
-            pn.FlexBox(self.undo, self.save),
+            self.editing.message,
+            self.editing.buttons(),
             heading("Run"),
+            paragraph("A run takes the values as they are shown, saved or not."),
             pn.FlexBox(self.starts, self.seed),
             self.runner.panel(),
             self.result,
@@ -76,31 +79,53 @@ class MatchTab:
         )
 
     def refresh(self) -> None:
-        """Show the form as the case is."""
+        """Show the form as the case is; fields and tables that are there stay."""
         by_table = self.form.fields
-        self.tables[:] = [
-            pn.Card(
-                pn.FlexBox(*(self._input(field) for field in by_table[table])),
-                title=title, collapsed=table not in OPEN, sizing_mode=WIDE, margin=(4, 5),
+        shown = [(table, field) for table in TITLES for field in by_table.get(table, ())]
+        members: dict[str, list[Any]] = {}
+        widgets = self.editing.entries.show(self._entry(field) for _, field in shown)
+        for (table, _), widget in zip(shown, widgets, strict=True):
+            members.setdefault(table, []).append(widget)
+        for table in members.keys() - self._cards.keys():
+            self._cards[table] = pn.Card(
+                pn.FlexBox(), title=TITLES[table], collapsed=table not in OPEN, sizing_mode=WIDE, margin=(4, 5)
             )
-            for table, title in TITLES.items()
-            if table in by_table
-        ]  # fmt: skip
+        for table, inside in members.items():
+            lay_out(self._cards[table][0], inside)
+        lay_out(self.tables, [self._cards[table] for table in members])
         for chooser, names in ((self.added, self.form.addable), (self.held, [m.name for m in self.form.case.moves])):
-            options = {component(name) + f" ({name.partition('.')[0]})": name for name in names}
-            chooser.param.update(options=options, value=names[0] if names else None)
-        self.save.disabled = self.undo.disabled = not self.form.document.changed
+            offer(chooser, {component(name) + f" ({name.partition('.')[0]})": name for name in names})
+        self.same.set(self._equivalent())
+        if self.result.object and self._texts() != self._ran:
+            self.runner.message.say("The result below is of the case before the last change")
 
-    def _input(self, field: Field) -> Any:
+    def models_changed(self) -> None:
+        """Follow changes of the models in other tabs."""
+        self.editing.do(self._read_again)
+
+    def _read_again(self) -> str:
+        self.form.read_again()
+        return ""
+
+    def _add(self) -> str:
+        self.form.move(self.added.value)
+        return self._changed_words()
+
+    def _hold(self) -> str:
+        self.form.hold(self.held.value)
+        return self._changed_words()
+
+    def _changed_words(self) -> str:
+        return "Changed; not saved yet" if self.form.document.changed else "As in the file"
+
+    def _entry(self, field: Field) -> Entry:
         label = " ".join((*field.table.split()[1:], field.key)).replace("_", " ")
         if field.keys[0] == "move":
             name = str(field.keys[1])
             label = f"{component(name)}, {field.key} [{unit(quantities(self.form.case)[name][1]) or '1'}]"
         elif si := self._unit(field):
             label += f" [{unit(si)}]"
-        widget = pn.widgets.TextInput(name=label, value=field.text, width=320)
-        widget.param.watch(partial(self._enter, field), "value")
-        return widget
+        return Entry(field.keys, label, field.text)
 
     def _unit(self, field: Field) -> str:
         """SI unit of a value of loop, limits or manoeuvre that is written without one; empty where there is none."""
@@ -113,43 +138,32 @@ class MatchTab:
         written = field.text.strip().partition(" ")[2]  # such as "1 deg"
         return "" if written or known.get(key) == "1" else known.get(key, "")
 
-    def _enter(self, field: Field, event: Any) -> None:
-        if event.new != field.text:
-            self._do(lambda: self.form.set(field, event.new))
-
-    def _do(self, act: Any) -> None:
-        try:
-            act()
-        except InputError as error:
-            self.message.say(str(error), wrong=True)
-            return
-        self.message.say("Saved" if not self.form.document.changed else "Changed; not saved yet")
-        self.refresh()
+    def _enter(self, keys: Keys, text: str) -> str:
+        self.form.set(keys, text)
+        return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
 
     def _equivalent(self) -> equivalents.Equivalent:
-        return equivalents.match(str(self.form.document.path), str(self.out), self.starts.value, self.seed.value)
+        return equivalents.match(str(case_path(self.workspace)), str(self.out), self.starts.value, self.seed.value)
 
     def _words(self) -> list[str]:
-        if unsaved := self.workspace.unsaved:
-            raise InputError(", ".join(map(str, unsaved)), "has changes that are not saved", "save or undo them")
+        self.editing.all_taken()
+        self._ran = self._texts()
         more = ["--starts", self.starts.value, "--seed", self.seed.value, "--out", str(self.out)]
-        return ["match", str(self.form.document.path), *more]
+        return ["match", str(write_case(self.workspace)), *more]
+
+    def _texts(self) -> list[str]:
+        return [file.text for file in (self.form.document, *self.workspace.models.values())]
 
     def _show(self, ended: Ended) -> None:
-        report = address_of(self.out / "report.html", self.workspace.out)
-        picture = address_of(self.out / "figures" / "overview.svg", self.workspace.out)
-        self.result.object = (
-            f'<pre tabindex="0" aria-label="Result">{html(summary(ended.result))}</pre>'
-            f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>'
-            f'<img src="{html(picture)}" alt="Responses, manoeuvre and target modes of vehicle, rig and matched rig">'
-        )
+        self.result.object = result_html(ended.result, self.out, self.workspace.out)
 
     def _write_at(self, values: dict[str, float]) -> str:
+        self.editing.all_taken()
+        if not values:
+            return str(write_case(self.workspace))
         return str(write_case_at(self.form.case, values, self.workspace.out / "what_if" / "case"))
 
 
-def match_tab(workspace: Workspace) -> Any:
-    """The tab's content, also without a case."""
-    if workspace.case is not None:
-        return MatchTab(workspace, workspace.case).panel()
+def without_case() -> Any:
+    """The tab's content where no case is open."""
     return pn.Column(heading("Match"), paragraph("Open a case to match it: rigmatch explore CASE"), sizing_mode=WIDE)

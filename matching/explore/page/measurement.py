@@ -9,6 +9,7 @@ import panel as pn
 from bokeh.models import ColumnDataSource, Range1d
 
 from matching.explore import equivalents
+from matching.explore.files.as_shown import write_model
 from matching.explore.files.workspace import Workspace
 from matching.explore.job import Ended
 from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, paragraph
@@ -163,15 +164,13 @@ class MeasurementTab:
     def _write_channels(self) -> Path:
         if self.file is None:
             raise InputError("", "no recording is open", "drop one")
-        if unsaved := self.workspace.unsaved:
-            raise InputError(", ".join(map(str, unsaved)), "has changes that are not saved", "save or undo them")
         chosen = {name: (column.value, unit.value) for name, (column, unit) in self._choosers.items()}
         return self.file.write_channels(chosen, self.workspace.out / "recordings")
 
     def _arguments(self, out: str) -> list[str]:
         channels, file = self._write_channels(), self.file
         assert file is not None
-        model = str(self.workspace.models[self.role.value].path)
+        model = str(write_model(self.workspace, self.role.value))
         return [model, str(file.path), "--channels", str(channels), "--out", str(self.workspace.out / out)]
 
     def _simulate_words(self) -> list[str]:

@@ -9,10 +9,10 @@ import panel as pn
 
 from matching.explore import equivalents
 from matching.explore.files.workspace import Workspace
-from matching.explore.page.drivetrain_view import DrivetrainView
-from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, table
+from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, offer, table
 from matching.explore.page.figures import EnergyBars, ResponseFigures
-from matching.explore.page.slider import Slider
+from matching.explore.page.widgets.drivetrain_view import DrivetrainView
+from matching.explore.page.widgets.slider import Slider
 from matching.explore.pictures import pictures
 from matching.explore.signals.measured import MeasuredCurves, measured_curves
 from matching.explore.signals.measurement import read_as_suggested
@@ -87,10 +87,10 @@ class ModesTab:
         self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
         elastic = [place for place in range(len(modes)) if modes.frequencies[place] > 0]
         numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
-        _offer(self.mode, numbers, elastic[0] if elastic else 0)
-        _offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
-        _offer(self.input, {part.name: part.name for part in document.system.inputs})
-        _offer(self.sensor, {part.name: part.name for part in document.system.sensors})
+        offer(self.mode, numbers, elastic[0] if elastic else 0)
+        offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
+        offer(self.input, {part.name: part.name for part in document.system.inputs})
+        offer(self.sensor, {part.name: part.name for part in document.system.sensors})
         self.measured = self._measured()
         self.same.set(equivalents.modes(str(document.path), str(self.workspace.out)))
         self._set_slider()
@@ -185,11 +185,3 @@ class ModesTab:
         self.message.say("Kept; save it in the tab Drivetrain")
         self.open_model()
         self.after_keeping()
-
-
-def _offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
-    """Other options; the choice stays where it is one of them."""
-    values = list(options.values())
-    first = values[0] if values else None
-    chosen = wanted if wanted is not None else chooser.value if chooser.value in values else first
-    chooser.param.update(options=options, value=chosen)

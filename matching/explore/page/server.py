@@ -18,12 +18,12 @@ from tornado.web import RequestHandler
 from matching.explore.files.workspace import Workspace
 from matching.explore.page.drivetrain import DrivetrainTab
 from matching.explore.page.elements import WIDE, heading
-from matching.explore.page.match import match_tab
+from matching.explore.page.match import MatchTab, without_case
 from matching.explore.page.measurement import measurement_tab
 from matching.explore.page.modes import ModesTab
 from matching.explore.page.running import RESULTS
-from matching.explore.page.tab_bar import TabBar
 from matching.explore.page.validity import validity
+from matching.explore.page.widgets.tab_bar import TabBar
 from modelling.common import escape
 
 HOST = "127.0.0.1"
@@ -43,14 +43,7 @@ class NoIcon(RequestHandler):
 
 def page(workspace: Workspace) -> Any:
     """The whole page."""
-    makers: dict[str, Callable[[], Any]] = {}
-    if workspace.models:
-        modes = ModesTab(workspace)
-        drivetrain = DrivetrainTab(workspace, modes.open_model)
-        modes.after_keeping = drivetrain.after_change
-        makers = {"Drivetrain": drivetrain.panel, "Modes": modes.panel}
-    others = (("Match", match_tab), ("Measurement", measurement_tab), ("Validity", validity))
-    makers |= {name: partial(make, workspace) for name, make in others}
+    makers = _makers(workspace)
     names, made = list(makers), dict[str, Any]()
     bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
 
@@ -64,6 +57,40 @@ def page(workspace: Workspace) -> Any:
     bar.param.watch(lambda event: show(event.new), "active")
     show(0)
     return pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE)
+
+
+def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
+    """What makes the content of each tab; a change of a model is told to the tabs that are there."""
+    opened: list[MatchTab] = []
+    makers: dict[str, Callable[[], Any]] = {}
+
+    def match() -> Any:
+        if workspace.case is None:
+            return without_case()
+        opened.append(MatchTab(workspace, workspace.case))
+        return opened[0].panel()
+
+    if workspace.models:
+        modes = ModesTab(workspace)
+
+        def entered() -> None:
+            modes.open_model()
+            for tab in opened:
+                tab.models_changed()
+
+        def kept() -> None:
+            drivetrain.after_change()
+            for tab in opened:
+                tab.models_changed()
+
+        drivetrain = DrivetrainTab(workspace, entered)
+        modes.after_keeping = kept
+        makers = {"Drivetrain": drivetrain.panel, "Modes": modes.panel}
+    return makers | {
+        "Match": match,
+        "Measurement": partial(measurement_tab, workspace),
+        "Validity": partial(validity, workspace),
+    }
 
 
 def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:

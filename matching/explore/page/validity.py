@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import panel as pn
 
 from matching.explore.equivalents import Equivalent, fidelity, uncertainty
-from matching.explore.files.document import Document
+from matching.explore.files.document import Document, Keys
 from matching.explore.files.forms import Field, fields, set_field
 from matching.explore.files.workspace import Workspace
-from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, paragraph
+from matching.explore.page.editing import Editing
+from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, heading, paragraph
+from matching.explore.page.widgets.entries import Entry, lay_out
 from matching.report.common.environment import embedded
 from matching.report.common.style import image
 from matching.report.fidelity.view import as_text as fidelity_text
@@ -23,7 +24,6 @@ from matching.validity.budget.budget_file import budget_from_tables
 from matching.validity.fidelity.case_file import fidelity_from_tables
 from matching.validity.fidelity.result import xil_fidelity
 from matching.validity.uncertainty.evaluate import evaluate
-from modelling.common.errors import InputError
 from modelling.common.escape import html
 
 DRAWS, SEED = 20_000, 1  # of the fidelity's uncertainty, as its command has them
@@ -40,50 +40,54 @@ class EditedTable:
 
     def __init__(self, title: str, document: Document, same: Equivalent, judge: Callable[[dict[str, Any]], Any]):
         self.title, self.document, self._judge = title, document, judge
-        self.message, self.rows = Message(), pn.Column(sizing_mode=WIDE)
+        self.editing = Editing(self._enter, document.undo, lambda: [document], self.refresh, width=230)
+        self.rows, self._boxes = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.answer = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
-        self.undo, self.save = (pn.widgets.Button(name=name, width=100) for name in ("Undo", "Save"))
         self.same = EquivalentBox(same)
-        self.undo.on_click(lambda _: self._do(self.document.undo))
-        self.save.on_click(lambda _: self._do(self.document.save))
-        self._do(lambda: None)
+        self._content: dict[str, Any] = {}  # what was judged last
+        self._judged: tuple[str, Any] = ("", None)
+        self.editing.do(lambda: "")
 
     def panel(self) -> Any:
         """Fields, answer, command."""
         return pn.Column(
-            heading(self.title), self.rows, self.message, pn.FlexBox(self.undo, self.save), self.answer, self.same,
+            heading(self.title), self.rows, self.editing.message, self.editing.buttons(), self.answer, self.same,
             sizing_mode=WIDE,
         )  # fmt: skip
 
-    def _do(self, act: Callable[[], Any]) -> None:
-        try:
-            act()
-            text, picture = self._judge(self.document.content)
-        except InputError as error:
-            self.message.say(str(error), wrong=True)
-            return
+    def refresh(self) -> None:
+        """Show the file as it is, and what follows from it."""
+        text, picture = self._judged_once(self.document.content)
         self.answer.object = (
             f'<pre tabindex="0" aria-label="Result">{html(text)}</pre>'
             f'<img src="{embedded(image(picture))}" alt="Figure of the result">'
         )
-        self.message.say("Changed; not saved yet" if self.document.changed else "")
-        self.undo.disabled = self.save.disabled = not self.document.changed
-        by_table: dict[str, list[Field]] = {}
-        for field in fields(self.document):
-            by_table.setdefault(field.table, []).append(field)
-        self.rows[:] = [
-            pn.FlexBox(*(self._input(table, field) for field in members)) for table, members in by_table.items()
-        ]
+        form = fields(self.document)
+        by_table: dict[str, list[Any]] = {}
+        for field, widget in zip(form, self.editing.entries.show(map(_entry, form)), strict=True):
+            by_table.setdefault(field.table, []).append(widget)
+        boxes = {name: self._boxes.get(name) or pn.FlexBox() for name in by_table}
+        self._boxes = boxes
+        for name, members in by_table.items():
+            lay_out(boxes[name], members)
+        lay_out(self.rows, list(boxes.values()))
 
-    def _input(self, table: str, field: Field) -> Any:
-        label = f"{table.rpartition(' ')[2]} {field.key}".strip().replace("_", " ")
-        widget = pn.widgets.TextInput(name=label, value=field.text, width=230)
-        widget.param.watch(partial(self._enter, field), "value")
-        return widget
+    def _enter(self, keys: Keys, text: str) -> str:
+        set_field(self.document, keys, text, self._judged_once)
+        name = ".".join(map(str, keys)).removesuffix(".value")
+        return f"{name} is {text}. {'Changed; not saved yet' if self.document.changed else 'As in the file'}"
 
-    def _enter(self, field: Field, event: Any) -> None:
-        if event.new != field.text:
-            self._do(lambda: set_field(self.document, field.keys, event.new, self._judge))
+    def _judged_once(self, content: dict[str, Any]) -> tuple[str, Any]:
+        """Text and figure; judging takes a second, and entering and showing both ask."""
+        if content != self._content:
+            self._judged = self._judge(content)
+            self._content = content
+        return self._judged
+
+
+def _entry(field: Field) -> Entry:
+    label = f"{field.table.rpartition(' ')[2]} {field.key}".strip().replace("_", " ")
+    return Entry(field.keys, label, field.text)
 
 
 def validity(workspace: Workspace) -> Any:

@@ -1,0 +1,1 @@
+"""Elements of the page that hold nothing but what they show."""

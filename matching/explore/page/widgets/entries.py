@@ -1,0 +1,110 @@
+"""Text fields that stay while what they show changes: what somebody is typing is never replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import panel as pn
+
+WRONG = "wrong"  # CSS class of a field whose text was not taken
+STYLE = f":host(.{WRONG}) input {{ border: 2px solid #a00000; background: #fff4f4; }}"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A field: what it stands for, its label, and its text as the file has it."""
+
+    key: Hashable
+    label: str
+    text: str
+
+
+class Entries:
+    """The text fields of a form.
+
+    A field is made once. Afterwards only a text that changed elsewhere (undo, another tab) is put into it: a field made
+    anew after every value would take along what is being typed into it, and a text sent back to the field just left
+    would arrive over the next one.
+
+    Parameters
+    ----------
+    enter : callable
+        Takes key and text of a field that was left with another text; whether the text was right.
+    width : int
+        Of a field, px.
+    """
+
+    def __init__(self, enter: Callable[[Any, str], bool], width: int):
+        self._enter, self._width = enter, width
+        self._fields: dict[Hashable, Any] = {}
+        self._texts: dict[Hashable, str] = {}
+        self._taking: Hashable = None
+        self._putting = False
+        self._wrong: set[Hashable] = set()
+
+    @property
+    def wrong(self) -> list[str]:
+        """Labels of fields that show a text which was not taken."""
+        return [self._fields[key].name for key in self._fields if key in self._wrong]
+
+    def show(self, entries: Iterable[Entry]) -> list[Any]:
+        """The fields of ``entries``, in their order; others are forgotten."""
+        shown = list(entries)
+        keys = {entry.key for entry in shown}
+        for gone in self._fields.keys() - keys:
+            del self._fields[gone], self._texts[gone]
+        self._wrong &= keys
+        return [self._shown(entry) for entry in shown]
+
+    def put_back(self) -> bool:
+        """Show the file's text where a text was not taken; whether there was one."""
+        wrong = list(self._wrong)
+        for key in wrong:
+            self._put(key, self._texts[key])
+        return bool(wrong)
+
+    def _shown(self, entry: Entry) -> Any:
+        field = self._fields.get(entry.key)
+        if field is None:
+            field = pn.widgets.TextInput(name=entry.label, value=entry.text, width=self._width, stylesheets=[STYLE])
+            field.param.watch(partial(self._left, entry.key), "value")
+            self._fields[entry.key], self._texts[entry.key] = field, entry.text
+            return field
+        if field.name != entry.label:
+            field.name = entry.label
+        if entry.text != self._texts[entry.key]:
+            self._texts[entry.key] = entry.text
+            if entry.key != self._taking:
+                self._put(entry.key, entry.text)
+        return field
+
+    def _put(self, key: Hashable, text: str) -> None:
+        self._putting = True
+        self._fields[key].value = text
+        self._putting = False
+        self._mark(key, wrong=False)
+
+    def _left(self, key: Hashable, event: Any) -> None:
+        """A field has another text: the user's, unless it was put there."""
+        if self._putting:
+            return
+        self._taking = key
+        try:
+            right = self._enter(key, event.new)
+        finally:
+            self._taking = None
+        self._mark(key, wrong=not right)
+
+    def _mark(self, key: Hashable, *, wrong: bool) -> None:
+        if key in self._fields and wrong != (key in self._wrong):
+            (self._wrong.add if wrong else self._wrong.discard)(key)
+            self._fields[key].css_classes = [WRONG] if wrong else []
+
+
+def lay_out(box: Any, members: list[Any]) -> None:
+    """Put ``members`` into a layout where others are there: laid out again, a field loses the cursor."""
+    if list(box) != members:
+        box[:] = members

@@ -1,0 +1,74 @@
+"""What is typed while the page still answers an earlier value, in every form: kept, as is the cursor."""
+
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from explore.browser import browser_path, opened_page, served
+from structure.imports import ROOT
+
+FORMS = (  # tab, labels of two fields that follow each other, where their values stand in which file
+    ("Drivetrain", ("J [kg·m²]", "drag [N·m·s/rad]"), "case/vehicle.toml", ("inertias", "motor"), ("J", "drag")),
+    ("Match", ("dead time [s]", "inverter lag [s]"), "case/case.toml", ("loop",), ("dead_time", "inverter_lag")),
+    ("Validity", ("R value", "R half width"), "budget.toml", ("inputs", "R"), ("value", "half_width")),
+)
+BUDGET = """\
+[measurand]
+name = "Z"
+formula = "R + L"
+[inputs.R]
+value = 1.0
+half_width = 0.1
+[inputs.L]
+value = 2.0
+half_width = 0.1
+"""
+FIRST, SECOND = 0.00375, 0.00225
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    browser_path()
+    folder = tmp_path_factory.mktemp("typing")
+    shutil.copytree(ROOT / "matching" / "starter", folder / "case")
+    (folder / "budget.toml").write_text(BUDGET)
+    files = (folder / "case" / "case.toml", folder / "budget.toml")
+    with served(*files, out=folder / "out") as address, opened_page(address) as (page, complaints):
+        yield folder, page, complaints
+
+
+@pytest.mark.parametrize(("tab", "labels", "file", "tables", "keys"), FORMS)
+def test_of_two_values_typed_quickly_none_is_lost(opened, tab, labels, file, tables, keys):
+    """The answer to the first value comes in the middle of typing the second, however fast the machine is."""
+    folder, page, complaints = opened
+    page.get_by_role("tab", name=tab).click()
+    page.get_by_label(labels[0]).fill(str(FIRST))
+    page.keyboard.press("Tab")
+    typed = str(SECOND)
+    page.keyboard.type(typed[:4])
+    page.get_by_text(f" is {FIRST}").wait_for()
+    page.keyboard.type(typed[4:])
+    page.get_by_role("button", name="Save").click()
+    page.get_by_text(f"Saved: {Path(file).name}").wait_for()
+    table = tomllib.loads((folder / file).read_text())
+    for name in tables:
+        table = table[name]
+    assert [table[key] for key in keys] == [FIRST, SECOND]
+    assert complaints == []
+
+
+def test_a_wrong_text_is_marked_and_not_saved_until_it_is_right(opened):
+    folder, page, complaints = opened
+    page.get_by_role("tab", name="Match").click()
+    before = (folder / "case" / "case.toml").read_text()
+    field = page.get_by_label("sample time [s]")
+    field.fill("-1")
+    page.get_by_role("button", name="Save").click()
+    page.get_by_text("sample time [s]: was not taken").wait_for()
+    assert (folder / "case" / "case.toml").read_text() == before
+    assert field.input_value() == "-1"
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("The value in the file is shown again").wait_for()
+    assert field.input_value() == "0.001"
+    assert complaints == []
