@@ -12,7 +12,7 @@ from matching.diagnosis.data.segments import FitData
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import Holdout, OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.reweighting import balanced_fit, iteratively_reweighted
+from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
 from matching.diagnosis.search.refinement import with_sharpest_friction
@@ -53,15 +53,12 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     """
     several = (base.problem.data.readings_by_sensor > 0).sum() > 1
     if several and _largest_error(base) > FAR_FROM_NOISE:
-        identified = _identify(system, iteratively_reweighted(base), holdout, progress)
-        if identified.state.best.causes:
-            return identified
         return _identify(system, _balanced(system, base), holdout, progress)
     identified = _identify(system, base, holdout, progress)
     if not several or at_noise(identified.state.best) or _largest_error(identified.state.best.fit) < LEFT_BY_MODEL:
         return identified
     progress("sensors weighted by what the model leaves")
-    balanced = _identify(system, iteratively_reweighted(base), holdout, progress)
+    balanced = _identify(system, _balanced(system, base), holdout, progress)
     better = UnseenData(holdout).earns_place(balanced.state.best, identified.state.best)
     return balanced if better else identified
 

@@ -35,6 +35,8 @@ class FittedMotion:
         The inertias that a shaft joins.
     torque_gradient : dict of str to ndarray (t,)
         By inertia: −∂χ²/∂torque, how much a torque at that time would lower the misfit.
+    recording : ndarray (t,)
+        Number of the recording that a sample is of, from 1.
     """
 
     time: np.ndarray
@@ -51,6 +53,7 @@ class FittedMotion:
     value: Mapping[str, float]
     ends: Mapping[str, tuple[str, str]]
     torque_gradient: Mapping[str, np.ndarray] = field(default_factory=dict)
+    recording: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @property
     def step(self) -> float:

@@ -51,6 +51,10 @@ class EquationBuilder(Protocol):
     potential: dict[str, sm.Expr]
     springs: dict[str, Spring]
 
+    @property
+    def recording(self) -> sm.Symbol:
+        """Number of the recording that is simulated, from 1 in the order of a fit; 0 of any other motion."""
+
     def add_coordinate(self, name: str) -> Motion:
         """Add a degree of freedom."""
 

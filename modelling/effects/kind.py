@@ -86,6 +86,8 @@ class Kind:
         Its only parameter is a time in s by which an input acts or a sensor reads later; nothing else changes.
     zero_of_recording : bool
         A zero that may differ between recordings: a recording that is not fitted gets its own, with its start state.
+    by_recording : str
+        The list that has an element for every fitted recording; a recording that is not fitted gets its own.
     is_clock : bool
         Its only parameter is by how many s the clock of a logger, whose channels share it, is late.
     imposes_motion : bool
@@ -113,6 +115,7 @@ class Kind:
     speed_exponent: ClassVar[int | None] = None
     only_delays: ClassVar[bool] = False
     zero_of_recording: ClassVar[bool] = False
+    by_recording: ClassVar[str] = ""
     is_clock: ClassVar[bool] = False
     imposes_motion: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()

@@ -15,7 +15,8 @@ from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.system import System
 
 STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
-SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4}
+RECORDING = "simulation.recording"  # its number from 1 in the order of a fit; 0 of any other motion
+SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0}
 
 
 class Assembly:
@@ -116,6 +117,11 @@ class Assembly:
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed, turning over a stick speed that the simulation keeps small."""
         return sm.tanh(speed / self.simulation(STICK_SPEED))
+
+    @property
+    def recording(self) -> sm.Symbol:
+        """Number of the recording that is simulated, see ``RECORDING``."""
+        return self.simulation(RECORDING)
 
     def simulation(self, name: str) -> sm.Symbol:
         """A parameter of ``SIMULATION_DEFAULTS``, which the simulation sets."""

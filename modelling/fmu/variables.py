@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from modelling.effects.kind import SECOND_STATE
-from modelling.equations.assembly import STICK_SPEED
+from modelling.equations.assembly import RECORDING, STICK_SPEED
 from modelling.equations.compiled import Model
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.model.system import System
@@ -55,6 +55,10 @@ def parameters(model: Model) -> list[Variable]:
             variables.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
             continue
         low, high, nonzero = _bounds(system, name)
+        if name == RECORDING:
+            meaning = "number of the recording whose values hold, from 1; their mean holds at 0"
+            variables.append(Variable(name, "parameter", "1", float(value), meaning, 0.0))
+            continue
         meaning = f"{key} of {place}"
         variables.append(Variable(name, "parameter", system.units[name], float(value), meaning, low, high, nonzero))
     return variables

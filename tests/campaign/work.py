@@ -25,7 +25,8 @@ def made_in(number: int, order: Any, made: Path, seconds: float) -> Path:
     if not (folder / "answer.json").exists():
         case = order.make(seconds, rivals=False)
         case.write(folder)
-        (folder / "holdout.csv").unlink()  # the end of the recording is held out here
+        if not case.answer["differs"]:  # the end of the recordings is held out here
+            (folder / "holdout.csv").unlink()
         (folder / "answer.json").write_text(json.dumps(case.answer))
     return folder
 
@@ -67,10 +68,12 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
         return row | {"failed": f"not made: {reason}"}
     answer = json.loads((folder / "answer.json").read_text())
     system = load(folder / "model.toml")
-    recording = read_recording(folder / "recording.csv", system)
+    recordings = [
+        read_recording(file, system) for file in (folder / "recording.csv", folder / "holdout.csv") if file.exists()
+    ]
     begin = time.perf_counter()
     try:
-        found = diagnose(system, [recording]).to_dict()
+        found = diagnose(system, recordings).to_dict()
     except Exception as fault:
         return row | {
             "failed": f"{type(fault).__name__}: {fault}",

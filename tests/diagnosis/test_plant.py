@@ -1,6 +1,7 @@
 """The truth plant, a few recordings of it: nothing hidden, one effect, two effects, one outside the vocabulary."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,22 @@ def test_every_fitted_candidate_is_listed_with_the_reason_it_was_not_taken(tmp_p
         assert row["not_taken"] in reasons
         assert row["misfit"] >= 0.9 * rows[0]["misfit"]
     assert rows[0]["misfit_holdout"] == pytest.approx(1, abs=0.1)
+
+
+def test_friction_that_differs_between_recordings_is_told_for_each(tmp_path: Path) -> None:
+    case = make_case("two_mass", ["recording_friction"], "plain", "normal", 3, 3.0, 250.0)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / f"{name}.csv", system) for name in ("recording", "holdout")])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [("recording_friction", case.answer["at"])]
+    for key, value in case.answer["parameters"].items():
+        estimate = found.causes[0].parameters[key]
+        assert abs(estimate.value - value) < 4 * estimate.standard_uncertainty
+    assert found.verdict == "explained"
+    (effect,) = from_dict(tomllib.loads(dumps(found.extended))).effects
+    assert [quantity.value for _, quantity in effect.parameters] == pytest.approx(
+        [estimate.value for estimate in found.causes[0].parameters.values()]
+    )
 
 
 def test_two_effects_are_both_named(tmp_path: Path) -> None:

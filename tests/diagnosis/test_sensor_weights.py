@@ -28,19 +28,18 @@ def fit(error: float, sensors: int = 2, name: str = "noise") -> SimpleNamespace:
 def identified(monkeypatch: pytest.MonkeyPatch):
     """(base error, error left, whether unseen data gain, sensors) → weights of the answer, and of the searches made."""
 
-    def run(base: float, left: float, gains: bool = True, sensors: int = 2, causes: int = 1) -> tuple[str, list[str]]:
+    def run(base: float, left: float, gains: bool = True, sensors: int = 2) -> tuple[str, list[str]]:
         searches = []
 
         def search(_system, weighted, _holdout, _progress):
             searches.append(weighted.name)
             return SimpleNamespace(
-                state=SimpleNamespace(best=SimpleNamespace(fit=fit(left, sensors), causes=(None,) * causes)),
+                state=SimpleNamespace(best=SimpleNamespace(fit=fit(left, sensors))),
                 weights=weighted.name,
             )
 
         monkeypatch.setattr(module, "_identify", search)
-        monkeypatch.setattr(module, "iteratively_reweighted", lambda one: fit(base, sensors, "balanced"))
-        monkeypatch.setattr(module, "_balanced", lambda _system, _base: fit(base, sensors, "from stated"))
+        monkeypatch.setattr(module, "_balanced", lambda _system, _base: fit(base, sensors, "balanced"))
         monkeypatch.setattr(module, "at_noise", lambda best: left == 1.0)
         monkeypatch.setattr(module, "UnseenData", lambda holdout: SimpleNamespace(earns_place=lambda *_: gains))
         answer = module.identify_causes(None, fit(base, sensors), None, lambda _: None)
@@ -62,10 +61,6 @@ def test_a_second_search_is_taken_only_where_unseen_data_gain(identified) -> Non
 def test_far_from_the_noise_only_the_second_is_made_and_with_one_sensor_only_the_first(identified) -> None:
     assert identified(500.0, 20.0) == ("balanced", ["balanced"])
     assert identified(500.0, 20.0, sensors=1) == ("noise", ["noise"])
-
-
-def test_a_search_without_a_cause_is_made_again_from_the_stated_values(identified) -> None:
-    assert identified(500.0, 20.0, causes=0) == ("from stated", ["balanced", "from stated"])
 
 
 @pytest.mark.parametrize("angle_uncertainty", [6e-6, 2e-3])

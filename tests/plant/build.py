@@ -32,7 +32,7 @@ def chain_of(drive: Drive, effects: list[Hidden]) -> Chain:
         chain["k"][[j, chain.s + j]] = effect.parameters["stiffness"]
         chain["first"][j], chain["second"][j], chain["second"][old] = i, chain["second"][old], i
     for effect in effects:
-        _put(chain, drive, effect)
+        _put(chain, drive, effect.in_recording(1))
     return chain
 
 

@@ -27,8 +27,8 @@ class Case:
     """Texts of the files, and the answer.
 
     The answer has `kind`, `at`, `parameters` of the first cause (kind `none` when nothing is hidden), all `causes`,
-    `verdict`, whether the cause is `outside` the vocabulary, `base` (the value the plant had for every base quantity)
-    and how the case was made.
+    `verdict`, whether the cause is `outside` the vocabulary, whether it `differs` between the recordings (then both are
+    to be fitted), `base` (the value the plant had for every base quantity) and how the case was made.
     """
 
     model: str
@@ -100,8 +100,8 @@ def _texts(
     known = {e.at for e in hidden if e.kind == "wrong_parameter"}
     written = scene.written | {name: scene.drive.values[name] for name in known}
     recordings = []
-    for excitation in (scene.excitation, scene.holdout):
-        take = record(scene.drive, hidden, excitation, scene.dt)
+    for number, excitation in enumerate((scene.excitation, scene.holdout), 1):
+        take = record(scene.drive, [e.in_recording(number) for e in hidden], excitation, scene.dt)
         noisy = add_noise(take.readings, scene.noise, hidden, rng)
         kept = {name: value for name, value in noisy.items() if name not in left_out}
         recordings.append(recording_text(scene.drive, take, kept))
@@ -136,4 +136,5 @@ def _answer(scene: Scene, hidden: list[Hidden], left_out: list[str], rivals: boo
             causes.append(cause)
     first = causes[0] if causes else {"kind": "none", "at": "", "parameters": {}}
     base = drive.values | {e.at: e.parameters["value"] for e in hidden if e.kind == "wrong_parameter"}
-    return {**first, "causes": causes, "outside": outside, "verdict": verdict, "base": base}
+    differs = any(e.kind == "recording_friction" for e in hidden)
+    return {**first, "differs": differs, "causes": causes, "outside": outside, "verdict": verdict, "base": base}

@@ -29,6 +29,12 @@ class Hidden:
     def name(self) -> str:
         return self.at.split("+")[0].split(".")[1]
 
+    def in_recording(self, number: int) -> Hidden:
+        """As it is in a recording: friction that differs between recordings is plain friction in each."""
+        if self.kind != "recording_friction":
+            return self
+        return Hidden("coulomb_friction", self.at, {"torque": self.parameters[f"torque_{number}"]}, self.draw)
+
     @property
     def members(self) -> list[str]:
         """Names of all that share it."""
@@ -98,6 +104,11 @@ def _coulomb(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     other = rng.uniform(0.5, 0.8) ** _sign(rng) if rng.random() < 0.4 else 0.0
     torque = c.drive_torque[name]
     return lambda s: {"torque": s * torque} | ({"torque_reverse": other * s * torque} if other else {})
+
+
+def _recording(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    less = rng.uniform(0.2, 0.6)
+    return lambda s: {"torque_1": s * c.drive_torque[name], "torque_2": less * s * c.drive_torque[name]}
 
 
 def _stribeck(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
@@ -231,6 +242,7 @@ KINDS: dict[str, Kind] = {
     "wrong_parameter": Kind("values", _wrong, 6.0),
     "input_offset": Kind("inputs", _input_offset, 10.0, chosen=False),
     "gear_loss": Kind("shafts", _gear_loss, chosen=False),
+    "recording_friction": Kind("inertias", _recording, 1.5, chosen=False),
     "position_torque": Kind("inertias", _position, 5.0, inside=False, chosen=False),
     "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
     "clock_jump": Kind("sensors", _jump_clock, 40.0, inside=False),

@@ -43,6 +43,7 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
         {sensor.name: float(problem.data.noise[j]) for j, sensor in enumerate(system.sensors)},
         value, {shaft.name: shaft.between for shaft in system.shafts},
+        recording=np.concatenate([np.full(len(segment.time), segment.recording) for segment in segments]),
     )  # fmt: skip
 
 

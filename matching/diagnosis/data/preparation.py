@@ -25,8 +25,8 @@ def prepare_data(system: System, recordings: Sequence[Recording]) -> tuple[FitDa
     """
     segments: list[Segment] = []
     notes: list[str] = []
-    for recording in recordings:
-        more, remarks = _segments(system, recording)
+    for number, recording in enumerate(recordings, 1):
+        more, remarks = _segments(system, recording, number)
         segments += more
         notes += remarks
     if not segments:
@@ -40,7 +40,7 @@ def prepare_data(system: System, recordings: Sequence[Recording]) -> tuple[FitDa
     return data, list(dict.fromkeys(notes + remarks))
 
 
-def _segments(system: System, recording: Recording) -> tuple[list[Segment], list[str]]:
+def _segments(system: System, recording: Recording, number: int) -> tuple[list[Segment], list[str]]:
     """Segments of one recording, and notes."""
     if not recording.sensors(system):
         names = ", ".join(part.name for part in system.sensors) or "none"
@@ -53,7 +53,8 @@ def _segments(system: System, recording: Recording) -> tuple[list[Segment], list
             notes += remarks
     inputs = np.ascontiguousarray(recording.inputs(system))
     parts, remarks = segments_between_gaps(recording.time, recording.source)
-    return [Segment(recording.time[p], inputs[p], readings[p], recording.source) for p in parts], notes + remarks
+    segments = [Segment(recording.time[p], inputs[p], readings[p], recording.source, number) for p in parts]
+    return segments, notes + remarks
 
 
 def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, list[str]]:

@@ -21,12 +21,15 @@ class Segment:
         SI, in the order of the model's sensors; NaN where nothing was measured.
     name : str
         The recording it is from.
+    recording : int
+        Its number, from 1.
     """
 
     time: np.ndarray
     inputs: np.ndarray
     readings: np.ndarray
     name: str = ""
+    recording: int = 1
 
     @property
     def measured(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from matching.diagnosis.data.segments import Segment
-from modelling.equations.assembly import STICK_SPEED
+from modelling.equations.assembly import RECORDING, STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
 from modelling.simulation.integrator import native, virtual
@@ -75,9 +75,19 @@ def _tasks(
 ) -> list[IntegrationTask]:
     stiff = _stiff(model, steps_per_second)
     return [
-        make_task(model, segment.time, segment.inputs, p, start, steps_per_second, implicit=stiff)
+        make_task(
+            model, segment.time, segment.inputs, _of_recording(model, p, segment.recording), start, steps_per_second,
+            implicit=stiff,
+        )
         for segment, start in zip(segments, starts, strict=True)
-    ]
+    ]  # fmt: skip
+
+
+def _of_recording(model: Model, p: np.ndarray, number: int) -> np.ndarray:
+    """Parameters (b, p) as they hold in a recording."""
+    if RECORDING not in model.parameters:
+        return p
+    return np.where(np.arange(len(model.parameters)) == model.parameters.index(RECORDING), float(number), p)
 
 
 @functools.lru_cache(maxsize=512)

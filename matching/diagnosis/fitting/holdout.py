@@ -182,7 +182,14 @@ class OtherRecordings:
 
     def simulate(self, fit: Fit) -> list[HoldoutRun]:
         """Simulate them with a fit."""
-        return simulate_other(fit, self.data)
+        individual = parameters_by_recording(fit.problem.system)
+        if not individual:
+            return simulate_other(fit, self.data)
+        runs = []
+        for number in dict.fromkeys(segment.recording for segment in self.data.segments):
+            segments = (replace(s, recording=1) for s in self.data.segments if s.recording == number)
+            runs += simulate_other(fit, replace(self.data, segments=tuple(segments)), individual=individual)
+        return runs
 
     def segments(self, fit: Fit) -> list[Segment]:
         """Their segments."""
@@ -194,18 +201,24 @@ def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
     return [part for run in runs for part in run.parts(run.errors)]
 
 
-def simulate_other(fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] | None = None) -> list[HoldoutRun]:
+def simulate_other(
+    fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] | None = None, individual: Sequence[str] = ()
+) -> list[HoldoutRun]:
     """Other data: parameters as fitted, only the start states are fitted to them, and the zeros of the recording.
 
     Parameters
     ----------
     begin : sequence of ndarray (x,), optional
         States from which the fits of the start states begin; those that the first readings show where there is none.
+    individual : sequence of str, optional
+        Further parameters that the data have of their own.
     """
     problem = _without_memory(fit.problem)
     known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
     system = problem.system.with_values(known)
-    zeros = {name: problem.bounds[name] for name in zeros_of_recording(system) if name in problem.bounds}
+    zeros = {
+        name: problem.bounds[name] for name in (*zeros_of_recording(system), *individual) if name in problem.bounds
+    }
     fixed = FitProblem(system, data, zeros, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
     known_starts = begin or [None] * len(data.segments)
     starts = [
@@ -230,6 +243,11 @@ def simulate_other(fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] |
 def zeros_of_recording(system: System) -> list[str]:
     """Names of the parameters of effects that are zeros: a recording that was not fitted has its own."""
     return [f"{e.name}.{key}" for e in system.effects if e.law.zero_of_recording for key, _ in e.parameters]
+
+
+def parameters_by_recording(system: System) -> list[str]:
+    """Names of the parameters that hold in the first recording only; a recording that was not fitted has its own."""
+    return [f"{e.name}.{e.law.by_recording}_1" for e in system.effects if e.law.by_recording]
 
 
 def _without_memory(problem: FitProblem) -> FitProblem:

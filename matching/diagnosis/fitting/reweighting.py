@@ -8,17 +8,19 @@ squares.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from matching.diagnosis.data.weighting import Weighting, weighting_of
+from matching.diagnosis.data.weighting import SMALLEST_SCALE, Weighting, weighting_of
 from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.problem import FitProblem
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds
+NOT_LEADING = 1e3  # times the scale, of the sensors beside the one that leads alone
 OPTIONS = FitOptions(exact=False)
 
 
@@ -33,11 +35,11 @@ def iteratively_reweighted(fit: Fit) -> Fit:
 
 
 def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
-    """The fit with each sensor weighted by what the model leaves of it, from where weights by noise led and from the
-    values the model states.
+    """The fit with each sensor weighted by what the model leaves of it, from several starts.
 
-    Estimated weights have several fixed points: where the most precise sensor has led, what it asked for keeps its
-    error small, and with that its weight. The likelier end stands, whatever uncertainties are stated.
+    Estimated weights have several fixed points: where one sensor has led, what it asked for keeps its error small, and
+    with that its weight. They are estimated from where weights by noise led, from the values the model states, and from
+    where each sensor leads alone; the likeliest end stands, whatever uncertainties are stated.
 
     Parameters
     ----------
@@ -45,11 +47,15 @@ def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
         Variables at the stated values.
     """
     ends = [iteratively_reweighted(fit)]
-    try:
-        stated = solve(replace(fit.problem, weighting=discrepancy_at(fit.problem, v)), v, None, OPTIONS)
-        ends.append(iteratively_reweighted(stated))
-    except FloatingPointError:
-        pass  # the stated values do not simulate
+    stated = discrepancy_at(fit.problem, v)
+    sensors = np.flatnonzero(fit.problem.data.readings_by_sensor)
+    alone = [np.where(np.arange(len(stated.scale)) == j, 1.0, NOT_LEADING) for j in sensors] if len(sensors) > 1 else []
+    for factor in (np.ones_like(stated.scale), *alone):
+        problem = replace(fit.problem, weighting=Weighting(stated.memory, factor * stated.scale))
+        try:
+            ends.append(iteratively_reweighted(solve(problem, v, None, OPTIONS)))
+        except FloatingPointError:
+            continue  # nothing simulates from there
     return min(ends, key=innovation_power)
 
 
@@ -57,6 +63,38 @@ def innovation_power(fit: Fit) -> float:
     """Mean over the readings of ln of the squared innovation of their sensor: −2 ln of the likelihood for each."""
     count = fit.problem.data.readings_by_sensor
     return float(np.log(discrepancy(fit).scale ** 2) @ count / count.sum())
+
+
+def power_left(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
+    """What a model leaves of the sensors (y,), as a power in times the noise: the geometric mean of the power of the
+    innovation and that of the error itself.
+
+    The likelihood with a memory hardly asks for the slow part of an error, however large, and that without one asks for
+    little else. Their composite (Varin, Reid and Firth, Statistica Sinica 21, 2011) asks for both.
+
+    Parameters
+    ----------
+    errors, measured : sequence of ndarray (t, y)
+        Of each segment, in times the noise, and where there is a reading.
+    """
+    return weighting_of(errors, measured).scale * np.sqrt(_power(errors, measured))
+
+
+def power_left_by(fit: Fit) -> np.ndarray:
+    """:func:`power_left` of a fit (y,)."""
+    return power_left(fit.errors, [segment.measured for segment in fit.problem.data.segments])
+
+
+def slow_and_fast(fit: Fit) -> Weighting:
+    """Weights of a fit by which the slow part of what it leaves counts as much as the fast one."""
+    power = _power(fit.errors, [segment.measured for segment in fit.problem.data.segments])
+    return discrepancy(fit).with_slow_part(power)
+
+
+def _power(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
+    """Mean squares (y,) of errors."""
+    square = np.sum([np.sum(np.where(m, e, 0.0) ** 2, axis=0) for e, m in zip(errors, measured, strict=True)], axis=0)
+    return np.maximum(square / np.maximum(np.sum([m.sum(axis=0) for m in measured], axis=0), 1), SMALLEST_SCALE**2)
 
 
 def discrepancy_at(problem: FitProblem, v: np.ndarray) -> Weighting:

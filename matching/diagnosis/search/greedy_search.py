@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from matching.diagnosis.candidates.noise_threshold import NoiseDraws
 from matching.diagnosis.candidates.recorded import recorded_range
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.reweighting import reweighted
+from matching.diagnosis.fitting.reweighting import reweighted, slow_and_fast
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained, with_balanced_sensors
 from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
@@ -59,15 +59,26 @@ class _Screenings:
         return self.known[hypothesis.causes]
 
     def slow(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
-        """Candidates, best first, for the slow part of what a hypothesis leaves, which weights with a memory hide.
+        """Candidates by what they explain of the slow part of what a hypothesis leaves, which weights with a memory
+        hide; best first.
 
         A small constant torque lets an angle drift away: a step that each sample hardly shows, and most of the error.
+        What a quantity would have to change to take the drift is held back by what the fast part says of it.
         """
-        weighting = hypothesis.fit.problem.weighting
-        if weighting is None:
+        fit = hypothesis.fit
+        if fit.problem.weighting is None:
             return []
-        screening = Screening(reweighted(hypothesis.fit, weighting.without_memory))
-        return best_by_candidate(list(screening.candidates(hypothesis.model.system())))
+        screening = Screening(reweighted(fit, slow_and_fast(fit)))
+        fast = {_variant(candidate): candidate.reduction for candidate in self.of(hypothesis).candidates}
+        slow = [
+            replace(candidate, reduction=2 * candidate.reduction - fast.get(_variant(candidate), 0.0))
+            for candidate in best_by_candidate(list(screening.candidates(hypothesis.model.system())))
+        ]
+        return sorted(slow, key=lambda candidate: -candidate.reduction)
+
+
+def _variant(candidate: ScreenedCandidate) -> tuple:
+    return candidate.kind, candidate.at, tuple(candidate.parameters)
 
 
 def search_causes(

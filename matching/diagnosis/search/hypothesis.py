@@ -10,7 +10,7 @@ import numpy as np
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, whiteness
-from matching.diagnosis.fitting.reweighting import discrepancy, iteratively_reweighted
+from matching.diagnosis.fitting.reweighting import iteratively_reweighted, power_left_by
 from modelling.effects import EFFECTS
 
 NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is more than noise
@@ -57,13 +57,12 @@ class Hypothesis:
         """How much the fit leaves, in times the noise: χ².
 
         Where sensors are weighted by what the model leaves of them: the number of readings times the geometric mean of
-        their squared innovations, the likelihood with memory and scale of each estimated. It does not depend on the
-        weights that the fit had.
+        what it leaves of each, fast and slow (:func:`power_left`). It does not depend on the weights that the fit had.
         """
         data = self.fit.problem.data
         if self.fit.problem.weighting is None:
             return self.fit.cost
-        logarithms = np.log(discrepancy(self.fit).scale ** 2)
+        logarithms = np.log(power_left_by(self.fit))
         return data.readings_count * float(np.exp(logarithms @ data.readings_by_sensor / data.readings_count))
 
     @property

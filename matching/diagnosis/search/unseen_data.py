@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.diagnosis.data.weighting import weighting_of
 from matching.diagnosis.fitting.holdout import Holdout, holdout_residuals
+from matching.diagnosis.fitting.reweighting import power_left
 from matching.diagnosis.search.hypothesis import Hypothesis
 
 BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
@@ -33,13 +33,13 @@ class UnseenError:
         Mean squares over blocks of the data, in times the noise; NaN without readings.
     pooled : float
         Root mean square over the sensors of the error over the sensor's range.
-    innovation : float
-        Geometric mean over the sensors of what the error before does not foretell, in times the noise.
+    power_left : float
+        Geometric mean over the sensors of what is left of each, fast and slow, in times the noise.
     """
 
     blocks: np.ndarray
     pooled: float
-    innovation: float
+    power_left: float
 
     @property
     def mean_squares(self) -> np.ndarray:
@@ -65,13 +65,13 @@ class UnseenData:
     def promises(self, child: Hypothesis, parent: Hypothesis) -> bool:
         """Whether a hypothesis that may lack further causes meets unseen data better than another.
 
-        Where sensors are weighted by what the model leaves of them, a slow drift that a further cause will explain does
-        not count: what the error before does not foretell has to fall.
+        Where sensors are weighted by what the model leaves of them, a slow drift that a further cause will explain
+        counts no more than what the error before does not foretell.
         """
         after, before = self.error(child), self.error(parent)
         if after is None or before is None or child.fit.problem.weighting is None:
             return self.gains(child, parent)
-        return bool(after.innovation < before.innovation)
+        return bool(after.power_left < before.power_left)
 
     def gains(self, child: Hypothesis, parent: Hypothesis) -> bool:
         """Whether the pooled error of a hypothesis is smaller than that of another."""
@@ -121,11 +121,8 @@ class UnseenData:
         share = np.sqrt(square[pooled]) * data.noise[pooled] / width[pooled]
         if not pooled.any():
             return UnseenError(blocks, np.nan, np.nan)
-        scales = weighting_of(
-            [np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals]
-        ).scale
-        innovation = float(np.exp(np.mean(np.log(scales[pooled]))))
-        return UnseenError(blocks, float(np.sqrt(np.mean(share**2))), innovation)
+        left = power_left([np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals])
+        return UnseenError(blocks, float(np.sqrt(np.mean(share**2))), float(np.exp(np.mean(np.log(left[pooled])))))
 
 
 def _mean_square(part: np.ndarray) -> np.ndarray:

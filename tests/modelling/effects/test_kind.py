@@ -27,6 +27,7 @@ VALUES = {
     "quadratic_damping": {"coefficient": 2.0}, "quadratic_drag": {"coefficient": 0.7}, "sensor_delay": {"delay": 0.01},
     "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
+    "recording_friction": {"torque": [2.0, 4.0]},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
     "tyre_slip": {"slip_stiffness": 60.0, "peak": 12.0},
     "torque_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4}, "wrong_parameter": {"value": 3.3},
