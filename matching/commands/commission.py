@@ -30,6 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rounds", metavar="N", type=count(1), default=3, help="rounds at most (default: 3)")
     parser.add_argument("--duration", metavar="S", type=float, default=12.0, help="of the excitation, s (default: 12)")
     parser.add_argument("--speed", metavar="RAD_S", type=float, help="rotor speed (default: a quarter of the limit)")
+    parser.add_argument(
+        "--diagnosis-limit", type=seconds, default=600.0, metavar="SECONDS",
+        help="a diagnosis that takes longer ends with the best it has, and says so (default: 600)",
+    )  # fmt: skip
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the matches (default: 0)")
     parser.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
     parser.add_argument(
@@ -58,7 +62,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
     order = CommissionOrder(
         arguments.rounds, excitation, arguments.seed, arguments.workers or cores(), arguments.follow,
-        tuple(Path(name) for name in arguments.vehicle_recording),
+        tuple(Path(name) for name in arguments.vehicle_recording), arguments.diagnosis_limit,
     )  # fmt: skip
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said

@@ -17,9 +17,15 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Case, recordings, output directory."""
+    from matching.arguments import seconds
+
     parser.add_argument("case", metavar="CASE", help="case file (TOML), or the directory of a match")
     parser.add_argument("--vehicle", metavar="RECORDING", nargs="+", default=[], help="of the vehicle on the road")
     parser.add_argument("--bed", metavar="RECORDING", nargs="+", default=[], help="of the bed without emulation")
+    parser.add_argument(
+        "--diagnosis-limit", type=seconds, metavar="SECONDS",
+        help="a diagnosis that takes longer ends with the best it has, and says so (default: no limit)",
+    )  # fmt: skip
     parser.add_argument("--out", metavar="DIR", required=True, help="directory to write to")
 
 
@@ -41,7 +47,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     case = tuned_case(arguments.case).tuned
     vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
     with steps("identify") as step:
-        known = identify(case, vehicle, bed, step)
+        known = identify(case, vehicle, bed, step, arguments.diagnosis_limit)
     write_all(arguments.out, known.files())
     return known.to_dict()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -33,6 +33,7 @@ from modelling.measurement.read import read_recording
 
 RECORDING = "recording.csv"
 VEHICLE = "0_vehicle"  # the step before the first round
+DIAGNOSIS_LIMIT = 600.0  # s
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class CommissionOrder:
 
     ``follow`` (s): recordings in a folder are waited for, and followed until they have stood still for so long.
     ``vehicle``: recordings of the vehicle on the road, which are diagnosed before the first match.
+    ``diagnosis_limit`` (s): after it a diagnosis ends with the best it has; None: it takes the time it needs.
     """
 
     rounds: int = 3
@@ -49,6 +51,7 @@ class CommissionOrder:
     workers: int = 1
     follow: float | None = None
     vehicle: tuple[Path, ...] = ()
+    diagnosis_limit: float | None = DIAGNOSIS_LIMIT
 
 
 class Circle:
@@ -118,10 +121,18 @@ class Circle:
         case = tuned_case(path).tuned if path.is_dir() else load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
-            vehicle = vehicle_from_recordings(case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"))
+            vehicle = vehicle_from_recordings(
+                case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"), self._order.diagnosis_limit
+            )
             return vehicle.files(), vehicle.to_dict()
 
-        return self._stages.run(VEHICLE, self._stages.of_files(*self._order.vehicle) + _of_case(case), work)
+        inputs = self._stages.of_files(*self._order.vehicle) + _of_case(case)
+        return self._stages.run(VEHICLE, inputs, work, self._long_enough)
+
+    def _long_enough(self, identification: Mapping[str, Any]) -> bool:
+        """Whether a diagnosis came to its end, or had as much time as it would get now."""
+        had, limit = identification.get("ended_early"), self._order.diagnosis_limit
+        return had is None or (limit is not None and had >= limit)
 
     def _on_one_scale(self, rounds: list[dict[str, Any]]) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
@@ -218,10 +229,14 @@ class Circle:
         path = self._folder / f"{number}_record" / RECORDING
 
         def work() -> tuple[Files, dict[str, Any]]:
-            bed = bed_from_recordings(case, [path], lambda step: self._tell(f"diagnose: {step}"))
+            bed = bed_from_recordings(
+                case, [path], lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit
+            )
             return bed.files(), bed.to_dict()
 
-        return self._stages.run(f"{number}_diagnose", self._stages.of_files(path), work)
+        return self._stages.run(
+            f"{number}_diagnose", self._stages.of_files(path) + _of_case(case), work, self._long_enough
+        )
 
     def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
         self._tell(f"round {number}: record")

@@ -16,6 +16,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from modelling.common.errors import InputError
 from modelling.common.output import strict_json
+from modelling.common.time_limit import TimeLimit, limited
 from modelling.measurement.read import read_recording
 from modelling.model.files import dumps
 from modelling.model.system import System
@@ -35,13 +36,16 @@ class Identification:
     values : tuple of dict
         A row a quantity: ``name`` as ``[uncertainty]`` has it, ``before``, ``after``, ``half_width``, SI.
     notes : tuple of str
-        What of the diagnosis the case does not hold.
+        What of the diagnosis the case does not hold, and whether it ended early.
+    ended_early : float or None
+        The seconds that the diagnosis was allowed, where they ended it.
     """
 
     case: Case
     diagnosis: Diagnosis
     values: tuple[dict[str, Any], ...]
     notes: tuple[str, ...]
+    ended_early: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, causes, values and notes as JSON holds them."""
@@ -51,6 +55,7 @@ class Identification:
             "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],
             "notes": list(self.notes), "values": list(self.values),
             "torque_gains": {part.name: part.torque_gain for part in self.case.loop.dynamometers},
+            "ended_early": self.ended_early,
         }  # fmt: skip
 
     def files(self) -> dict[str, str]:
@@ -60,9 +65,11 @@ class Identification:
 
 
 def vehicle_from_recordings(
-    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None
+    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None
 ) -> Identification:
     """The case with the vehicle that recordings of the road show.
+
+    ``seconds``: of the diagnosis, see :func:`_diagnosed`.
 
     Raises
     ------
@@ -70,21 +77,26 @@ def vehicle_from_recordings(
         If nothing of the vehicle is uncertain, or a recording cannot be read or fitted.
     """
     system, notes = recorded_vehicle(case, recordings)
-    diagnosis = diagnose(system, [read_recording(path, system) for path in recordings], None, progress)
+    diagnosis, limit = _diagnosed(system, recordings, progress, seconds)
     known = known_vehicle(case, system, diagnosis)
-    return Identification(known.case, diagnosis, known.values, (*notes, *known.notes))
+    early = _ended_early(limit)
+    ended = limit.seconds if early else None
+    return Identification(known.case, diagnosis, known.values, (*early, *notes, *known.notes), ended)
 
 
-def bed_from_recordings(case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None) -> Identification:
+def bed_from_recordings(
+    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None
+) -> Identification:
     """The case with the bed that recordings without emulation show: torque commands and every sensor of the rig.
+
+    ``seconds``: of the diagnosis, see :func:`_diagnosed`.
 
     Raises
     ------
     InputError
         If a recording cannot be read or fitted.
     """
-    system: System = bed_system(case)
-    diagnosis = diagnose(system, [read_recording(path, system) for path in recordings], None, progress)
+    diagnosis, limit = _diagnosed(bed_system(case), recordings, progress, seconds)
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(
@@ -94,7 +106,31 @@ def bed_from_recordings(case: Case, recordings: Sequence[Path], progress: Progre
         }
         for quantity in case.uncertainty.uncertain
     )  # fmt: skip
-    return Identification(made.case, diagnosis, values, made.notes)
+    early = _ended_early(limit)
+    return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
+
+
+def _diagnosed(
+    system: System, recordings: Sequence[Path], progress: Progress, seconds: float | None
+) -> tuple[Diagnosis, TimeLimit]:
+    """The diagnosis of recordings, and whether its time was over.
+
+    After 0.7 of the seconds no further cause is searched for, after all of them every fit ends where it is: what is
+    then left takes some seconds more.
+    """
+    read = [read_recording(path, system) for path in recordings]
+    with limited(seconds) as limit:
+        return diagnose(system, read, None, progress), limit
+
+
+def _ended_early(limit: TimeLimit) -> tuple[str, ...]:
+    """A sentence on a diagnosis that its time ended."""
+    if not limit.ended_at:
+        return ()
+    ended = f"the time of the diagnosis was over ({limit.seconds:g} s, --diagnosis-limit)"
+    if limit.ended_at < 1:
+        return (f"{ended}: its causes are the best that it had until then",)
+    return (f"{ended}: causes and values are the best that it had until then, and less certain than they state",)
 
 
 @dataclass(frozen=True)
@@ -123,9 +159,15 @@ class FromRecordings:
 
 
 def identify(
-    case: Case, vehicle: Sequence[Path], bed: Sequence[Path], progress: Progress = lambda _: None
+    case: Case,
+    vehicle: Sequence[Path],
+    bed: Sequence[Path],
+    progress: Progress = lambda _: None,
+    seconds: float | None = None,
 ) -> FromRecordings:
     """The case as recordings of vehicle and bed show it; the bed, whose commands are known, comes first.
+
+    ``seconds``: of each diagnosis at most; None: as many as it needs.
 
     Raises
     ------
@@ -136,9 +178,9 @@ def identify(
         raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
     of_bed = of_vehicle = None
     if bed:
-        of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"))
+        of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"), seconds)
         case = of_bed.case
     if vehicle:
-        of_vehicle = vehicle_from_recordings(case, vehicle, lambda step: progress(f"vehicle: {step}"))
+        of_vehicle = vehicle_from_recordings(case, vehicle, lambda step: progress(f"vehicle: {step}"), seconds)
         case = of_vehicle.case
     return FromRecordings(case, of_bed, of_vehicle)

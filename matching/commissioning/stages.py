@@ -30,8 +30,14 @@ class Stages:
                 figures = row["figures"]
         return figures
 
-    def run(self, name: str, inputs: str, work: Callable[[], tuple[Files, dict[str, Any]]]) -> dict[str, Any]:
-        """Figures of a step: as recorded, or of the ``work`` that gives its files and figures.
+    def run(
+        self,
+        name: str,
+        inputs: str,
+        work: Callable[[], tuple[Files, dict[str, Any]]],
+        enough: Callable[[Mapping[str, Any]], bool] = lambda _: True,
+    ) -> dict[str, Any]:
+        """Figures of a step: as recorded, where they are ``enough``, or of the ``work`` that gives files and figures.
 
         Raises
         ------
@@ -39,7 +45,7 @@ class Stages:
             If the folder cannot be written to, or the work's own.
         """
         figures = self.done(name, inputs)
-        if figures is not None:
+        if figures is not None and enough(figures):
             return figures
         files, figures = work()
         write_all(self.folder / name, files)

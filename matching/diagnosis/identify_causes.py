@@ -15,7 +15,7 @@ from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
-from matching.diagnosis.search.refinement import with_sharpest_friction
+from matching.diagnosis.search.refinement import search_is_over, with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.remembered import RememberedHoldout
 from matching.diagnosis.search.search_window import first_readings, search_window
@@ -55,11 +55,12 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     if several and _largest_error(base) > FAR_FROM_NOISE:
         return _identify(system, _balanced(system, base), holdout, progress)
     identified = _identify(system, base, holdout, progress)
-    if not several or at_noise(identified.state.best) or _largest_error(identified.state.best.fit) < LEFT_BY_MODEL:
+    best = identified.state.best
+    if not several or at_noise(best) or _largest_error(best.fit) < LEFT_BY_MODEL or search_is_over():
         return identified
     progress("sensors weighted by what the model leaves")
     balanced = _identify(system, _balanced(system, base), holdout, progress)
-    better = UnseenData(holdout).earns_place(balanced.state.best, identified.state.best)
+    better = UnseenData(holdout).earns_place(balanced.state.best, best)
     return balanced if better else identified
 
 
@@ -77,7 +78,7 @@ def _identify(system: System, base: Fit, holdout: Holdout, progress: Progress) -
         state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
-        if at_noise(best) or not at_noise(state.best):
+        if at_noise(best) or not at_noise(state.best) or search_is_over():
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
             return identified
     return _search_and_rate(system, base, holdout, progress)

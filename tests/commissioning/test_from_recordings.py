@@ -55,6 +55,19 @@ def test_what_was_not_recorded_is_said_and_every_step_is_kept(out):
     assert before["vehicle.inertias.body.J"] == 40
 
 
+def test_a_diagnosis_whose_time_is_over_says_so_and_leaves_a_case(tmp_path, out):
+    """No fit makes a step; the values stay as stated, and the case can be matched all the same."""
+    command = ["identify", str(FOLDER / "case.toml"), "--bed", str(FOLDER / "bed.csv"), "--diagnosis-limit", "1e-6"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    early = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))["bed"]
+    assert early["ended_early"] == 1e-6
+    assert "--diagnosis-limit" in early["notes"][0]
+    assert load_case(tmp_path / "out" / "case.toml").rig.parameters
+    whole = json.loads((out / "identification.json").read_text(encoding="utf-8"))["bed"]
+    assert whole["ended_early"] is None
+    assert not any("--diagnosis-limit" in note for note in whole["notes"])
+
+
 def test_without_a_recording_or_with_nothing_uncertain_one_line_says_so(tmp_path, capsys):
     assert main(["identify", str(FOLDER / "case.toml"), "--out", str(tmp_path / "out")]) == 2
     assert "no recording is given" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import pytest
 from small_bed import write
 
 from matching.commissioning.bed_system import bed_system, names_in_system
+from matching.commissioning.circle import Circle, CommissionOrder
 from matching.commissioning.fmu_bed import held_as_linear
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
 from matching.commissioning.runs import proof_recording
@@ -41,6 +42,26 @@ def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_pat
     stages.run("1_step", "other", work)
     assert len(calls) == 3
     assert (tmp_path / "1_step" / "a.txt").read_text() == "text"
+
+
+def test_a_step_that_ended_early_is_done_again_where_it_may_take_longer(tmp_path):
+    def step(seconds, enough):
+        return Stages(tmp_path).run("2_step", "same", lambda: ({"a.txt": f"{seconds}"}, {"s": seconds}), enough)["s"]
+
+    assert step(10.0, lambda _: True) == 10.0
+    assert step(20.0, lambda figures: figures["s"] >= 5.0) == 10.0
+    assert step(30.0, lambda figures: figures["s"] >= 30.0) == 30.0
+    assert step(40.0, lambda _: True) == 30.0
+    assert (tmp_path / "2_step" / "a.txt").read_text() == "30.0"
+
+
+@pytest.mark.parametrize(("had", "limit", "enough"), [
+    (None, 10.0, True), (None, None, True), (10.0, 10.0, True),
+    (10.0, 5.0, True), (10.0, 20.0, False), (10.0, None, False),
+])  # fmt: skip
+def test_a_diagnosis_is_long_enough_unless_it_may_take_longer_now(had, limit, enough, tmp_path):
+    circle = Circle(tmp_path, tmp_path, CommissionOrder(diagnosis_limit=limit))
+    assert circle._long_enough({"ended_early": had}) is enough
 
 
 @pytest.mark.parametrize("frequency", [5.0, 30.0, 60.0])

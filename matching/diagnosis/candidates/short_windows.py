@@ -20,6 +20,7 @@ from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.problem import FitProblem
 from matching.diagnosis.fitting.start_states import flank_shifts
 from matching.diagnosis.fitting.uncertainty import covariance, discretisation_shift, inflation
+from modelling.common.time_limit import time_is_over
 
 SHORTEST_WINDOW = 0.5  # s
 MOST_WINDOWS = 24
@@ -54,7 +55,7 @@ def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> 
 def _again(fit: Fit) -> Fit:
     """A fit over windows begun again from better start states while that pays."""
     for _ in range(ROUNDS):
-        if fit.cost < GOOD * fit.problem.data.readings_count:
+        if fit.cost < GOOD * fit.problem.data.readings_count or time_is_over():
             break
         again = solve(fit.problem, _joined(fit), None, FitOptions(AGAIN_ITERATIONS))
         if again.cost > PROGRESS * fit.cost:
@@ -71,7 +72,7 @@ def fit_longer_windows(fit: Fit) -> Fit:
     """
     while True:
         segments, starts = _pairs(fit)
-        if len(segments) == len(fit.problem.data.segments):
+        if len(segments) == len(fit.problem.data.segments) or time_is_over():
             return fit
         problem = replace(fit.problem, data=replace(fit.problem.data, segments=tuple(segments)), held_states=starts)
         begun = replace(fit, problem=problem, v=problem.pack(fit.values, starts))

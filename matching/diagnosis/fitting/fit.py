@@ -16,6 +16,7 @@ import numpy as np
 from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.problem import FitProblem
 from matching.diagnosis.fitting.quadratic import Quadratic
+from modelling.common.time_limit import time_is_over
 
 ENOUGH, ENOUGH_SHARE = 0.02, 2e-6  # decrease of χ² not worth a step: absolute (0.14 σ of a parameter), share of χ²
 REJECTED, REJECTED_SHARE = 0.5, 1e-5  # the same after a step from a Jacobian of the point failed
@@ -89,6 +90,8 @@ class FitOptions:
         χ² of another fit that is at the noise: one that would stay above it at twice its pace is given up; 0 without.
     held : sequence of int
         Variables that stay where they are; their columns of the Jacobian are 0.
+    timed : bool
+        Whether it ends where it is when the time of the caller's limit is over.
     """
 
     iterations: int = 20
@@ -96,6 +99,7 @@ class FitOptions:
     rival_cost: float = 0.0
     noise_cost: float = 0.0
     held: Sequence[int] = ()
+    timed: bool = True
 
 
 def solve(
@@ -144,7 +148,7 @@ class _Descent:
     def run(self) -> Fit:
         """Iterate to the end."""
         for iteration in range(self.options.iterations):
-            if not self._iterate(iteration):
+            if (self.options.timed and time_is_over()) or not self._iterate(iteration):
                 break
         return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.quadratic import Quadratic
+from modelling.common.time_limit import time_is_over
 
 SEARCH_STEPS, FINAL_STEPS, MOST_STEPS = 8, 16, 256  # integration steps a sample at most
 ALMOST = 0.75  # of the most steps: halving once more would exceed them
@@ -25,6 +26,8 @@ def with_sharper_friction(fit: Fit, most_steps: int = SEARCH_STEPS) -> Fit:
     data = fit.problem.data
     sampling = 1 / float(np.median(np.concatenate([np.diff(segment.time) for segment in data.segments])))
     while np.isfinite(fit.problem.stick_speed) and fit.problem.steps_per_second < ALMOST * most_steps * sampling:
+        if time_is_over():
+            break
         worthwhile = max(DECREASE, DECREASE_SHARE * fit.cost)
         if fit.problem.steps_per_second > ALMOST * FINAL_STEPS * sampling:
             worthwhile = max(worthwhile, EXCESS_SHARE * (fit.cost - data.readings_count))

@@ -228,7 +228,12 @@ def simulate_other(
     held = None if begin is None else starts  # angles that no sensor reads stay where the states have them
     fixed = replace(fixed, held_states=held)
     fits = [
-        solve(fixed, fixed.pack(known, [start + shift for start in starts]), None, FitOptions(START_ITERATIONS))
+        solve(
+            fixed,
+            fixed.pack(known, [start + shift for start in starts]),
+            None,
+            FitOptions(START_ITERATIONS, timed=False),
+        )
         for shift in flank_shifts(system, fixed.model)
     ]
     best = np.argmin([[np.sum(part**2) for part in fit.by_sensor()] for fit in fits], axis=0)

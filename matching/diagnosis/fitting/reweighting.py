@@ -17,6 +17,7 @@ from matching.diagnosis.data.weighting import SMALLEST_SCALE, Weighting, weighti
 from matching.diagnosis.fitting.finite_differences import jacobian
 from matching.diagnosis.fitting.fit import Fit, FitOptions, chi_square, solve
 from matching.diagnosis.fitting.problem import FitProblem
+from modelling.common.time_limit import time_is_over
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds
@@ -27,6 +28,8 @@ OPTIONS = FitOptions(exact=False)
 def iteratively_reweighted(fit: Fit) -> Fit:
     """The fit with each sensor weighted by what the model leaves of it, see :class:`Weighting`."""
     for _ in range(ROUNDS):
+        if time_is_over():
+            break
         weighting, before = discrepancy(fit), fit.problem.weighting
         if before is not None and _settled(before, weighting):
             break

@@ -16,6 +16,7 @@ from matching.diagnosis.candidates.cause import Cause
 from matching.diagnosis.fitting.fit import Fit, FitOptions, solve
 from matching.diagnosis.fitting.polish import polished
 from matching.diagnosis.fitting.uncertainty import Estimate, covariance
+from modelling.common.time_limit import time_is_over
 
 STEP_FACTOR, MOST_STEPS = 1.5, 8  # between two values of a profile, and how many to each side
 CONFOUNDED = 4.0  # times: how much less certain a parameter is when the others are free, from which it is profiled
@@ -49,7 +50,7 @@ def _profile(fit: Fit, i: int, factor: float) -> list[Fit]:
     for _ in range(MOST_STEPS):
         v = last.v.copy()
         v[i] *= factor
-        if not fit.problem.lower[i] <= v[i] <= fit.problem.upper[i]:
+        if time_is_over() or not fit.problem.lower[i] <= v[i] <= fit.problem.upper[i]:
             break
         try:
             last = solve(fit.problem, v, last.jacobian, FitOptions(held=(i,)))

@@ -7,7 +7,7 @@ import numpy as np
 from matching.diagnosis.candidates.refit import fit_extended
 from matching.diagnosis.candidates.screening import Screening
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
-from matching.diagnosis.search.refinement import RefitBudget, with_sharpest_friction
+from matching.diagnosis.search.refinement import RefitBudget, search_is_over, with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress, RefitPlan, best_by_candidate, refit_candidates
 from matching.diagnosis.search.state import SearchState, chi_square_per_reading, distinct
 from matching.diagnosis.search.unseen_data import UnseenData
@@ -23,6 +23,8 @@ def drop_and_exchange(state: SearchState, unseen: UnseenData, budget: RefitBudge
         if len(state.best.causes) == 1:
             state.rivals = state.rivals or [[state.best]]
             return
+        if search_is_over():
+            break
         rivals: list[list[Hypothesis]] = []
         for index in range(len(state.best.causes)):
             better = _better_without(state, index, budget, progress, rivals)

@@ -14,6 +14,7 @@ from matching.diagnosis.candidates.short_windows import fit_longer_windows, fit_
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.friction_regularisation import MOST_STEPS, with_sharper_friction
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
+from modelling.common.time_limit import time_is_over
 from modelling.effects import EFFECTS
 
 NEAR_BEST, NEAR_RATIO = 4, 2.0  # hypotheses that get a second look, and up to how many times the best's χ²
@@ -26,6 +27,7 @@ BETTER_WINDOWS = 0.9  # of χ²: fits over short windows that are no better than
 MUCH_BETTER_WINDOWS = 0.8  # the same for the windows to stand for the fit
 ITERATIONS_AFTER_WINDOWS = 15
 REFITS, WINDOWED_REFITS = 60, 5  # of a whole search
+SEARCH_SHARE = 0.7  # of the time that a diagnosis may take; the rest is for the final fit of the best and its rivals
 
 FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
 
@@ -34,7 +36,7 @@ FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit
 class RefitBudget:
     """How many refits a search may still make, in all and over short windows.
 
-    A count and no time, so that no answer depends on the machine.
+    A count, so that no answer depends on the machine, unless the caller limits the time.
     """
 
     left: int = REFITS
@@ -42,13 +44,22 @@ class RefitBudget:
 
     def take(self) -> bool:
         """Take one refit; whether there was one."""
+        if search_is_over():
+            self.left = self.windows = 0
         self.left -= 1
         return self.left >= 0
 
     def take_windows(self) -> bool:
         """Take one refit over short windows; whether there was one."""
+        if search_is_over():
+            self.left = self.windows = 0
         self.windows -= 1
         return self.windows >= 0
+
+
+def search_is_over() -> bool:
+    """Whether the time that the search may take has passed, where it is limited."""
+    return time_is_over(SEARCH_SHARE)
 
 
 def with_sharper_friction_near_best(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -13,6 +13,7 @@ from matching.diagnosis.fitting.polish import polished
 from matching.diagnosis.fitting.problem import STEPS_PER_RADIAN
 from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.search.refinement import with_sharpest_friction
+from modelling.common.time_limit import time_is_over
 
 ITERATIONS = 12
 WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
@@ -20,6 +21,8 @@ WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; 
 
 def final_fit(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis fitted with steps half as long, ending on a Jacobian of its own point, if that is no worse."""
+    if time_is_over():
+        return hypothesis
     if not hypothesis.causes:
         return replace(hypothesis, fit=polished(hypothesis.fit))
     model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
