@@ -50,6 +50,7 @@ class EquationBuilder(Protocol):
     parameters: dict[str, sm.Symbol]
     potential: dict[str, sm.Expr]
     springs: dict[str, Spring]
+    motions: dict[str, Motion]
 
     @property
     def recording(self) -> sm.Symbol:

@@ -76,6 +76,8 @@ class Kind:
         Dry friction between an inertia and ground, whose sign changes over the stick speed.
     shareable : bool
         Several inputs or sensors may share it: one filter on two channels, one clock for a logger.
+    follows : bool
+        ``at`` lists two inertias: it acts on the first as the second turns.
     replaces_quantity : bool
         Its parameter ``value`` replaces the quantity at its place; it adds nothing else to the equations.
     free_play : str
@@ -110,6 +112,7 @@ class Kind:
     abrupt: ClassVar[bool] = False
     sticks: ClassVar[bool] = False
     shareable: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
     replaces_quantity: ClassVar[bool] = False
     free_play: ClassVar[str] = ""
     speed_exponent: ClassVar[int | None] = None
@@ -126,7 +129,7 @@ class Kind:
         raise NotImplementedError
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
-        """Add a torque on an inertia."""
+        """Add a torque on an inertia; ``name`` is the place, of a kind that ``follows`` both of its places."""
         raise NotImplementedError
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
@@ -181,6 +184,10 @@ class Kind:
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         """Bounds of a parameter from what a recording has shown; by default none."""
         return -math.inf, math.inf
+
+    def bounds_in_recording(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        """:meth:`recorded_bounds` of an effect; of a shared one, those of its first place."""
+        return self.recorded_bounds(key, at if self.follows else members(at)[0], recorded)
 
     def possible(self, parameters: Mapping[str, float]) -> bool:
         """Whether parameters within their bounds make sense together."""

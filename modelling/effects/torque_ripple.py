@@ -35,7 +35,7 @@ class TorqueRipple(Kind):
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         angle, gradient = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
-        for order, chosen_from in _orders(angle, gradient):
+        for order, chosen_from in outstanding_orders(angle, gradient):
             yield _guess(at, angle, order, chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
@@ -63,14 +63,15 @@ class TorqueRipple(Kind):
 
 def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
     additions = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
-    return Guess(additions, partial(_wave, order), chosen_from)
+    return Guess(additions, partial(wave_parameters, order), chosen_from)
 
 
-def _wave(order: float, a: np.ndarray) -> dict[str, float]:
+def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
+    """Parameters of a ripple for the amplitudes a (2,) of sine and cosine."""
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
-def _orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, float]]:
+def outstanding_orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, float]]:
     """Orders at which −∂χ²/∂torque over angle stands out of its spectrum, and from how many each was chosen."""
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:

@@ -9,6 +9,7 @@ import sympy as sm
 from modelling.common.errors import InputError
 from modelling.effects import Kind
 from modelling.effects.interface import InputPath, Motion, SensorPath, ShaftLaw, Spring
+from modelling.effects.place import members
 from modelling.equations import shaft_law
 from modelling.equations.constraints import eliminate
 from modelling.equations.shaft_law import CONTACT_TIME
@@ -139,7 +140,8 @@ class Assembly:
         by_place: dict[str, list[tuple[Kind, dict[str, sm.Symbol]]]] = {}
         for effect in system.effects:
             p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
-            for place in effect.places:
+            places = (effect.at,) if effect.law.follows else effect.places
+            for place in places:
                 by_place.setdefault(place, []).append((effect.law, p))
         self.motions = eliminate(system, self)
         for shaft in system.shafts:
@@ -154,8 +156,10 @@ class Assembly:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
             self.add_inertia(place, self.symbol(f"{place}.J"), motion)
             self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
-            for kind, p in by_place.get(place, ()):
-                kind.inertia(motion, p, self, place)
+            acting = [name for name in by_place if members(name)[0] == place]
+            for name in acting:
+                for kind, p in by_place[name]:
+                    kind.inertia(motion, p, self, name)
         for source in system.inputs:
             place = f"inputs.{source.name}"
             path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))

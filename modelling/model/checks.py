@@ -145,7 +145,7 @@ def _effects(system: Components) -> None:
         for place in effect.places:
             if place not in places[effect.kind]:
                 raise unknown(place, list(places[effect.kind]), f"{where}.at")
-        if len(effect.places) > 1:
+        if len(effect.places) > 1 or kind.follows:
             _shared(kind, effect, where)
         _effect(kind, effect, system, where)
         for place in effect.places:
@@ -162,13 +162,29 @@ def _shared(kind: Kind, effect: Effect, where: str) -> None:
     InputError
         If the kind cannot be shared, or a place stands twice.
     """
-    if not kind.shareable:
+    if kind.follows:
+        _followed(effect, where)
+    elif not kind.shareable:
         shareable = listed(sorted(name for name, other in EFFECTS.items() if other.shareable))
         raise InputError(
             f"{where}.at", f"{effect.kind} cannot be shared by several places", f"one place; {shareable} can"
         )
     if len(set(effect.places)) < len(effect.places):
         raise InputError(f"{where}.at", "names a place twice", "each place once")
+
+
+def _followed(effect: Effect, where: str) -> None:
+    """Check that an effect names the inertia it acts on and the one it follows.
+
+    Raises
+    ------
+    InputError
+        If these are not two.
+    """
+    if len(effect.places) != 2:
+        raise InputError(
+            f"{where}.at", f"{effect.kind} needs two inertias", 'at = ["inertias.acted_on", "inertias.followed"]'
+        )
 
 
 def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:

@@ -120,8 +120,8 @@ def test_signature_of_a_small_effect_is_the_difference_it_makes(drive, screen, k
 
 def test_every_kind_guesses_within_its_bounds(drive, screen) -> None:
     for kind, own in EFFECTS.items():
-        for at in own.places(drive):
-            for guess in own.guesses(screen.motion, at):
+        for at in {*own.candidate_places(drive), *(() if own.follows else own.places(drive))}:
+            for guess in own.shared_guesses(screen.motion, at):
                 found = guess.parameters(np.ones(len(guess.additions)))
                 for key, value in (found or {}).items():
                     low, high = own.fit_bounds(key, value, 1e-3)

@@ -50,7 +50,8 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
             chain["breakaway"][index] = p.get("breakaway", p["torque"])
             chain["breakaway_reverse"][index] = p.get("breakaway", back)
             chain["stribeck_speed"][index] = p.get("speed", 0.0)
-        case "torque_ripple":
+        case "torque_ripple" | "geared_ripple":
+            chain["ripple_follows"][index] = list(drive.inertias).index(effect.members[-1])
             for key in ("order", "amplitude", "phase"):
                 chain[f"ripple_{key}"][index] = p[key]
         case "position_torque":

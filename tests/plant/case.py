@@ -112,8 +112,8 @@ def _texts(
 def _spoken(drive: Drive, effect: Hidden, angle: np.ndarray) -> dict[str, Any]:
     """Kind, place and parameters as the specification names them; a ripple's phase is told for angle 0 at the start."""
     parameters = dict(effect.parameters)
-    if effect.kind == "torque_ripple":
-        turned = parameters["phase"] + parameters["order"] * angle[drive.inertias.index(effect.name)]
+    if effect.kind in ("torque_ripple", "geared_ripple"):
+        turned = parameters["phase"] + parameters["order"] * angle[drive.inertias.index(effect.members[-1])]
         parameters["phase"] = float(np.angle(np.exp(1j * turned)))
     return {"kind": SPOKEN.get(effect.kind, effect.kind), "at": effect.at, "parameters": parameters}
 

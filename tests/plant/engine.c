@@ -18,6 +18,7 @@ typedef struct {
     /* inertias; J, drag (and k, c of shafts) hold a second block that holds from jump_sample on */
     const double *J, *drag, *friction, *friction_reverse, *breakaway, *breakaway_reverse, *stribeck_speed;
     const double *quadratic, *constant, *ripple_order, *ripple_amplitude, *ripple_phase;
+    const double *ripple_follows;   /* number of the inertia whose angle the ripple is over */
     const double *place_period, *place_amplitude, *place_phase;   /* resisting torque that repeats over the angle */
     const double *imposed;   /* 1: the inertia has the speed of the input on it, whatever torque that takes */
     /* shafts */
@@ -111,7 +112,7 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
     for (int i = 0; i < p->n; i++) {
         load[i] = -p->drag[b * p->n + i] * w[i] - p->quadratic[i] * w[i] * fabs(w[i]) - p->constant[i];
         if (p->ripple_amplitude[i] != 0)
-            load[i] += p->ripple_amplitude[i] * sin(p->ripple_order[i] * q[i] + p->ripple_phase[i]);
+            load[i] += p->ripple_amplitude[i] * sin(p->ripple_order[i] * q[(int)p->ripple_follows[i]] + p->ripple_phase[i]);
     }
     for (int i = 0; i < p->n; i++)
         if (p->place_amplitude[i] != 0)

@@ -30,6 +30,7 @@ INERTIA = (
     "ripple_order",
     "ripple_amplitude",
     "ripple_phase",
+    "ripple_follows",
     "place_period",
     "place_amplitude",
     "place_phase",
@@ -122,6 +123,7 @@ class Chain:
         for name, size in (*((end, self.s) for end in SHAFT_ENDS), *((flag, self.u) for flag in INPUT_FLAGS)):
             self.values.setdefault(name, np.zeros(size, dtype=np.int32))
         self.values["ratio"][:] = 1.0
+        self.values["ripple_follows"][:] = np.arange(self.n)
         self.values["factor"][:] = 1.0
         self.values["limit"][:] = np.inf
         self.values["torque_limit"][:] = np.inf

@@ -242,6 +242,7 @@ KINDS: dict[str, Kind] = {
     "wrong_parameter": Kind("values", _wrong, 6.0),
     "input_offset": Kind("inputs", _input_offset, 10.0, chosen=False),
     "gear_loss": Kind("shafts", _gear_loss, chosen=False),
+    "geared_ripple": Kind("inertias", _ripple, 5.0, chosen=False),
     "recording_friction": Kind("inertias", _recording, 1.5, chosen=False),
     "position_torque": Kind("inertias", _position, 5.0, inside=False, chosen=False),
     "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
@@ -282,6 +283,8 @@ def places(drive: Drive, kind: str) -> list[str]:
             "+".join(f"sensors.{name}" for name in group) for group in groups.values() if 1 < len(group) < len(what)
         ]
     found = [f"{group}.{name}" for name in getattr(drive, group)]
+    if kind == "geared_ripple":
+        return [f"{first}+{second}" for first in found for second in found if first != second]
     if kind == "crosstalk" and len({what for what, _ in drive.sensors.values()}) < 2:
         return []
     return found

@@ -38,7 +38,7 @@ measures = "torque"
 of = "link"
 """
 
-EFFECTS = {
+EFFECTS: dict[str, tuple] = {
     "backlash": ("shafts.link", {"gap": 0.02}),
     "hardening": ("shafts.link", {"cubic": 4e4}),
     "hysteresis": ("shafts.link", {"torque": 2.0, "angle": 0.01}),
@@ -63,6 +63,7 @@ EFFECTS = {
     "input_offset": ("inputs.motor_torque", {"offset": 0.4}),
     "gear_loss": ("shafts.link", {"efficiency": 0.92, "efficiency_reverse": 0.85}),
     "position_torque": ("inertias.motor", {"period": 1.5, "amplitude": 0.5, "phase": 0.3, "amplitude_2": 0.2}),
+    "geared_ripple": (["inertias.motor", "inertias.load"], {"order": 3.0, "amplitude": 0.5, "phase": 0.3}),
     "recording_friction": ("inertias.load", {"torque_1": 0.6, "torque_2": 1.4}),
     "clock_offset": ("sensors.load_speed", {"offset": 0.0033}),
 }

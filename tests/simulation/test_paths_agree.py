@@ -14,7 +14,7 @@ MIXED = [
     ("hysteresis", "hardening", "stribeck_friction", "sensor_gain", "sensor_drift"),
     ("slip", "compliance", "quadratic_drag", "wrong_parameter"),
     ("constant_torque", "torque_ripple", "input_gain", "sensor_offset", "input_offset"),
-    ("gear_loss", "position_torque", "clock_offset", "tyre_slip", "all_pass", "recording_friction"),
+    ("gear_loss", "position_torque", "clock_offset", "tyre_slip", "all_pass", "recording_friction", "geared_ripple"),
     ("imposed_motion", "hardening", "coulomb_friction", "sensor_delay"),
 ]
 KINDS = [(kind,) for kind in EFFECTS] + MIXED[1:2]

@@ -11,7 +11,6 @@ from matching.diagnosis.fitting.batch_simulation import compile_models
 from matching.diagnosis.fitting.fit import Fit
 from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
-from modelling.effects.place import members
 from modelling.effects.recorded_range import RecordedRange
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
@@ -111,7 +110,7 @@ class ExtendedModel:
         """Bounds of a parameter by what the recording has shown; of a shared effect, those of its first place."""
         if self.recorded is None or cause.replaces_quantity:
             return -np.inf, np.inf
-        return EFFECTS[cause.kind].recorded_bounds(key, members(cause.at)[0], self.recorded)
+        return EFFECTS[cause.kind].bounds_in_recording(key, cause.at, self.recorded)
 
 
 def compilable(models: Sequence[ExtendedModel]) -> list[ExtendedModel]:

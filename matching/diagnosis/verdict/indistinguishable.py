@@ -15,7 +15,6 @@ from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.reweighting import reweighted
 from matching.diagnosis.search.hypothesis import Hypothesis
 from modelling.effects import EFFECTS
-from modelling.effects.place import members
 
 TOLD_APART = 9.0  # χ² over its inflation by which a candidate has to fall short of a cause: three standard deviations
 ABOVE_NOISE = 4.0  # times that which the cause itself has to explain, or everything would be alike
@@ -57,7 +56,7 @@ def _within_recorded(candidate: ScreenedCandidate, without: Hypothesis) -> bool:
     if recorded is None or EFFECTS[candidate.kind].replaces_quantity:
         return True
     for key, value in candidate.parameters.items():
-        low, high = EFFECTS[candidate.kind].recorded_bounds(key, members(candidate.at)[0], recorded)
+        low, high = EFFECTS[candidate.kind].bounds_in_recording(key, candidate.at, recorded)
         if not low <= value <= high:
             return False
     return bool(np.isfinite(list(candidate.parameters.values())).all())

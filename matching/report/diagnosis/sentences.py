@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from string import Formatter
 from typing import Any
 
@@ -54,15 +54,17 @@ def _pooled(result: Mapping[str, Any]) -> str:
 
 def clause(cause: Mapping[str, Any]) -> str:
     """A cause as a clause: the shaft link has 0.0210 ± 0.0010 rad of free play."""
-    subject = _subject(cause["at"])
     kind, values = cause["kind"], {key: measured(estimate) for key, estimate in cause["parameters"].items()}
     words = EFFECTS[kind].words or "has " + spaced(kind)
-    in_words = {key for _, key, _, _ in Formatter().parse(words) if key}
+    places = [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    if kind in EFFECTS and EFFECTS[kind].follows:
+        places, values = places[:1], values | {"second": _subject(places[1])}
+    in_words = {"second"} | {key for _, key, _, _ in Formatter().parse(words) if key}
     further = [f"{spaced(key)} {value}" for key, value in values.items() if key not in in_words]
-    return f"{subject} {words.format_map(values)}" + (f" ({', '.join(further)})" if further else "")
+    return f"{_subject(places)} {words.format_map(values)}" + (f" ({', '.join(further)})" if further else "")
 
 
-def _subject(at: str | list[str]) -> str:
+def _subject(at: str | Sequence[str]) -> str:
     """A place with its article: the shaft link; of several that share an effect: each of the sensors a and b."""
     places = [at] if isinstance(at, str) else at
     table, name = places[0].split(".", 1)

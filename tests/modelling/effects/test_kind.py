@@ -27,6 +27,7 @@ VALUES = {
     "quadratic_damping": {"coefficient": 2.0}, "quadratic_drag": {"coefficient": 0.7}, "sensor_delay": {"delay": 0.01},
     "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
+    "geared_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4},
     "recording_friction": {"torque": [2.0, 4.0]},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
     "tyre_slip": {"slip_stiffness": 60.0, "peak": 12.0},
@@ -36,6 +37,7 @@ VALUES = {
 
 def with_effect(kind, **changed):
     at = "inertias.b.J" if EFFECTS[kind].replaces_quantity else PLACES[EFFECTS[kind].tables[0]]
+    at = ["inertias.a", at] if EFFECTS[kind].follows else at
     base = BASE | {"sensors": {"speed": {"measures": "angle", "of": "b"}}} if kind == "angle_zero" else BASE
     return compiled(from_dict(base | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
 

@@ -1,5 +1,7 @@
 """Every effect's law against the specification's table, written here in NumPy."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -118,6 +120,27 @@ def test_position_torque_with_harmonics():
         turned = 2 * np.pi * x[1] / 0.8
         resisting = 2.0 * np.sin(turned + 0.7) - 0.5 * np.sin(3 * turned + 0.2)
         np.testing.assert_allclose(acceleration[1], (torque - resisting) / 1.5, rtol=1e-9, atol=1e-9)
+
+
+def test_geared_ripple_acts_on_the_first_as_the_second_turns():
+    parameters = {"order": 3.0, "amplitude": 2.0, "phase": 0.7, "amplitude_2": -0.5, "phase_2": 0.2}
+    model = model_with({"kind": "geared_ripple", "at": ["inertias.a", "inertias.b"]} | parameters)
+    for x, u, _ in states(model):
+        acceleration, _, _, torque = numbers(model, x, u)
+        wave = 2.0 * np.sin(3 * x[1] + 0.7) - 0.5 * np.sin(6 * x[1] + 0.2)
+        np.testing.assert_allclose(acceleration[0], (u[0] + wave - torque / RATIO) / 0.4, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(acceleration[1], torque / 1.5, rtol=1e-9, atol=1e-9)
+
+
+def test_friction_by_recording_is_that_of_its_number_and_their_mean_without_one():
+    model = model_with({"kind": "recording_friction", "at": "inertias.b", "torque": [2.0, 5.0, 8.0]})
+    index = model.parameters.index("simulation.recording")
+    for (x, u, _), number in itertools.product(states(model, 4), range(4)):
+        p = np.array(model.p0)
+        p[index] = number
+        rates, torque = model.rates(x, u, p).full().ravel(), float(model.shaft_torques(x, u, p))
+        friction = (5.0, 2.0, 5.0, 8.0)[number] * np.sign(x[3])
+        np.testing.assert_allclose(rates[3], (torque - friction) / 1.5, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("reverse", [None, 0.6])

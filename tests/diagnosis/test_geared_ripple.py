@@ -1,0 +1,66 @@
+"""A ripple tied to the angle of another inertia, in a recording that the truth plant makes of a soft drive."""
+
+import numpy as np
+import pytest
+from plant.engine import Chain, simulate
+from plant.marks import needs_compiler
+
+from matching.diagnosis.diagnosis import diagnose
+from matching.report.diagnosis.page import content
+from matching.report.diagnosis.sentences import summary
+from modelling.common.errors import InputError
+from modelling.measurement.recording import Recording
+from modelling.model.files import from_dict
+
+J, STIFFNESS, DAMPING, DRAG, NOISE = (0.1, 0.3), 2.0, 0.05, 0.05, 0.01
+ORDER, AMPLITUDE, PHASE = 5.0, 0.4, 0.7
+MODEL = {
+    "inertias": {
+        "motor": {"J": J[0], "drag": {"value": DRAG, "tolerance": 0.5}},
+        "load": {"J": J[1], "drag": {"value": DRAG, "tolerance": 0.5}},
+    },
+    "shafts": {
+        "link": {"between": ["motor", "load"], "stiffness": {"value": 2.1, "tolerance": 0.2}, "damping": DAMPING},
+    },
+    "inputs": {"torque": {"on": "motor"}},
+    "sensors": {
+        name: {"measures": measures, "of": name.split("_")[0], "uncertainty": NOISE}
+        for name, measures in (("motor_speed", "speed"), ("load_angle", "angle"))
+    },
+}
+
+
+@needs_compiler
+def test_ripple_over_the_angle_of_the_load_is_named_with_both_places() -> None:
+    chain = Chain(2, 1, 1)
+    values = {"J": J * 2, "drag": [DRAG] * 4, "k": [STIFFNESS] * 2, "c": [DAMPING] * 2, "second": [1], "on": [0]}
+    ripple = {"order": [ORDER, 0], "amplitude": [AMPLITUDE, 0], "phase": [PHASE, 0], "follows": [1, 1]}
+    for name, value in (values | {f"ripple_{key}": value for key, value in ripple.items()}).items():
+        chain[name][:] = value
+    time = np.arange(0, 10, 5e-3)
+    torque = 0.9 + 1.5 * np.sin(2 * np.pi * 0.43 * time) + 0.6 * np.sin(2 * np.pi * 1.7 * time + 1)
+    motion = simulate(chain, torque[:, None], np.zeros(4), 5e-3)
+    noise = NOISE * np.random.default_rng(3).standard_normal((2, len(time)))
+    channels = {
+        "torque": torque, "motor_speed": motion.speed[:, 0] + noise[0], "load_angle": motion.angle[:, 1] + noise[1],
+    }  # fmt: skip
+    system = from_dict(MODEL)
+    found = diagnose(system, [Recording(time, channels)])
+    (cause,) = found.causes
+    assert (cause.kind, cause.at) == ("geared_ripple", "inertias.motor+inertias.load")
+    for key, value in {"order": ORDER, "amplitude": AMPLITUDE, "phase": PHASE}.items():
+        estimate = cause.parameters[key]
+        assert abs(estimate.value - value) < 4 * estimate.standard_uncertainty
+    assert found.verdict == "explained"
+    sentence = summary(content(found))
+    assert "The inertia motor has a torque ripple of 0." in sentence
+    assert "per turn of the inertia load" in sentence
+    (effect,) = found.extended.effects
+    assert effect.places == ("inertias.motor", "inertias.load")
+
+
+@pytest.mark.parametrize("at", ["inertias.motor", ["inertias.motor", "inertias.motor"], ["inertias.motor"] * 3])
+def test_two_inertias_are_needed(at) -> None:
+    effect = {"kind": "geared_ripple", "at": at, "order": 3, "amplitude": 1.0, "phase": 0.0}
+    with pytest.raises(InputError, match=r"two inertias|twice"):
+        from_dict(MODEL | {"effects": [effect]})
