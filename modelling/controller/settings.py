@@ -54,21 +54,3 @@ class Settings:
     curve_torques: np.ndarray
     frozen_samples: int = 4
     life_samples: int = 0
-
-
-def no_limits(dynamometers: int, readings: int) -> Settings:
-    """Nothing limited and nothing watched but whether numbers are finite."""
-    free = np.full(dynamometers, NO_LIMIT)
-    return Settings(
-        free,
-        free,
-        np.zeros(dynamometers),
-        np.zeros(dynamometers),
-        free,
-        np.ones(dynamometers),
-        np.full(readings, NO_LIMIT),
-        free,
-        np.zeros(1),
-        np.full(1, NO_LIMIT),
-        frozen_samples=0,
-    )

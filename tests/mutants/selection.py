@@ -11,13 +11,25 @@ from tests.mutants.operators import Fault
 def tests_for(fault: Fault, tests: Map) -> set[str]:
     """Tests that run the fault's statement; of a constant, those that run a line with its name.
 
-    Where there is none (the line runs in another process only, or never), all tests that run any line of the file.
+    Where there is none (the line runs in another process only, or never), all tests that run any line of the file;
+    where the file has constants alone, those that run a line with a name of it.
     """
     if fault.constant:
-        found = set().union(*(tests.of(file, range(n, n + 1)) for file, n in lines_with(fault.constant)))
+        found = _of_name(fault.constant, tests)
     else:
         found = tests.of(fault.file, range(fault.lines[0], fault.lines[1] + 1))
-    return found or set().union(*tests.by_line[fault.file].values())
+    found = found or set().union(*tests.by_line[fault.file].values())
+    return found or set().union(*(_of_name(name, tests) for name in names_of(fault.file)))
+
+
+def _of_name(name: str, tests: Map) -> set[str]:
+    """Tests that run a line with a name."""
+    return set().union(*(tests.of(file, range(n, n + 1)) for file, n in lines_with(name)))
+
+
+def names_of(file: str) -> list[str]:
+    """Names that a file of the program assigns at its outermost level."""
+    return re.findall(r"^(\w+)(?:: .+)? = ", "\n".join(sources()[file]), re.MULTILINE)
 
 
 @cache

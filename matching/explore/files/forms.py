@@ -10,7 +10,6 @@ from matching.explore.files.document import Document, Keys
 from matching.explore.files.model_document import number_or_text
 from modelling.common.errors import InputError
 
-STATED_FIRST = ("value", "uncertainty", "expanded_uncertainty", "half_width", "coverage_factor", "unit", "cause")
 HIDDEN_TEXTS = ("vehicle", "rig", "formula")  # changed in the file, where more than one value belongs together
 
 

@@ -54,7 +54,6 @@ class VectorFunction:
 
     def __init__(self, function: ca.Function):
         self.function = function
-        self.rows_in = [function.numel_in(i) for i in range(function.n_in())]
         self.rows_out = sum(function.numel_out(i) for i in range(function.n_out()))
         source = _source(function)
         compiled = None if source is None else library_of(source, OPTIMISATION, ["evaluate"], this_processor=True)
