@@ -14,6 +14,7 @@ from matching.excitation.recorded_bed import RecordedBed, recorded_bed
 from matching.excitation.result import ExcitationPlan, Expected, Part
 from matching.excitation.sensitivity import error_weights
 from matching.excitation.signals import chirp, multisine, steps
+from matching.excitation.worst_beds import scale_on_worst_beds
 from matching.fmu.controller import exported_controller
 from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
@@ -70,6 +71,8 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     motion = beds.run(torques)
     # parts run into each other, and some beds answer more than those that the parts were shaped on
     together = min(limits.largest_scale(steady, motion, torques, 1 - order.margin), 1.0)
+    within = scale_on_worst_beds(limits, box, hold, together * torques)
+    together *= within
     torques, motion = together * torques, motion.scaled(together)
     parts = tuple(replace(part, amplitude=together * part.amplitude) for part in parts)
     used = limits.used(steady, motion, torques)
@@ -84,7 +87,7 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
         {name: (float(p), float(i)) for name, p, i in zip(names, hold.proportional, hold.integral, strict=True)},
         bed.inputs, np.arange(len(torques)) * step, torques, parts, until * step,
         _expected(case, weights, covariance), float(np.sqrt(np.trace(weights) / PRIOR)),
-        float(np.sqrt(np.trace(weights @ covariance))), used, order.margin, order.beds + 1, _notes(bed, limits),
+        float(np.sqrt(np.trace(weights @ covariance))), used, order.margin, order.beds + 1, _notes(bed, limits, within),
     )  # fmt: skip
 
 
@@ -189,9 +192,13 @@ def _expected(case: Case, weights: np.ndarray, covariance: np.ndarray) -> tuple[
     return tuple(sorted(expected, key=lambda quantity: -quantity.share_before))
 
 
-def _notes(bed: RecordedBed, limits: ExcitationLimits) -> tuple[str, ...]:
+def _notes(bed: RecordedBed, limits: ExcitationLimits, within: float) -> tuple[str, ...]:
     k = len(bed.case.loop.dynamometers)
     notes = [
+        f"{1 - within:.0%} smaller than drawn beds allow: else the worst bed of [uncertainty] would exceed a limit"
+    ]
+    notes = notes if within < 0.995 else []
+    notes += [
         f"{name} is not excited: the case's manoeuvre has none of it, and no limit is stated for it"
         for name, largest in zip(bed.inputs[k:], limits.demanded, strict=True)
         if largest == 0
