@@ -13,7 +13,7 @@ AT_ONCE = 8  # beds that are simulated together: recordings of all sensors and s
 
 
 def scale_on_worst_beds(limits: ExcitationLimits, box: Box, hold: SpeedHold, torques: np.ndarray) -> float:
-    """Largest factor, at most 1, with which demanded torques (t, u) exceed no limit on the worst beds of the box.
+    """Largest factor, at most 1, on demanded ``torques`` (t, u), N·m, with no limit exceeded on the box's worst beds.
 
     For each limit that is the corner to which its use rises, by its slope over each uncertain quantity. No margin is
     left there: the margin is for what is not in the box.
