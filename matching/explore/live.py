@@ -11,6 +11,7 @@ from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.linear.linearise import linearise
 from modelling.linear.response import Response, response
+from modelling.modal.damped_modes import damped_modes_of
 from modelling.modal.modes import LARGEST_WITH_ALL_MODES, modes_of
 from modelling.modal.result import Modes
 from modelling.model.quantity import Quantity
@@ -24,9 +25,10 @@ SLIDER_FACTOR = 3.0  # a quantity without a range moves by this factor up and do
 
 @dataclass(frozen=True)
 class LiveState:
-    """Modes and responses at one set of values."""
+    """Undamped and damped modes and responses at one set of values."""
 
     modes: Modes
+    damped: Modes
     response: Response | None
 
 
@@ -66,10 +68,10 @@ class LiveModel:
         InputError
             If there is nothing to oscillate about at these values.
         """
-        answer = None
+        linear, answer = linearise(self._model, values), None
         if self.system.inputs and self.system.sensors:
-            answer = response(linearise(self._model, values), self.frequencies)
-        return LiveState(self.modes(values), answer)
+            answer = response(linear, self.frequencies)
+        return LiveState(self.modes(values), damped_modes_of(linear), answer)
 
 
 def slider_range(quantity: Quantity) -> tuple[float, float] | None:

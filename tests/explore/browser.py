@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,9 +27,9 @@ def browser_path() -> str:
 
 
 @contextmanager
-def served(*files: Path, out: Path) -> Iterator[str]:
-    """Address of the page that `rigmatch explore` serves."""
-    command = [sys.executable, "-m", "matching", "explore", *map(str, files), "--out", str(out), "--no-browser"]
+def served(arguments: Iterable[str], out: Path) -> Iterator[str]:
+    """Address of the page that Python serves with such arguments and, as the last, the folder for results."""
+    command = [sys.executable, *arguments, str(out)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
         try:
@@ -39,6 +39,11 @@ def served(*files: Path, out: Path) -> Iterator[str]:
         finally:
             process.terminate()
             process.stderr.read()
+
+
+def explored(*files: Path) -> tuple[str, ...]:
+    """Arguments with which Python does what `rigmatch explore` does."""
+    return ("-m", "matching", "explore", *map(str, files), "--no-browser", "--out")
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from explore.browser import browser_path, opened_page, served
+from explore.browser import browser_path, explored, opened_page, served
 from structure.imports import ROOT
 
 BENCH = """\
@@ -31,6 +31,13 @@ measures = "torque"
 of = "link"
 uncertainty = 0.05
 """
+MEASURED = """() => {  // data of the points on the figures of the responses
+  for (const page of Bokeh.documents) for (const model of page.all_models)
+    if (model.type === 'GlyphRenderer' && model.glyph.type === 'Scatter') {
+      const data = model.data_source.data
+      return { f: Array.from(data.f), size: Array.from(data.size) }
+    }
+}"""
 TABS = ("Drivetrain", "Modes", "Match", "Measurement", "Validity")
 
 
@@ -39,7 +46,8 @@ def bench(tmp_path_factory):
     browser_path()
     folder = tmp_path_factory.mktemp("bench")
     (folder / "bench.toml").write_text(BENCH)
-    with served(folder / "bench.toml", out=folder / "out") as address:
+    recording(folder / "log.csv")
+    with served(explored(folder / "bench.toml", folder / "log.csv"), out=folder / "out") as address:
         yield folder, address
 
 
@@ -65,6 +73,10 @@ def test_a_value_is_changed_tried_and_saved_by_keyboard_alone(bench):
         page.keyboard.press("ArrowRight")
         frequency = math.sqrt(400 * (1 / 0.1 + 1 / 1.0)) / (2 * math.pi)
         page.get_by_role("cell", name=f"{frequency:.2f}").first.wait_for()
+        damped = page.get_by_role("table", name="Modes with damping").get_by_role("row").nth(2)
+        ratio = 0.5 * (1 / 0.1 + 1 / 1.0) / (2 * 2 * math.pi * frequency)  # of link damper and critical damping
+        assert damped.get_by_role("cell").nth(2).inner_text() == f"{ratio:.3g}"
+        check_measured_response(page)
         page.get_by_role("slider").focus()
         page.keyboard.press("ArrowRight")
         page.get_by_text("tried:", exact=False).wait_for()
@@ -75,6 +87,14 @@ def test_a_value_is_changed_tried_and_saved_by_keyboard_alone(bench):
         page.get_by_text("Everything is saved.").wait_for()
         assert complaints == []
     assert (folder / "bench.toml").read_text() == BENCH.replace("value = 200", "value = 400")
+
+
+def check_measured_response(page):
+    """The points laid over the responses have the resonance of the recorded bench: its shaft has 230 N·m/rad."""
+    data = page.evaluate(MEASURED)
+    antiresonance, resonance = (math.sqrt(230 * each) / (2 * math.pi) for each in (1 / 1.0, 1 / 0.1 + 1 / 1.0))
+    above = [pair for pair in zip(data["size"], data["f"], strict=True) if pair[1] > antiresonance]
+    assert max(above)[1] == pytest.approx(resonance, rel=0.1)  # the model shown: 1.32 times that
 
 
 def recording(path: Path) -> None:
@@ -102,7 +122,7 @@ def test_every_tab_at_both_widths_runs_and_is_accessible(tmp_path):
     shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
     files = [tmp_path / "case" / "case.toml", ROOT / "examples" / "gum" / "impedance.toml",
              ROOT / "examples" / "fidelity" / "tab2.toml"]  # fmt: skip
-    with served(*files, out=tmp_path / "out") as address:
+    with served(explored(*files), out=tmp_path / "out") as address:
         for width in (1366, 400):
             with opened_page(address, width) as (page, complaints):
                 page.evaluate(axe)
@@ -130,7 +150,10 @@ def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(t
     browser_path()
     (tmp_path / "bench.toml").write_text(BENCH)
     recording(tmp_path / "log.csv")
-    with served(tmp_path / "bench.toml", out=tmp_path / "out") as address, opened_page(address) as (page, complaints):
+    with (
+        served(explored(tmp_path / "bench.toml"), out=tmp_path / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
         page.get_by_role("tab", name="Measurement").click()
         page.locator("input[type=file]").set_input_files(tmp_path / "log.csv")
         page.get_by_text("2000 samples", exact=False).wait_for()

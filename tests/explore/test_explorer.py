@@ -10,6 +10,7 @@ import rigmatch as rm
 from modelling.common.errors import InputError
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # the words of Panel 2 need Panel 1.9
 def test_a_program_goes_on_beside_the_page(tmp_path):
     pytest.importorskip("panel")
     explorer = rm.explore(ROOT / "examples" / "diagnosis" / "model.toml", out=tmp_path)

@@ -59,6 +59,16 @@ def test_a_quantity_begins_to_move_and_stays_again(form):
         form.move("loop.lead_tim")
 
 
+def test_a_limit_is_stated(form):
+    assert form.statable["shafts.flange.twist"] == "rad"
+    form.limit("shafts.flange.twist", "1 deg")
+    assert form.case.limits["shafts.flange.twist"] == pytest.approx(np.pi / 180)
+    assert "shafts.flange.twist" not in form.statable
+    with pytest.raises(InputError, match="not possible"):
+        form.limit("shafts.side_shafts.torque", "0")
+    assert "shafts.side_shafts.torque" in form.statable
+
+
 def test_a_case_at_other_values_holds_them(form, tmp_path):
     path = write_case_at(form.case, {"loop.dead_time": 0.001, "rig.shafts.flange.stiffness": 3e5}, tmp_path / "there")
     there = load_case(path)

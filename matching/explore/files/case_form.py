@@ -8,9 +8,11 @@ from typing import Any
 
 from matching.explore.files.document import Document, Keys
 from matching.explore.files.forms import Field, fields, set_field
+from matching.explore.files.model_document import number_or_text
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import case_from_tables
+from matching.frequency.case.load_limits import limit_units
 from matching.frequency.studies.map_axis import quantities
 from matching.frequency.studies.map_point import held_at
 from modelling.common.errors import unknown
@@ -59,6 +61,12 @@ class CaseForm:
         moving = {name for move in self.case.moves for name in move.together}
         return [name for name in quantities(self.case) if name not in moving]
 
+    @property
+    def statable(self) -> dict[str, str]:
+        """Units of limits that the case might state and does not, by their key."""
+        stated = self.document.content.get("limits", {})
+        return {key: si for key, si in limit_units(self.case.rig).items() if key not in stated}
+
     def set(self, keys: Keys, text: str) -> None:
         """Write the field at ``keys``; raises ``InputError`` where the case is wrong with it; then nothing changed."""
         self.case = set_field(self.document, keys, text, self._read)
@@ -77,6 +85,10 @@ class CaseForm:
         bounds = {"lower": value / SPREAD, "upper": value * SPREAD if value else 1.0}
         self._change(("move", name), bounds)
 
+    def limit(self, key: str, text: str) -> None:
+        """State a limit; raises ``InputError`` where it is none, or the case is wrong with it."""
+        self._change(("limits", key), number_or_text(text))
+
     def hold(self, name: str) -> None:
         """Let a quantity stay; raises ``InputError`` where the case is wrong without it."""
         text = self.document.without(("move", name))
@@ -92,8 +104,10 @@ class CaseForm:
         """Take the models as they are by now; raises ``InputError`` where the case is wrong with them."""
         self.case = self._read(self.document.content)
 
-    def _change(self, keys: tuple[str | int, ...], value: Any) -> None:
-        self._take(self.document.replaced(keys, value))
+    def _change(self, keys: tuple[str, str], value: Any) -> None:
+        table, key = keys
+        first = table not in self.document.content
+        self._take(self.document.replaced((table,), {key: value}) if first else self.document.replaced(keys, value))
 
     def _take(self, text: str) -> None:
         self.document.change_text(text)

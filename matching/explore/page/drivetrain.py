@@ -47,7 +47,9 @@ class DrivetrainTab:
         drawings = [part for role, view in self.views.items() for part in (heading(self._title(role), 2), view)]
         return pn.Column(
             *drawings,
-            paragraph(f"Click a part, or choose it below, to see and change its values. {LEGEND}"),
+            paragraph(
+                f"Click a part, or choose it below, to see and change its values. {LEGEND[0].upper()}{LEGEND[1:]}."
+            ),
             heading("Values", 2),
             self.chooser,
             self.values,

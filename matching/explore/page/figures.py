@@ -51,7 +51,10 @@ class ResponseFigures:
 
     def show_measured(self, curves: MeasuredCurves | None, sensor: str, source: str) -> None:
         """Put a measured response into its source, or nothing."""
-        if curves is None or sensor not in curves.sensors or source not in curves.inputs:
+        known = curves is not None and sensor in curves.sensors and source in curves.inputs
+        for fig in (self.modulus, self.phase):
+            fig.legend.items[-1].visible = known
+        if curves is None or not known:
             self.show(self.measured, np.empty(0), np.empty(0, complex))
             return
         values = curves.values[:, curves.sensors.index(sensor), curves.inputs.index(source)]

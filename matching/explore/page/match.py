@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -22,7 +23,7 @@ from matching.explore.page.match_result import result_html
 from matching.explore.page.running import Runner
 from matching.explore.page.widgets.entries import Entry, lay_out
 from matching.frequency.studies.map_axis import quantities
-from matching.report.common.wording import component, unit
+from matching.report.common.wording import component, spaced, unit
 from matching.report.match.checks import PEAK_UNITS
 from modelling.bed.manoeuvres.shapes import UNITS as MANOEUVRE_UNITS
 
@@ -32,20 +33,26 @@ TITLES = {
     "targets": "Target modes", "manoeuvre": "Manoeuvre", "operating_point": "Operating point",
     "uncertainty": "What is not known exactly",
 }  # fmt: skip
+PAIRS = {"max-width": "690px"}  # two fields: lower and upper bound beside each other
 OPEN = ("move", "loop")  # tables that are shown unfolded
 
 
 class MatchTab:
-    """The open case."""
+    """The open case; ``rig_changed`` is called when values were taken into the rig."""
 
-    def __init__(self, workspace: Workspace, document: Any):
-        self.workspace = workspace
+    def __init__(self, workspace: Workspace, document: Any, rig_changed: Callable[[], None]):
+        self.workspace, self._rig_changed = workspace, rig_changed
+        self._ordered: dict[str, float] = {}  # of the match that is shown, SI
         self.form = CaseForm(document, partial(case_tables, workspace))
         self.editing = Editing(self._enter, self.form.undo, lambda: [document], self.refresh, width=320)
         self.tables, self._cards = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.added = pn.widgets.Select(name="Let another quantity move", width=340)
         self.held = pn.widgets.Select(name="Hold a quantity that moves", width=340)
         self.add, self.hold = (pn.widgets.Button(name=name, width=100) for name in ("Add", "Hold"))
+        self.limit = pn.widgets.Select(name="State another limit", width=340)
+        self.limit_text = pn.widgets.TextInput(name="at most, or at least for a margin", width=220)
+        self.state = pn.widgets.Button(name="State", width=100)
+        self.take = pn.widgets.Button(name="Take the order into the rig", width=240, visible=False)
         self.starts = pn.widgets.TextInput(name="Starting points", value=str(STARTS), width=140)
         self.seed = pn.widgets.TextInput(name="Seed", value="0", width=140)
         self.out = workspace.out / "match"
@@ -55,6 +62,8 @@ class MatchTab:
         self.map = MapView(workspace, lambda: self.form.case, self._write_at)
         self.add.on_click(lambda _: self.editing.do(self._add))
         self.hold.on_click(lambda _: self.editing.do(self._hold))
+        self.state.on_click(lambda _: self.editing.do(self._state))
+        self.take.on_click(lambda _: self.editing.do(self._take))
         for number in (self.starts, self.seed):
             number.param.watch(lambda _: self.same.set(self._equivalent()), "value")
         self._ran: list[str] = []  # texts of the files when they were run last
@@ -66,6 +75,7 @@ class MatchTab:
             heading("Case"),
             self.tables,
             pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
+            pn.FlexBox(self.limit, self.limit_text, self.state, align_items="end"),
             self.editing.message,
             self.editing.buttons(),
             heading("Run"),
@@ -73,8 +83,9 @@ class MatchTab:
             pn.FlexBox(self.starts, self.seed),
             self.runner.panel(),
             self.result,
-            self.map.panel(),
+            self.take,
             self.same,
+            self.map.panel(),
             sizing_mode=WIDE,
         )
 
@@ -88,13 +99,21 @@ class MatchTab:
             members.setdefault(table, []).append(widget)
         for table in members.keys() - self._cards.keys():
             self._cards[table] = pn.Card(
-                pn.FlexBox(), title=TITLES[table], collapsed=table not in OPEN, sizing_mode=WIDE, margin=(4, 5)
+                pn.FlexBox(styles=PAIRS if table == "move" else {}),
+                title=TITLES[table],
+                collapsed=table not in OPEN,
+                sizing_mode=WIDE,
+                margin=(4, 5),
             )
         for table, inside in members.items():
             lay_out(self._cards[table][0], inside)
         lay_out(self.tables, [self._cards[table] for table in members])
         for chooser, names in ((self.added, self.form.addable), (self.held, [m.name for m in self.form.case.moves])):
             offer(chooser, {component(name) + f" ({name.partition('.')[0]})": name for name in names})
+        offer(
+            self.limit,
+            {f"{spaced(key.replace('.', ' '))} [{unit(si) or '1'}]": key for key, si in self.form.statable.items()},
+        )
         self.same.set(self._equivalent())
         if self.result.object and self._texts() != self._ran:
             self.runner.message.say("The result below is of the case before the last change")
@@ -114,6 +133,20 @@ class MatchTab:
     def _hold(self) -> str:
         self.form.hold(self.held.value)
         return self._changed_words()
+
+    def _state(self) -> str:
+        key = self.limit.value
+        self.form.limit(key, self.limit_text.value)
+        return f"limits.{key} is {self.limit_text.value}. {self._changed_words()}"
+
+    def _take(self) -> str:
+        rig = self.workspace.models["rig"]
+        ordered = {name: value for name, value in self._ordered.items() if name in rig.system.parameters}
+        for name, value in ordered.items():
+            rig.set_value(name, value)
+        self._rig_changed()
+        self.form.read_again()
+        return f"Taken into {rig.path.name}, not saved yet: {', '.join(ordered)}. Save it in the tab Drivetrain"
 
     def _changed_words(self) -> str:
         return "Changed; not saved yet" if self.form.document.changed else "As in the file"
@@ -156,6 +189,8 @@ class MatchTab:
 
     def _show(self, ended: Ended) -> None:
         self.result.object = result_html(ended.result, self.out, self.workspace.out)
+        self._ordered = {trade["name"].removeprefix("rig."): trade["ordered"] for trade in ended.result["adapters"]}
+        self.take.visible = bool(self._ordered)
 
     def _write_at(self, values: dict[str, float]) -> str:
         self.editing.all_taken()

@@ -17,12 +17,14 @@ from matching.explore.pictures import pictures
 from matching.explore.signals.measured import MeasuredCurves, measured_curves
 from matching.explore.signals.measurement import read_as_suggested
 from matching.explore.what_if import WhatIf, largest_shares
-from matching.report.common.wording import amount, hertz, spaced, unit
+from matching.report.common.wording import amount, hertz, number, spaced, unit
 from matching.report.drawing.svg import Marks, drivetrain_svg
 from modelling.common.errors import InputError
 
 STEPS = 200  # of a slider
 HEAD = ("mode", "frequency [Hz]", "in the file [Hz]", "symmetry", "largest shares of energy")
+
+DAMPED_HEAD = ("mode", "frequency [Hz]", "damping ratio", "largest shares of energy")
 
 
 class ModesTab:
@@ -104,7 +106,13 @@ class ModesTab:
              "" if mode.symmetry == "none" else mode.symmetry, largest_shares(mode))
             for mode in now
         ]  # fmt: skip
-        self.table.object = table(HEAD, rows, "Modes without damping")
+        damped = [
+            (str(mode.number), hertz(mode.frequency), number(mode.damping_ratio, 3), largest_shares(mode))
+            for mode in self.trial.now.damped
+        ]
+        self.table.object = table(HEAD, rows, "Modes without damping") + table(
+            DAMPED_HEAD, damped, "Modes with damping"
+        )
         self._show_mode()
         self._show_responses()
 

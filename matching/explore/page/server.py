@@ -63,13 +63,6 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
     """What makes the content of each tab; a change of a model is told to the tabs that are there."""
     opened: list[MatchTab] = []
     makers: dict[str, Callable[[], Any]] = {}
-
-    def match() -> Any:
-        if workspace.case is None:
-            return without_case()
-        opened.append(MatchTab(workspace, workspace.case))
-        return opened[0].panel()
-
     if workspace.models:
         modes = ModesTab(workspace)
 
@@ -83,9 +76,20 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
             for tab in opened:
                 tab.models_changed()
 
+        def taken() -> None:
+            drivetrain.after_change()
+            modes.open_model()
+
         drivetrain = DrivetrainTab(workspace, entered)
         modes.after_keeping = kept
         makers = {"Drivetrain": drivetrain.panel, "Modes": modes.panel}
+
+    def match() -> Any:
+        if workspace.case is None:
+            return without_case()
+        opened.append(MatchTab(workspace, workspace.case, taken))
+        return opened[0].panel()
+
     return makers | {
         "Match": match,
         "Measurement": partial(measurement_tab, workspace),
@@ -94,7 +98,10 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
 
 
 def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
-    """A server that runs, not yet its event loop, and the address of the page."""
+    """A server that runs, not yet its event loop, and the address of the page; ``make`` has to be a Python function.
+
+    Panel shows what any other callable (``functools.partial``) prints as, instead of calling it.
+    """
     token = secrets.token_urlsafe(TOKEN_BYTES)
     number = port or _free_port()
     out.mkdir(parents=True, exist_ok=True)
@@ -130,7 +137,7 @@ class Explorer:
     def _run(self, workspace: Workspace, port: int) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
         try:
-            self._server, self.address = serve(partial(page, workspace), workspace.out, port)
+            self._server, self.address = serve(lambda: page(workspace), workspace.out, port)
             self._server.start()
         except BaseException as fault:  # raised where the explorer was asked for
             self._fault = fault

@@ -25,6 +25,15 @@ DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
 TORQUE_OVER_SPEED = "dynamometer_torque_over_speed"  # as a limit: 1, on the share of the curve that is used
 
 
+def limit_units(rig: System) -> dict[str, str]:
+    """Unit of every limit that a case may state, by its key; but for the torque over speed, which is a list."""
+    return (
+        LIMIT_UNITS
+        | {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts}
+        | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
+    )
+
+
 def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[str, float], TorqueCurve | None]:
     """Limits by key, SI, and the dynamometers' torque over speed; its last speed limits the speed.
 
@@ -34,11 +43,7 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
         Naming file and key.
     """
     table = table_of(data, "limits", where)
-    units = (
-        LIMIT_UNITS
-        | {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts}
-        | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
-    )
+    units = limit_units(rig)
     limits: dict[str, float] = dict(DEFAULT_LIMITS)
     curve = None
     for key, value in table.items():

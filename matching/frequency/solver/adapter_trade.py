@@ -93,11 +93,21 @@ class Retuning:
         return float(np.clip(good, 0, 1))
 
     def _tuned(self, place: float) -> End | None:
-        """From the nearest value that was solved, or from the answer itself."""
-        lower, upper = self.problem.lower.copy(), self.problem.upper.copy()
+        """From the nearest value that was solved, and from the answer itself where that is not as good.
+
+        A neighbour may lie at another local optimum, which every value after it would inherit.
+        """
         known = {other: end.v for other, end in self.ends.items() if end is not None}
         near = known[min(known, key=lambda other: abs(other - place))] if known else self.begin
-        v = near.copy()
+        best = self._tuned_from(near, place)
+        if near is self.begin or (best is not None and best.objective <= self.solution.as_good_to):
+            return best
+        ends = (end for end in (best, self._tuned_from(self.begin, place)) if end is not None)
+        return min(ends, key=lambda end: end.objective, default=None)
+
+    def _tuned_from(self, start: np.ndarray, place: float) -> End | None:
+        lower, upper = self.problem.lower.copy(), self.problem.upper.copy()
+        v = start.copy()
         for i, value in {**self.held, self.moved: place}.items():
             v[i] = lower[i] = upper[i] = value
         problem = replace(self.problem, lower=lower, upper=upper)

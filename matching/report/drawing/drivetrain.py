@@ -149,11 +149,10 @@ def _inertia(axes: Axes, drawn: Drawing, name: str) -> None:
     if name in emphasis.machines:
         symbols.machine(axes, x, y, half, RIG)
     symbols.disc(axes, x, y, half, emphasis.colours.get(name, HARDWARE), emulated=name in emphasis.emulated)
-    above = (
-        spaced(name)
-        if name not in emphasis.machines
-        else f"{spaced(name)}\n(dynamometer {spaced(emphasis.machines[name])})"
-    )
+    above = spaced(name)
+    if name in emphasis.machines:
+        machine = spaced(emphasis.machines[name])
+        above += f"\n({machine})" if "dynamometer" in machine else f"\n(dynamometer {machine})"
     _text(axes, x, y + half + 0.18, above, va="bottom", weight="bold")
     lines = [amount(part.J.value, "kg*m^2"), *drawn.notes.get(f"inertias.{name}", [])]
     _text(axes, x, y - half - 0.18, "\n".join(lines), va="top")

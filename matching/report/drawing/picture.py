@@ -19,6 +19,7 @@ from matplotlib.text import Text
 from matching.report.drawing.drivetrain import TEXT_POINTS, Drawing, draw
 
 POINTS_PER_UNIT = 0.62 * 72  # one unit of the drawing is 0.62 inches wide
+AROUND = 0.15  # about the box of a part, units: what marks it is drawn there
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,11 @@ def picture(drawn: Drawing) -> Picture:
             by_part.setdefault(str(artist.get_label()), []).append(artist)
     parts = tuple(DrawnPart(name, tuple(_shapes(axes, artists))) for name, artists in by_part.items())
     (left, right), (lower, upper) = axes.get_xlim(), axes.get_ylim()
-    return Picture(drawn, parts, (left, lower, right, upper))
+    boxes = [part.box for part in parts]  # a long name at an end reaches beyond the axes
+    return Picture(drawn, parts, (
+        min([left, *(box[0] - AROUND for box in boxes)]), min([lower, *(box[1] - AROUND for box in boxes)]),
+        max([right, *(box[2] + AROUND for box in boxes)]), max([upper, *(box[3] + AROUND for box in boxes)]),
+    ))  # fmt: skip
 
 
 def _shapes(axes: Axes, artists: Iterable[Artist]) -> Iterable[Stroke | Area | Label]:
@@ -121,6 +126,7 @@ def _places(shape: Stroke | Area | Label) -> Iterable[tuple[float, float]]:
         return shape.points
     if isinstance(shape, Area):
         return shape.corners
-    half = 0.27 * shape.height * max(map(len, shape.lines), default=0)  # a letter is about half as wide as high
+    letter = 0.3 if shape.bold else 0.27  # half its width over its height, on average
+    half = letter * shape.height * max(map(len, shape.lines), default=0)
     tall = 1.2 * shape.height * len(shape.lines) * (-1 if shape.below else 1)
     return [(shape.x - half, shape.y), (shape.x + half, shape.y + tall)]

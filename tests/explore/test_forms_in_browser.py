@@ -1,4 +1,4 @@
-"""What is typed while the page still answers an earlier value, in every form: kept, as is the cursor."""
+"""Forms and map in a real browser: what is typed while the page answers is kept, a click on a map is answered."""
 
 import shutil
 import tomllib
@@ -24,6 +24,26 @@ half_width = 0.1
 value = 2.0
 half_width = 0.1
 """
+MAP = {
+    "x": {"name": "loop.dead_time", "unit": "s", "values": [0.001, 0.004], "here": 0.003},
+    "y": {"name": "loop.inverter_lag", "unit": "s", "values": [0.002, 0.008], "here": 0.002},
+    "points": [{"error": error, "status": "matched", "limits": []} for error in (0.11, 0.22, 0.33, 0.44)],
+}
+WITH_MAP = """
+import sys
+import rigmatch as rm
+from matching.explore.page import match, map_view
+
+class ComputedMap(map_view.MapView):
+    def panel(self):
+        self.show_map({map})
+        return super().panel()
+
+match.MapView = ComputedMap
+explorer = rm.explore(*sys.argv[1:-1], out=sys.argv[-1])
+print(explorer.address, file=sys.stderr, flush=True)
+explorer.wait()
+"""
 FIRST, SECOND = 0.00375, 0.00225
 
 
@@ -34,7 +54,8 @@ def opened(tmp_path_factory):
     shutil.copytree(ROOT / "matching" / "starter", folder / "case")
     (folder / "budget.toml").write_text(BUDGET)
     files = (folder / "case" / "case.toml", folder / "budget.toml")
-    with served(*files, out=folder / "out") as address, opened_page(address) as (page, complaints):
+    script = ("-c", WITH_MAP.format(map=MAP), *map(str, files))
+    with served(script, out=folder / "out") as address, opened_page(address) as (page, complaints):
         yield folder, page, complaints
 
 
@@ -43,13 +64,13 @@ def test_of_two_values_typed_quickly_none_is_lost(opened, tab, labels, file, tab
     """The answer to the first value comes in the middle of typing the second, however fast the machine is."""
     folder, page, complaints = opened
     page.get_by_role("tab", name=tab).click()
-    page.get_by_label(labels[0]).fill(str(FIRST))
+    page.get_by_label(labels[0]).first.fill(str(FIRST))
     page.keyboard.press("Tab")
     typed = str(SECOND)
     page.keyboard.type(typed[:4])
     page.get_by_text(f" is {FIRST}").wait_for()
     page.keyboard.type(typed[4:])
-    page.get_by_role("button", name="Save").click()
+    page.get_by_role("button", name="Save").first.click()
     page.get_by_text(f"Saved: {Path(file).name}").wait_for()
     table = tomllib.loads((folder / file).read_text())
     for name in tables:
@@ -64,11 +85,24 @@ def test_a_wrong_text_is_marked_and_not_saved_until_it_is_right(opened):
     before = (folder / "case" / "case.toml").read_text()
     field = page.get_by_label("sample time [s]")
     field.fill("-1")
-    page.get_by_role("button", name="Save").click()
+    page.get_by_role("button", name="Save").first.click()
     page.get_by_text("sample time [s]: was not taken").wait_for()
     assert (folder / "case" / "case.toml").read_text() == before
     assert field.input_value() == "-1"
     page.get_by_role("button", name="Undo").click()
     page.get_by_text("The value in the file is shown again").wait_for()
     assert field.input_value() == "0.001"
+    assert complaints == []
+
+
+def test_a_click_on_a_point_of_the_map_is_answered(opened):
+    _, page, complaints = opened
+    page.get_by_role("tab", name="Match").click()
+    figure = page.locator(".bk-Canvas").first
+    figure.scroll_into_view_if_needed()
+    box = figure.bounding_box()
+    figure.click(position={"x": 0.3 * box["width"], "y": 0.3 * box["height"]})  # upper left of two by two
+    page.get_by_text("From the map: response error about 0.33").wait_for()
+    assert page.get_by_label("dead time [s]").last.input_value() == "0.001"
+    assert page.get_by_label("inverter lag [s]").last.input_value() == "0.008"
     assert complaints == []
