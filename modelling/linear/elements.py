@@ -162,10 +162,29 @@ def rest_state(model: Model, p: np.ndarray) -> np.ndarray:
     wanted = np.zeros((len(p), len(springs)))
     for name, gap in gaps.items():
         wanted[:, springs.index(name)] = p[:, model.parameters.index(gap)] / 2 + CLOSED_BY_RAD
-    x = np.zeros((len(p), size))
-    x[:, : model.n] = wanted @ np.linalg.pinv(twists).T
-    for i in range(len(springs)):  # a spring behind a damper in series has a deflection of its own
-        if not deflections[i, : model.n].any():
+    return _deflected(twists, deflections, wanted, model.n)
+
+
+def with_lash_closed(model: Model, p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A state (x,) at parameters (p,) with every lash that is open there just closed in the driving direction."""
+    gaps, springs = model.system.free_plays, list(model.equations.assembly.springs)
+    if not gaps:
+        return x
+    twists, deflections = (out.full() for out in (model.elements(x, p)[i] for i in (3, 4)))
+    wanted = np.zeros((1, len(springs)))
+    for name, gap in gaps.items():
+        i, edge = springs.index(name), p[model.parameters.index(gap)] / 2 + CLOSED_BY_RAD
+        if abs(deflections[i] @ x) < edge:
+            wanted[0, i] = edge - deflections[i] @ x
+    return np.asarray(x + _deflected(twists, deflections, wanted, model.n)[0])
+
+
+def _deflected(twists: np.ndarray, deflections: np.ndarray, wanted: np.ndarray, n: int) -> np.ndarray:
+    """States (b, x) with wanted deflections (b, springs), by rows of twists (…, n) and of deflections (…, x)."""
+    x = np.zeros((len(wanted), deflections.shape[1]))
+    x[:, :n] = wanted @ np.linalg.pinv(twists).T
+    for i in range(len(twists)):  # a spring behind a damper in series has a deflection of its own
+        if not deflections[i, :n].any():
             x[:, np.flatnonzero(deflections[i])] = wanted[:, [i]]
     return x
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import elements, rest_state
+from modelling.linear.elements import elements, rest_state, with_lash_closed
 from modelling.linear.steady_motion import BALANCE_TOLERANCE, steady_motion
 from modelling.model.system import System
 
@@ -31,6 +31,7 @@ def reference_motion(model: Model, p: np.ndarray) -> ReferenceMotion:
     """The motion about which a model is linearised, at parameters (p,).
 
     A linear model is the same about every motion and stands at rest here; see :func:`operating_motion` for its motion.
+    A lash that nothing loads is just closed.
 
     Raises
     ------
@@ -39,7 +40,8 @@ def reference_motion(model: Model, p: np.ndarray) -> ReferenceMotion:
     """
     if model.system.operating_point is None or is_linear(model.system):
         return ReferenceMotion(np.atleast_2d(rest_state(model, p))[0], np.zeros(len(model.inputs)))
-    return _solved(model, p)
+    motion = _solved(model, p)
+    return ReferenceMotion(with_lash_closed(model, p, motion.state), motion.inputs)
 
 
 def reference_states(model: Model, p: np.ndarray) -> np.ndarray:
@@ -52,7 +54,7 @@ def reference_states(model: Model, p: np.ndarray) -> np.ndarray:
     """
     if model.system.operating_point is None or is_linear(model.system):
         return rest_state(model, p)
-    return np.stack([_solved(model, row).state for row in p])
+    return np.stack([with_lash_closed(model, row, _solved(model, row).state) for row in p])
 
 
 @functools.lru_cache(maxsize=256)

@@ -1,5 +1,6 @@
 """Lash and dry friction: linear about a loaded, moving operating point, refused or said where there is none."""
 
+import json
 import tomllib
 import warnings
 from dataclasses import replace
@@ -14,10 +15,16 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.closed_loop import closed_loop
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
 from matching.frequency.search.match import match
+from matching.frequency.search.result import _of_beds
+from matching.frequency.verification.drawn_beds import on_drawn_beds
+from matching.frequency.verification.robust_limits import not_kept
 from matching.frequency.verification.simulation import simulate_case
+from matching.frequency.verification.verify import verify
+from matching.report.beds.requirement_rows import requirement_rows
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 from modelling.linear.reference_motion import torques_of
+from modelling.modal.modes import modes
 
 COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"
 LASH = {"kind": "backlash", "at": "shafts.rotor_shaft", "gap": 0.02}
@@ -101,6 +108,12 @@ def test_a_lash_without_load_is_said(tmp_path):
     coasting = compact(tmp_path, LASH, motor_torque=0.002 * 9.7 * 8.0, vehicle_speed=8.0 * 0.31)
     (sentence,) = unloaded_lashes(coasting)
     assert "open at the operating point" in sentence
+    loaded = [mode.frequency for mode in modes(compact(tmp_path, LASH).vehicle)]
+    np.testing.assert_allclose([mode.frequency for mode in modes(coasting.vehicle)], loaded, rtol=1e-6, atol=1e-6)
+    robust = on_drawn_beds(coasting, verify(coasting, coasting.rig), 4)
+    assert any("no bed drawn within [uncertainty] is judged" in sentence for sentence in not_kept(coasting, robust))
+    assert json.loads(json.dumps(_of_beds(robust), allow_nan=False))["beds"]["drawn"] == 0
+    assert requirement_rows(robust) == []
 
 
 def test_an_overrun_closes_the_other_flank(tmp_path):

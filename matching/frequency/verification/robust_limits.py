@@ -13,7 +13,11 @@ def not_kept(case: Case, robust: RobustVerification) -> list[str]:
     An observer has to keep everything. A feedback law has to be stable and damped on every drawn bed and to keep the
     error to measured torques; the rest is only :func:`noted`.
     """
-    sentences = [*_unstable(robust), *_error("measured torques", robust.verification.errors.after, case.tolerance)]
+    sentences = [
+        *_not_judged(robust),
+        *_unstable(robust),
+        *_error("measured torques", robust.verification.errors.after, case.tolerance),
+    ]
     sentences += _damped_too_little(robust)
     if case.loop.structure.is_observer:
         sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
@@ -32,6 +36,15 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
             f"{', '.join(worst.named)}"
         )
     return sentences
+
+
+def _not_judged(robust: RobustVerification) -> list[str]:
+    if not robust.beds.not_covered:
+        return []
+    return [
+        "no bed drawn within [uncertainty] is judged: the method that judges them does not cover "
+        f"{robust.beds.not_covered}"
+    ]
 
 
 def _unstable(robust: RobustVerification) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
@@ -40,6 +41,8 @@ def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
                 number(least, 3), f"at least {number(required.damping_ratio, 3)}", least >= required.damping_ratio,
             )
         )  # fmt: skip
+    if math.isnan(loop.modulus_margin):  # of a feedback law, which the same method judges
+        return rows
     rows += [
         RequirementRow(
             f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),
