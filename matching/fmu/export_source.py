@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
-from modelling.bed.residual_vehicle import Interface, ResidualVehicle
+from modelling.bed.residual_vehicle import Interface, ResidualVehicle, cut
 from modelling.common.errors import InputError, unknown
 from modelling.common.staging import unfinished
 from modelling.common.tables import finite, read_toml
@@ -151,16 +152,38 @@ def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> E
     mine = {name: move for name, move in mine.items() if move.name.startswith("residual_vehicle.")}
     bounds = {name: (move.lower, move.upper) for name, move in mine.items()}
     about = {name: f"tuned within {move.lower:g} … {move.upper:g} {move.unit}" for name, move in mine.items()}
-    for cut in tuned.residual_vehicle.interfaces:
-        about[cut.torque] = f"what the shaft {cut.shaft} brings in on the rig" + (
-            "" if cut.factor == 1 else f", {cut.factor:g} times what its sensor reads"
+    for interface in tuned.residual_vehicle.interfaces:
+        about[interface.torque] = f"what the shaft {interface.shaft} brings in on the rig" + (
+            "" if interface.factor == 1 else f", {interface.factor:g} times what its sensor reads"
         )
-        about[cut.speed] = "what the dynamometer has to follow"
-        about[acceleration(cut)] = "for the feed-forward of the dynamometer"
+        about[interface.speed] = "what the dynamometer has to follow"
+        about[acceleration(interface)] = "for the feed-forward of the dynamometer"
     parts = [_with_accelerations(part, tuned.residual_vehicle) for part in tuned.residual_vehicle.parts]
     title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
     made = _block(parts, title, "residual_vehicle", Path(case.path), about, bounds)
-    return ExportSource(made, "residual vehicle", case.loop["sample_time"], tuple(mine), notes)
+    return ExportSource(made, "residual vehicle", case.loop["sample_time"], tuple(mine), (*notes, *_apart(tuned, mine)))
+
+
+def _apart(tuned: Case, names: Collection[str]) -> list[str]:
+    """A note where the feed-forward reproduces another residual vehicle than the exported one of the feedback."""
+    if not tuned.loop.structure.has_feed_forward:
+        return []
+    exported, reproduced = (
+        {name: quantity.value for part in parts for name, quantity in part.parameters.items()}
+        for parts in (tuned.residual_vehicle.parts, cut(tuned.emulated_vehicle, tuned.rig).parts)
+    )
+    apart = [
+        f"{name} {exported[name]:.6g} (vehicle {reproduced[name]:.6g})"
+        for name in names
+        if exported[name] != reproduced[name]
+    ]
+    if not apart:
+        return []
+    structure = tuned.loop.structure.name
+    return [
+        f"this is the residual vehicle of the feedback, as tuned: {', '.join(apart)}; the feed-forward of "
+        f"{structure!r} reproduces the vehicle's own values, and both are in export --controller"
+    ]
 
 
 def acceleration(cut: Interface) -> str:

@@ -137,6 +137,12 @@ def test_result_of_a_match(reference_case, tmp_path, capsys):
         values = {own["name"]: own["value"] for own in found["parameters"]}
         assert values["inertias.body_left.J"] == values["inertias.body_right.J"] == 77.0
         assert "the match is 'limited', not 'matched'" in found["notes"][0]
+        body = load_case(reference_case).vehicle.parameters["inertias.body_left.J"].value
+        assert f"inertias.body_left.J 77 (vehicle {body:g})" in found["notes"][1]
+    case = given / "case.toml"
+    case.write_text(case.read_text().replace('"model_based"', '"pi"'))
+    assert main(["export", str(given), "--fmu", str(tmp_path / "a.fmu"), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["notes"]) == 1  # the feedback is all there is
 
 
 @pytest.mark.parametrize(("tuned", "line"), [

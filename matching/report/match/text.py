@@ -116,11 +116,20 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
         f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}"
         f"{_worst(beds.get('worst'))}); their "
         f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}"
-        f"{_largest(beds.get('largest_error'))}",
+        f"{_largest(beds.get('largest_error'))}{_simulated(result)}",
         f"modulus margin {number(margin['modulus'], 3)} from {number(margin['from'], 3)} Hz on, |T| at most "
         f"{number(margin['largest_rolled_off'], 3)} from {number(margin['rolled_off_from'], 3)} Hz on, sensor noise "
         f"makes {number(noise, 3)} N·m rms of command",
     ]
+
+
+def _simulated(result: Mapping[str, Any]) -> str:
+    """What the beds' errors count otherwise than that of the bed as planned; nothing without a feed-forward."""
+    functions = result["response_error"].get("functions", ())
+    apart = any(row["before"] is None and row["unannounced"] != row["after"] for row in functions)
+    if result["structure"] != "model_based" or not apart:
+        return ""
+    return " (torques inside the residual vehicle count as measured on the beds, as unmeasured in the error above)"
 
 
 def _worst(worst: Mapping[str, Any] | None) -> str:
