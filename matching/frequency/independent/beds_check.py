@@ -13,7 +13,6 @@ from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
 from matching.frequency.independent.worst_bed import LargestError, WorstBed, largest_error, worst_bed
-from modelling.common.tables import finite
 from modelling.controller.law import ControlLaw
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
@@ -70,7 +69,7 @@ class BedsCheck:
         """As ``result.json`` holds it."""
         return {
             "drawn": self.drawn, "stable": self.stable, "damped": self.damped,
-            "smallest_damping_ratio": finite(self.smallest_damping_ratio),
+            "smallest_damping_ratio": None if self.not_covered else self.smallest_damping_ratio,
             "required_damping_ratio": self.required_damping,
             "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
             "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
