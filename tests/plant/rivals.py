@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ def candidates(drive: Drive, effect: Hidden) -> list[Hidden]:
     same = [Hidden(effect.kind, at) for at in elsewhere if at not in drive.tolerance]  # an uncertain value is fitted
     if effect.kind == "input_offset":
         same.append(Hidden("constant_torque", f"inertias.{drive.inputs[effect.name]}"))
+    if effect.kind == "geared_ripple":
+        same.append(Hidden("torque_ripple", f"inertias.{effect.name}"))
     if effect.kind == "constant_torque":
         same += [Hidden("input_offset", f"inputs.{name}") for name, on in drive.inputs.items() if on == effect.name]
     return same + [Hidden(kind, effect.at) for kind in group if kind != effect.kind]
@@ -64,7 +67,7 @@ def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) 
     found: list[dict[str, Any]] = []
     tried = candidates(drive, effect)
     for rival in tried:
-        parameters = scaled(scene, rival.kind, rival.at, effect.draw)
+        parameters = _by_size(scene, effect, rival)
         s, best = 0.03, np.inf
         for _ in range(4):  # the rival's own size, by its share in the regression
             try:
@@ -81,6 +84,15 @@ def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) 
         if rival is tried[-1]:
             tried += [one for one in crossed(drive, effect, alike(effect, found)) if one not in tried]
     return sorted(found, key=lambda one: float(one["chi_square"]))
+
+
+def _by_size(scene: Scene, effect: Hidden, rival: Hidden) -> Callable[[float], dict[str, float]]:
+    """The parameters of a rival as a function of its size; the order of a ripple as the angle it is over turns."""
+    parameters = scaled(scene, rival.kind, rival.at, effect.draw)
+    if effect.kind != "geared_ripple":
+        return parameters
+    turns = scene.drive.speed_ratio(effect.members[-1]) / scene.drive.speed_ratio(rival.members[-1])
+    return lambda s: parameters(s) | {"order": effect.parameters["order"] * turns}
 
 
 def alike(effect: Hidden, found: list[dict[str, Any]]) -> list[dict[str, str]]:
