@@ -8,6 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
+from result_keys import same_keys
 from scipy.linalg import expm
 
 from matching.bed_test.growing import snapshots
@@ -124,7 +126,15 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
     assert 0.8 < found.fidelity[0]["R_XiL"] <= 1
     assert str(found).startswith("as_predicted")
     assert found._repr_html_().startswith("<p>as_predicted")
-    assert len(found.plot().axes) == 3
+    drawn = found.plot()
+    same_figure("verify", drawn)
+    for axes, curve in zip(drawn.axes, found.curves, strict=True):
+        lines = {line.get_label(): line for line in axes.get_lines()}
+        np.testing.assert_allclose(lines["vehicle"].get_ydata(), np.abs(curve.vehicle))
+        np.testing.assert_allclose(lines["predicted for the bed"].get_ydata(), np.abs(curve.predicted))
+        known = np.isfinite(curve.measured) & np.isfinite(curve.uncertainty)
+        np.testing.assert_allclose(lines["measured on the bed"].get_ydata(), np.abs(curve.measured[known]))
+        assert lines["measured on the bed"].get_xdata()[-1] == curve.frequencies[known][-1]
 
 
 def test_dynamometers_with_a_wrong_gain_fall_short(case, record):
@@ -153,6 +163,7 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     result = json.loads((out / "verification.json").read_text(encoding="utf-8"))
     assert result["status"] == "as_predicted"
     assert len(result["functions"]) == 3
+    same_keys("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "as predicted" in page
     assert (out / "figures" / "responses.svg").stat().st_size > 1000

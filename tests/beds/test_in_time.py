@@ -12,12 +12,17 @@ from matching.frequency.case.load import load_case
 from matching.frequency.case.uncertainty import of_system
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
 from matching.frequency.in_time.imperfection import Imperfection, imperfections
+from matching.frequency.in_time.nonlinear_beds import _sharpen
 from matching.frequency.in_time.open_lash import lash_runs, open_lash
 from matching.frequency.in_time.sensing import ANGLE_OF_A_COUNT, PoorSensors
 from matching.frequency.in_time.table import truth_in_time, truth_of
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
-from modelling.model.components import Sensor
+from modelling.equations.assembly import STICK_SPEED
+from modelling.equations.compiled import compiled
+from modelling.model.components import Effect, Sensor
+from modelling.model.quantity import Quantity
+from modelling.simulation.plan import STABLE_STEP
 
 SENSORS = ("motor_speed", "side_torque")
 WRONG = {
@@ -165,3 +170,22 @@ def test_no_limit_cycle_of_the_reference_with_twenty_lashes():
     found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)
     assert (found.drawn, found.cycling) == (20, 0)
     assert found.largest_swing < found.vehicle_swing + 2.0  # N·m
+
+
+@pytest.mark.parametrize("steps", [1000.0, 8000.0])
+def test_dry_friction_is_as_steep_as_the_steps_allow(small_case, steps):
+    """The fastest decay at rest is what so many steps a second hold: half the steps, twice as wide a ramp."""
+    rubbing = small_case.rig.with_effects(Effect("coulomb_friction", "inertias.rotor", (("torque", Quantity(50.0)),)))
+    model = compiled(rubbing)
+    p = model.vector()
+    _sharpen(model, p, steps)
+    wide = p[list(model.parameters).index(STICK_SPEED)]
+    slope = 50.0 / (0.9 * wide)  # torque over the ramp's speed and the rotor's inertia, 1/s
+    assert slope == pytest.approx(STABLE_STEP * steps, rel=0.02)
+
+
+def test_a_model_without_friction_keeps_its_parameters(small_case):
+    model = compiled(small_case.rig)
+    p = model.vector()
+    _sharpen(model, p, 1000.0)
+    np.testing.assert_array_equal(p, model.vector())

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
+from result_keys import same_keys
 from scipy.linalg import expm
 
 from matching.cli import main
@@ -166,9 +168,25 @@ def test_the_command_writes_it(limited_path, tmp_path, capsys):
     assert "asked for 80%" in said
     result = json.loads((out / "excite.json").read_text(encoding="utf-8"))
     assert max(result["limits_used"].values()) <= 0.8 + 1e-6
+    same_keys("excite", result)
     table = np.loadtxt(out / "excitation.csv", delimiter=",", skiprows=1)
     assert np.abs(table[:, 2]).max() <= 64.0001
     assert (out / "figures" / "excitation.svg").stat().st_size > 1000
+
+
+def test_its_figure_holds_the_torques_and_what_each_quantity_adds(plan):
+    drawn = plan.plot()
+    same_figure("excite", drawn)
+    *panels, below = drawn.axes
+    for j, axes in enumerate(panels):
+        (line,) = axes.get_lines()
+        np.testing.assert_array_equal(line.get_xydata(), np.stack([plan.time, plan.torques[:, j]], axis=1))
+    assert [text.get_text() for text in panels[0].texts] == [part.kind for part in plan.parts]
+    areas = [end for area in panels[0].patches for end in (area.get_x(), area.get_x() + area.get_width())]
+    assert areas == pytest.approx([end for part in plan.parts[::2] for end in (part.begin, part.end)])
+    for line, key in zip(below.get_lines(), ("share_before", "share_after"), strict=True):
+        shares = [max(getattr(quantity, key), 1e-6) for quantity in plan.expected[:12]]
+        assert list(line.get_xdata()) == shares
 
 
 @pytest.mark.parametrize(

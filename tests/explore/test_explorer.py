@@ -32,3 +32,18 @@ def test_a_wrong_file_is_one_line(tmp_path):
     pytest.importorskip("panel")
     with pytest.raises(InputError, match=r"none\.toml"):
         rm.explore(tmp_path / "none.toml", out=tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
+    pytest.importorskip("panel")
+    from matching.explore.files.workspace import opened
+    from matching.explore.page.server import page
+
+    model = ROOT / "examples" / "diagnosis" / "model.toml"
+    _, bar, content = page(opened([model], tmp_path))
+    first = content[0]
+    bar.active = 1
+    assert content[0] is not first
+    bar.active = 0
+    assert content[0] is first

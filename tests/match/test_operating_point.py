@@ -141,6 +141,16 @@ def test_operating_point_by_hand(tmp_path):
     assert slowest == pytest.approx(-slope / (144.2 + 2 * 0.95), rel=2e-3)
 
 
+def test_a_torque_of_the_road_that_is_stated_stays(tmp_path):
+    """A pull of 50 N·m at the body: the motor gives it beside the drag."""
+    case = at(tmp_path, road_torque="-50 N*m")
+    body = 30 / 3.6 / RADIUS
+    tyres = 0.6 * body + 50
+    wheel = body + tyres / 2 / 923
+    assert torques_of(case.vehicle)["road_torque"] == -50
+    assert torques_of(case.vehicle)["motor_torque"] == pytest.approx(tyres / RATIO + 0.002 * RATIO * wheel)
+
+
 def test_the_speed_follows_from_torque_and_road_load(tmp_path):
     case = at(tmp_path)
     data = tomllib.loads((tmp_path / "case.toml").read_text())

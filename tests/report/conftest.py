@@ -14,6 +14,8 @@ from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.frequency.verification.reading import manoeuvre_torques
 from matching.frequency.verification.verify import verify
+from matching.report.common.style import image
+from matching.report.match.figures import figures
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -97,3 +99,13 @@ def hand_made(case):
         2.0,
         simulated_in_time=in_time,
     )
+
+
+@pytest.fixture(scope="session")
+def as_figures(hand_made):
+    return figures(hand_made)
+
+
+@pytest.fixture(scope="session")
+def drawn(as_figures):
+    return {name: image(figure) for name, figure in as_figures.items()}

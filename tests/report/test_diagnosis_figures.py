@@ -1,8 +1,13 @@
 """Spectra of residuals: white noise is 1 at every frequency and order, a wave stands where it belongs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
+from matching.report.diagnosis.balance_figure import balance_figure
+from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
 from matching.report.diagnosis.residual_figure import _orders, _spectrum
 
 RNG = np.random.default_rng(11)
@@ -34,3 +39,61 @@ def test_a_wave_over_time_shows_at_its_frequency() -> None:
     time = np.arange(0, 12, 0.001)
     frequency, amplitude = _spectrum(RNG.standard_normal(len(time)) + np.sin(2 * np.pi * 7 * time), 0.001)
     assert frequency[np.argmax(amplitude)] == pytest.approx(7, abs=0.25)
+
+
+def a_balance(shafts):
+    """Torques of two inertias over 4 s, 1000 N·m in the 0.3 s at either end; the speed rises by 5 rad/s a second."""
+    time = np.arange(4000) * 0.001
+    inner = (time >= 0.3) & (time <= time[-1] - 0.3)
+    motion = SimpleNamespace(
+        time=time, segments=(slice(0, 4000),), speed={"motor": 5 * time, "load": -time}, twist={"link": 0.01 * time}
+    )
+    of_inertias = {"load": np.where(inner, 1.0, 1000.0), "motor": np.where(inner, 10 * time, 1000.0)}
+    return SimpleNamespace(before=motion, inertias=of_inertias, shafts=shafts), time[inner]
+
+
+def test_a_balance_shows_the_worst_components_over_their_motion_away_from_the_ends() -> None:
+    data, inner = a_balance({"link": np.arange(4000) * 0.003})
+    bars, first, second = balance_figure(data).axes
+    widths = {
+        label.get_text(): bar.get_width() for label, bar in zip(bars.get_yticklabels(), bars.patches, strict=True)
+    }
+    motor, link = (np.sqrt(np.mean((slope * inner) ** 2)) for slope in (10, 3))
+    assert widths == pytest.approx({"inertia load": 1.0, "shaft link": link, "inertia motor": motor})
+    assert list(widths) == ["inertia load", "shaft link", "inertia motor"]  # the largest on top
+    for axes, slope, label in ((first, 2.0, "Speed of motor in rad/s"), (second, 300.0, "Twist of link in rad")):
+        dots, mean = axes.get_lines()
+        np.testing.assert_allclose(dots.get_ydata(), slope * dots.get_xdata())
+        near = 0.02 * np.ptp(dots.get_ydata())  # a bin is 1/48 of the range wide, and samples do not lie evenly in it
+        np.testing.assert_allclose(mean.get_ydata(), slope * mean.get_xdata(), atol=near)
+        assert len(mean.get_ydata()) == 48
+        assert axes.get_xlabel() == label
+
+
+def test_without_shafts_there_is_no_panel_of_them() -> None:
+    _, _, second = balance_figure(a_balance({})[0]).axes
+    assert not second.axison
+
+
+def test_bins_with_few_samples_have_no_mean() -> None:
+    data, _ = a_balance({})
+    data.before.speed["motor"] = np.where(np.arange(4000) == 1000, 50.0, data.before.speed["motor"])
+    mean = balance_figure(data).axes[1].get_lines()[1]
+    assert np.isnan(mean.get_ydata()[-1])
+    assert np.isfinite(mean.get_ydata()[:10]).all()
+
+
+def test_unexplained_torques_have_their_band_and_their_words() -> None:
+    grid = np.linspace(-3, 3, 7)
+    curve = DiscrepancyCurve("inertias.load", "speed", grid, 2 * grid, np.full(7, 0.5), 0.62, 0.9)
+    over_time = DiscrepancyCurve("shafts.link", "time", grid, -grid, np.ones(7), 0.1, np.nan)
+    figure = discrepancy_figure([curve, over_time, curve, curve])
+    assert len(figure.axes) == 3
+    first, second, _ = figure.axes
+    (area,), (line,) = first.collections, first.get_lines()
+    np.testing.assert_array_equal(line.get_xydata(), np.stack([grid, 2 * grid], axis=1))
+    corners = area.get_paths()[0].vertices
+    assert (corners[:, 1].min(), corners[:, 1].max()) == (-7, 7)  # two standard uncertainties beyond ± 6
+    assert (first.get_xlabel(), first.get_ylabel()) == ("Speed of load in rad/s", "Unexplained on load in N·m")
+    assert (second.get_xlabel(), second.get_ylabel()) == ("Time in s", "Unexplained in link in N·m")
+    assert first.get_title() == "takes 62 % of the rest"

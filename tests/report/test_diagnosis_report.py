@@ -1,15 +1,21 @@
 """Page, figures, terminal and JSON of a diagnosis, from one recording that SciPy made of a flywheel in thick air."""
 
+import contextlib
+import io
 import json
 import re
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
+from result_keys import same_keys
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
+from matching.report.diagnosis.figures import CAPTIONS, figures
 from matching.report.diagnosis.page import page
 from matching.report.diagnosis.sentences import answer, measured
 
@@ -51,17 +57,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def said(folder: Path) -> str:
-    import contextlib
-    import io
+def run(folder: Path) -> tuple[str, list]:
+    """What the command prints; the diagnosis that it draws, with the figures by name."""
+    drawn: list = []
 
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        code = main(
-            ["diagnose", str(folder / "model.toml"), str(folder / "recording.csv"), "--out", str(folder / "out")]
-        )
-    assert code in (0, None)
-    return out.getvalue()
+    def kept(diagnosis, system):
+        drawn.extend((diagnosis, figures(diagnosis, system)))
+        return drawn[1]
+
+    words = ["diagnose", folder / "model.toml", folder / "recording.csv", "--out", folder / "out"]
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
+        patch.setattr("matching.report.diagnosis.figures.figures", kept)
+        assert main([str(word) for word in words]) in (0, None)
+    return out.getvalue(), drawn
+
+
+@pytest.fixture(scope="module")
+def said(run: tuple[str, list]) -> str:
+    return run[0]
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +85,7 @@ def result(folder: Path, said: str) -> dict:
 def test_terminal_and_page_lead_with_the_same_sentence(folder: Path, said: str, result: dict) -> None:
     first = said.splitlines()[0]
     assert first == result["answer"] == answer(result)
+    same_keys("diagnose", result)
     found = re.fullmatch(
         r"The inertia wheel has drag that grows with the square of speed by (\S+) ± (\S+) N·m·s²/rad²; with it the "
         r"error of wheel_speed falls from (\S+) to (\S+) times the noise on held-out data\.",
@@ -215,3 +229,33 @@ def test_candidates_in_no_causes_place_stand_on_the_page_with_the_reason(result:
     assert "sensors.a and sensors.b" in row
     assert "held-out data are met worse with it" in row
     assert "No candidate was worth a fit" not in text
+
+
+def test_figures_hold_the_residuals_of_the_diagnosis(folder: Path, run: tuple[str, list]) -> None:
+    diagnosis, drawn = run[1]
+    assert set(drawn) == set(CAPTIONS) - {"discrepancy"}
+    html = (folder / "out" / "report.html").read_text()
+    for name, figure in drawn.items():
+        same_figure(f"diagnosis, {name}", figure)
+        part = unescape(html.split(f'id="figure-{name}"')[1].split("</figure>")[0])
+        assert f"<figcaption>{CAPTIONS[name]}" in part
+        assert "data:image/svg" in part
+    (axes,) = drawn["errors"].axes
+    error = diagnosis.errors["wheel_speed"]
+    widths = [bar.get_x() + bar.get_width() for bar in axes.patches]
+    assert widths == pytest.approx([error.before_holdout / NOISE, error.after_holdout / NOISE])
+    data = diagnosis.plot_data
+    for name, column, times, before, after in (
+        ("time", slice(0, 4), data.before.time, data.residual_before, data.residual_after),
+        ("unseen", slice(0, 2), data.holdout.time, data.holdout.before, data.holdout.after),
+    ):
+        lines = drawn[name].axes[-1].get_lines()[column]
+        lines = lines[::2] if name == "time" else lines  # every other is the running mean
+        for line, residual in zip(lines, (before, after), strict=True):
+            ratio = residual[:, 0] / NOISE
+            y = line.get_ydata()
+            assert np.nanmax(y) == pytest.approx(np.nanmax(ratio))
+            assert np.nanmin(y) == pytest.approx(np.nanmin(ratio))
+            assert np.nansum(np.abs(y)) == pytest.approx(np.nansum(np.abs(ratio)))
+            assert line.get_xdata()[0] == times[0]
+            assert np.nanmax(line.get_xdata()) <= times[-1] + 1e-9

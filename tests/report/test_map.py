@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from match import drawn
+from result_keys import same_keys
 
 from matching.cli import main
 from matching.frequency.case.load import load_case
@@ -189,6 +190,7 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
     assert sorted(asked) == sorted((("loop.dead_time", x), (STIFFNESS, y), 7, 3) for x, y in places)
     assert [(own["x"], own["y"], own["error"]) for own in printed["points"]] == [(x, y, x * y) for x, y in places]
     assert printed["y"]["values"] == [1.5e5, 2e5]
+    same_keys("map", printed)
 
 
 def test_any_executor_will_do_and_dead_time_costs(small):

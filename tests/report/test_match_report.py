@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import sympy as sm
+from result_keys import same_keys
 
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
@@ -22,16 +23,6 @@ from modelling.common.output import strict_json
 from modelling.model.files import from_dict
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
-
-
-@pytest.fixture(scope="session")
-def as_figures(hand_made):
-    return figures(hand_made)
-
-
-@pytest.fixture(scope="session")
-def drawn(as_figures):
-    return {name: image(figure) for name, figure in as_figures.items()}
 
 
 @pytest.fixture(scope="session")
@@ -126,6 +117,7 @@ def test_json_has_the_agreed_shape(hand_made):
     assert isinstance(result["modulus_margin"], float)
     assert isinstance(result["spectral_abscissa"], float)
     assert result["asked"]["modulus_margin"] == 0.5
+    same_keys("match set by hand", result)
 
 
 def test_responses_are_drawn_in_their_colours(hand_made, as_figures):

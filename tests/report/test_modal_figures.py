@@ -5,7 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
+from result_keys import same_keys
 
+import rigmatch as rm
 from matching.cli import main
 from matching.report.common.style import RIG, VEHICLE, image
 from matching.report.modes.figures import Column, energy_figure, shares_figure
@@ -23,6 +26,8 @@ def heights(axes):
 def test_bars_show_the_shares():
     vehicle, rig = (modes(load(CASE / f"{name}.toml")) for name in ("vehicle", "rig"))
     drawn = energy_figure([Column("Vehicle", VEHICLE, vehicle, (2,)), Column("Rig", RIG, rig, (2,))])
+    same_figure("modes", drawn)
+    same_figure("modes, shares", shares_figure(rig))
     frequencies, _, kinetic, other, potential, _ = drawn.axes
     np.testing.assert_allclose(heights(frequencies)[1:], vehicle.frequencies[1:])
     np.testing.assert_allclose(heights(kinetic), 100 * vehicle.kinetic[1])
@@ -45,6 +50,7 @@ def test_command_writes_modes_and_figures(tmp_path, capsys):
     written = json.loads((tmp_path / "modes.json").read_text())
     assert printed == written
     assert written["modes"][1]["frequency"] == pytest.approx(16.703, rel=1e-3)
+    same_keys("modes", written)
     assert written["modes"][1]["symmetry"] == "antisymmetric"
     assert written["reduced"]["inertias.rotor_left.J"] == pytest.approx(0.895 / 10.05**2)
     assert {path.name for path in tmp_path.iterdir()} == {"modes.json", "modes.svg", "energy_shares.svg"}
@@ -55,6 +61,7 @@ def test_damped_command_and_table(tmp_path, capsys):
     line = capsys.readouterr().out.splitlines()[2].split()
     assert line[:2] == ["2", "16.7"]
     assert 0.01 < float(line[2]) < 0.02
+    same_keys("modes, damped", json.loads((tmp_path / "modes.json").read_text()))
     rows = mode_table(modes(load(CASE / "rig.toml")).to_dict()["modes"])
     assert rows[1]["kinetic energy"] == "rotor left 48 %, rotor right 48 %"
 
@@ -65,7 +72,9 @@ def test_change_shows_eq_8_beside_the_exact_solution(tmp_path, capsys):
     assert main([*command, *changes]) == 0
     assert "-47.6 %" in (out := capsys.readouterr().out)
     assert "-28.4 %" in out
-    written = json.loads((tmp_path / "modes.json").read_text())["what_if"]["modes"][1]
+    result = json.loads((tmp_path / "modes.json").read_text())
+    same_keys("modes, changed", result)
+    written = result["what_if"]["modes"][1]
     assert written["exact"] == pytest.approx(11.955, rel=1e-4)
     for change, said in (
         ("inertias.rotor_lefd.J=1", "did you mean 'inertias.rotor_left.J'"),
@@ -92,3 +101,21 @@ def test_bad_model_is_one_line_and_nothing_is_written(tmp_path, capsys):
     loose.write_text(dumps(from_dict({"inertias": {"a": {"J": 1.0}}})))
     assert main(["modes", str(loose), "--out", str(out), "--reduced"]) == 2
     assert f"{loose}: reference" in capsys.readouterr().err
+
+
+def test_responses_are_drawn_with_amplitude_and_continuous_phase():
+    """One inertia: speed per torque is 1/(iωJ + d), its phase from 0 to −90°; two sensors, two inputs."""
+    J, drag, f = 2.0, 8.0, np.geomspace(0.05, 20, 30)
+    system = from_dict({
+        "inertias": {"a": {"J": J, "drag": drag}},
+        "inputs": {"motor": {"on": "a"}, "brake": {"on": "a"}},
+        "sensors": {"speed": {"measures": "speed", "of": "a"}, "angle": {"measures": "angle", "of": "a"}},
+    })  # fmt: skip
+    drawn = rm.response(system, f).plot()
+    same_figure("response", drawn)
+    H = 1 / (2j * np.pi * f * J + drag)
+    for place, wanted in ((0, H), (1, H / (2j * np.pi * f))):
+        for column in (0, 1):
+            amplitude, phase = (drawn.axes[row + column].get_lines()[place] for row in (0, 2))
+            np.testing.assert_allclose(amplitude.get_ydata(), np.abs(wanted), rtol=1e-6)
+            np.testing.assert_allclose(phase.get_ydata(), np.degrees(np.unwrap(np.angle(wanted))), atol=1e-4)

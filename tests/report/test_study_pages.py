@@ -2,13 +2,16 @@
 
 import csv
 import io
+import math
 from base64 import b64decode
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
 
 import rigmatch as rm
 from matching.frequency.studies.distribution import Spread
@@ -18,13 +21,14 @@ from matching.frequency.studies.map_point import Point
 from matching.frequency.studies.tolerance import Tolerance
 from matching.report.common.style import image
 from matching.report.fidelity import page as fidelity_page
-from matching.report.fidelity.figures import attribution_figure, delay_curve
+from matching.report.fidelity.figures import attribution_figure, bands_figure, delay_curve
 from matching.report.map import page as map_page
 from matching.report.map.figure import map_figure
 from matching.report.tolerance import page as tolerance_page
 from matching.report.tolerance.view import plot
 from matching.report.uncertainty import page as uncertainty_page
-from matching.report.uncertainty.figures import contributions
+from matching.report.uncertainty.figures import contributions, ishikawa
+from matching.validity.fidelity.spectrum import Band
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STIFFNESS = "rig.shafts.flange.stiffness"
@@ -113,8 +117,18 @@ def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     assert "no drawn bed fails" in whole
 
 
-def test_a_fidelity_says_what_to_improve_first():
-    found = rm.fidelity(EXAMPLES / "fidelity" / "tab2.toml")
+@pytest.fixture(scope="module")
+def fidelity():
+    return rm.fidelity(EXAMPLES / "fidelity" / "tab2.toml")
+
+
+@pytest.fixture(scope="module")
+def budget():
+    return rm.uncertainty(EXAMPLES / "gum" / "end_gauge.toml")
+
+
+def test_a_fidelity_says_what_to_improve_first(fidelity):
+    found = fidelity
     drawn = {"delay": delay_curve(found), "attribution": attribution_figure(found)}
     html = fidelity_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
     gains = sorted((loss.gain for loss in found.attribution.losses), reverse=True)
@@ -124,8 +138,8 @@ def test_a_fidelity_says_what_to_improve_first():
     assert {row["domain"] for row in saved["delay.csv"]} == set(found.fidelity.signals)
 
 
-def test_a_budget_leads_with_the_statement():
-    found = rm.uncertainty(EXAMPLES / "gum" / "end_gauge.toml")
+def test_a_budget_leads_with_the_statement(budget):
+    found = budget
     drawn = {"contributions": contributions(found.measurands[0])}
     html = unescape(uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()}))
     assert found.statements[0] in html
@@ -135,3 +149,95 @@ def test_a_budget_leads_with_the_statement():
     )
     picture = html.split('src="data:image/svg+xml;base64,')[1].split('"')[0]
     assert b"<svg" in b64decode(picture)
+
+
+def on_page(html, name):
+    """Caption of a figure, and whether its picture is there."""
+    part = unescape(html.split(f'id="figure-{name}"')[1].split("</figure>")[0])
+    return part.split("<figcaption>")[1].split("<")[0].strip(), "data:image/svg" in part.split('src="')[1]
+
+
+def test_figures_of_a_map_hold_its_points():
+    found = a_map()
+    drawn = map_figure(found)
+    same_figure("map", drawn)
+    for axes, errors in zip(drawn.axes[::2], (found.errors(), found.errors("unmeasured")), strict=True):
+        assert np.array_equal(np.ma.getdata(axes.collections[0].get_array()).ravel(), errors.ravel())
+        ring = axes.get_lines()[-1].get_xydata().tolist()
+        assert ring == [[found.x.here, found.y.here]]
+        assert axes.get_xlim() == pytest.approx((0.5e-3, 2.5e-3))
+    assert on_page(map_page.page(found, image(drawn)), "map") == (map_page.CAPTION, True)
+
+
+def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
+    study = a_study()
+    drawn = plot(study)
+    same_figure("tolerance", drawn)
+    left, right = drawn.axes
+    assert left.patches[0].get_data().values.tolist() == [10, 60, 30]
+    assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
+    assert [line.get_xdata()[0] for line in left.get_lines()] == [0.56, 0.5]
+    assert [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches] == [(0, 1), (1, 80)]
+    assert on_page(tolerance_page.page(study, drawn, image(drawn)), "tolerance") == (tolerance_page.CAPTION, True)
+
+
+def a_band(low, high, nrmse, amplitude):
+    return Band(low, high, 1.0, 0.5, nrmse, amplitude, 1 - amplitude, 1.0, None, None)
+
+
+def test_figures_of_a_fidelity_hold_its_delays_losses_and_bands(fidelity):
+    stated = fidelity
+    bands = (a_band(0, 2, 0.99, 0.25), a_band(2, 6, 0.9, 1.0), a_band(6, math.inf, 0.98, 0.5))
+    by_signal = {"system_dynamics": {"speed": bands}, "residual_vehicle_model": {"torque": bands[1:]}}
+    recorded = replace(stated, bands=by_signal)
+    drawn = {"delay": delay_curve(stated), "attribution": attribution_figure(stated), "bands": bands_figure(recorded)}
+    for name, figure in drawn.items():
+        same_figure(f"fidelity, {name}", figure)
+    (axes,) = drawn["delay"].axes
+    curve, half, *marks = axes.get_lines()
+    f_max = stated.fidelity.f_max
+    assert half.get_xydata().tolist() == [[1000 / (6 * f_max), 0], [1000 / (6 * f_max), 0.5], [0, 0.5]]
+    assert np.interp(1000 / (6 * f_max), *curve.get_xydata().T) == pytest.approx(0.5, abs=1e-3)  # Eq. 20
+    points = {tuple(point) for line in marks for point in line.get_xydata()}
+    signals = [signal for members in stated.fidelity.signals.values() for signal in members]
+    known = [signal for signal in signals if signal.delay.nearest is not None]
+    assert points == {(1000 * abs(signal.delay.nearest), signal.delay_fidelity) for signal in known}
+    (axes,) = drawn["attribution"].axes
+    losses = stated.attribution.losses[:15]
+    assert [bar.get_width() for bar in axes.patches][: len(losses)] == [100 * loss.gain for loss in losses]
+    assert [text.get_text() for text in axes.get_yticklabels()] == [f"{loss.signal}: {loss.cause}" for loss in losses]
+    first, second = drawn["bands"].axes
+    places = [(bar.get_x() + bar.get_width() / 2, bar.get_y(), bar.get_height()) for bar in first.patches[:6]]
+    assert places == [pytest.approx(bar) for bar in (
+        (1, 0, 0.25), (1, 0.25, 0.75), (4, 0, 10), (4, 10, 0), (6.45, 0, 1), (6.45, 1, 1),
+    )]  # fmt: skip
+    assert [bool(bar.get_hatch()) for bar in first.patches[:6]] == [False, True] * 3
+    assert [bar.get_height() for bar in second.patches[:4]] == pytest.approx([10, 0, 1, 1])
+    assert first.get_xlim() == pytest.approx((0, 1.18 * 6))
+    html = fidelity_page.page(stated, drawn, {name: image(figure) for name, figure in drawn.items()})
+    for name, caption in fidelity_page.CAPTIONS.items():
+        assert on_page(html, name) == (caption, True)
+
+
+def test_figures_of_a_budget_hold_its_contributions(budget):
+    found = budget
+    result = found.measurands[0]
+    drawn = {"contributions": contributions(result), "ishikawa": ishikawa(result)}
+    for name, figure in drawn.items():
+        same_figure(f"uncertainty, {name}", figure)
+    (axes,) = drawn["contributions"].axes
+    rows = [row for row in result.rows if row.contribution > 0]
+    widths = [bar.get_width() for bar in axes.patches]
+    assert widths == pytest.approx([row.contribution / result.measurand.unit.scale for row in rows])
+    assert widths == sorted(widths, reverse=True)
+    combined = result.propagation.first_order / result.measurand.unit.scale
+    assert axes.get_lines()[0].get_xdata()[0] == pytest.approx(combined)
+    (axes,) = drawn["ishikawa"].axes
+    causes = {row.cause for row in result.rows if row.standard_uncertainty > 0}
+    uncertain = [row for row in result.rows if row.standard_uncertainty > 0]
+    assert len(axes.get_lines()) == len(causes) + len(uncertain)  # a branch each, and a twig each
+    html = uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    for name in drawn:
+        caption, picture = on_page(html, name)
+        assert caption
+        assert picture

@@ -4,8 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from figure_facts import same_figure
+from result_keys import same_keys
 
 from matching.cli import main
+from matching.report.simulation.view import simulation_figure
 from modelling.measurement.read import read_recording
 from modelling.measurement.write import csv_text
 from modelling.model.files import dumps
@@ -36,6 +39,7 @@ def test_what_was_recorded_is_simulated_again(files, capsys):
     assert command(files, "--json") == 0
     result = json.loads(capsys.readouterr().out)
     assert set(result["misfit"]) == {"motor_speed", "link_torque"}
+    same_keys("simulate", result)
     assert all(one["of_range"] < 2e-3 for one in result["misfit"].values())
     header, *rows = (files / "out" / "simulated.csv").read_text().splitlines()
     assert header == ("time [s],motor_speed [rad/s],load_speed [rad/s],load_acceleration [rad/s^2],link_torque [N*m]")
@@ -80,3 +84,17 @@ def test_a_tolerance_that_is_none_is_one_line(files, capsys, share):
     said = capsys.readouterr().err
     assert said.startswith("rigmatch: --tolerance: ")
     assert said.count("\n") == 1
+
+
+def test_its_figure_holds_readings_and_recording():
+    time, inputs = excitation(0.5)
+    made = simulate(SYSTEM, time, inputs, start=START)
+    recorded = {"link_torque": 2 * made["link_torque"]}
+    drawn = simulation_figure(made, recorded)
+    same_figure("simulate", drawn)
+    for axes, (name, values) in zip(drawn.axes, made.readings.items(), strict=True):
+        *measured, simulated = axes.get_lines()
+        np.testing.assert_array_equal(simulated.get_xydata(), np.stack([time, values], axis=1))
+        wanted = [list(recorded[name])] if name in recorded else []
+        assert [list(line.get_ydata()) for line in measured] == wanted
+    same_figure("simulate, nothing recorded", made.plot())

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from matching import records
 from matching.executors import executor_of
 from matching.studies import run
 from modelling.common.errors import InputError
@@ -193,3 +194,12 @@ def test_without_dask_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match="Dask is not installed"), executor_of(scheduler="tcp://127.0.0.1:8786"):
         pass
+
+
+def test_a_row_is_in_the_file_when_it_is_forced_to_the_disk(tmp_path, monkeypatch):
+    """What Python still holds cannot be forced."""
+    record, sizes = tmp_path / "study.jsonl", []
+    monkeypatch.setattr("matching.records.os.fsync", lambda number: sizes.append(os.fstat(number).st_size))
+    records.append(record, {"number": 1})
+    assert sizes == [record.stat().st_size]
+    assert sizes[0] > 0

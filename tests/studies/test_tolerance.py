@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from result_keys import same_keys
 
 import rigmatch as rm
 from matching.cli import main
@@ -144,6 +145,13 @@ def test_unstable_draws_are_seen(prepared):
     assert not exact[-1]
 
 
+def test_draws_that_the_quick_count_leaves_unclear_are_counted_exactly(prepared, monkeypatch):
+    x = np.tile(prepared.center, (2, 1))
+    x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.03]
+    monkeypatch.setattr(prepared, "turning", lambda x, determinants: (np.array([True, False]), np.full(2, True)))
+    assert prepared.stable(x, np.empty(0)).tolist() == [True, False]
+
+
 def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
         first = tolerance(case, 120, one, seed=2, added=ADDED)
@@ -234,6 +242,7 @@ def test_command(case, tmp_path, capsys):
     assert "drawn beds are stable" in Path(result.pop("report")).read_text()
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
+    same_keys("tolerance", result)
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from result_keys import same_keys
 
 from matching.cli import main
 
@@ -35,6 +36,7 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) == pytest.approx(1)
     assert list(answer["inverse"][0]["alone"][0]) == ["m_reference"]
+    same_keys("uncertainty", answer)
     assert {path.name for path in tmp_path.iterdir()} == {
         "uncertainty.json",
         "uncertainty.txt",
@@ -87,6 +89,7 @@ def test_names_with_slashes_and_dollars_and_values_of_any_size(tmp_path, capsys)
 def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert main(["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--out", str(tmp_path)]) == 0
     assert "88.54 %" in capsys.readouterr().out
+    same_keys("fidelity", json.loads((tmp_path / "fidelity.json").read_text()))
     assert (
         main(
             [
@@ -105,6 +108,7 @@ def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert f"{100 * answer['R_XiL']:.2f}" == "76.75"
     assert any("divided by 6" in note for note in answer["notes"])
     assert (tmp_path / "delay.svg").exists()
+    same_keys("fidelity, published", answer)
 
 
 @pytest.mark.parametrize(

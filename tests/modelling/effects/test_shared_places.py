@@ -78,3 +78,14 @@ def test_words_of_places() -> None:
     assert members(shared_place(BOTH)) == tuple(BOTH)
     assert place_in_words("shafts.link") == "shafts.link"
     assert place_in_words("a.x+a.y+a.z") == "a.x, a.y and a.z"
+
+
+def test_a_logger_holds_the_sensors_of_a_quantity_and_others_beside_them():
+    sensors = {f"{name}_speed": {"measures": "speed", "of": name} for name in ("a", "b")}
+    angle = {"a_angle": {"measures": "angle", "of": "a"}}
+    table = {"inertias": {"a": {"J": 1.0}, "b": {"J": 1.0}}, "shafts": {"s": {"between": ["a", "b"], "stiffness": 9.0}}}
+    offset = EFFECTS["clock_offset"]
+    both = shared_place(["sensors.a_speed", "sensors.b_speed"])
+    assert offset.shared_places(from_dict(table | {"sensors": sensors | angle})) == [both]
+    assert offset.shared_places(from_dict(table | {"sensors": sensors})) == []  # nothing beside them
+    assert offset.shared_places(from_dict(table | {"sensors": angle | {"b_speed": sensors["b_speed"]}})) == []

@@ -1,0 +1,43 @@
+"""Result files are contracts: every key that a command writes, with the kind of its value, is kept in a list.
+
+A key that is lost, renamed or holds another kind of value fails; so does a new one until it stands in the list,
+``tests/kept/keys.json``. Its entries were compared with the fixed formats once; they say nothing of values.
+"""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+KEPT = Path(__file__).with_name("kept") / "keys.json"
+KINDS = {str: "text", bool: "truth", int: "number", float: "number", type(None): "null"}
+
+
+def keys(result: Any) -> dict[str, str]:
+    """Path of every key → kinds of its values; ``[]`` stands for the entries of a list, of which there may be none."""
+    kinds: dict[str, set[str]] = defaultdict(set)
+    _collect(result, "", kinds)
+    return {path: " or ".join(sorted(kind)) for path, kind in sorted(kinds.items())}
+
+
+def _collect(value: Any, path: str, kinds: dict[str, set[str]]) -> None:
+    if isinstance(value, dict):
+        kinds[path].add("table")
+        for key, entry in value.items():
+            _collect(entry, f"{path}/{key}", kinds)
+    elif isinstance(value, list):
+        kinds[path].add("list")
+        for entry in value:
+            if not isinstance(entry, str):  # notes in words: as many as there are
+                _collect(entry, f"{path}[]", kinds)
+    else:
+        kinds[path].add(KINDS[type(value)])
+
+
+def same_keys(name: str, result: Any) -> None:
+    """Compare a result, as read from its file, with what is kept under the name."""
+    kept = json.loads(KEPT.read_text(encoding="utf-8"))[name]
+    present = keys(json.loads(json.dumps(result)))
+    differ = {path: (kept.get(path), present.get(path)) for path in sorted(kept.keys() | present.keys())}
+    wrong = {path: pair for path, pair in differ.items() if pair[0] != pair[1]}
+    assert not wrong, f"{name}: kept and present keys differ, path → (kept, present): {wrong}"
