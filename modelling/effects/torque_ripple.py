@@ -76,18 +76,23 @@ def outstanding_orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tupl
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:
         return
+    # an order that turns further than half a period a sample cannot be seen; some samples are slower than the mean
+    highest = min(HIGHEST_ORDER, 4 * np.pi * len(angle) / span)
     if span < 2 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
-        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, HIGHEST_ORDER, np.pi / span))
+        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
         return
     # gradient summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
-    width = 2 * np.pi / (10 * HIGHEST_ORDER)
+    width = 2 * np.pi / (10 * highest)
     length = 2 * int(span / width) + 2  # half of it zeros: orders twice as fine as the span resolves
     strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), gradient, length)))
     orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
     fine = orders[1]
-    used = (orders > max(0.4, 2 * fine)) & (orders <= HIGHEST_ORDER)
+    used = (orders > max(0.4, 2 * fine)) & (orders <= highest)
+    if not used.any():
+        return
     orders, strength = orders[used], strength[used]
-    outstanding = strength / (scipy.signal.medfilt(strength, 2 * int(0.75 / fine) + 1) + 1e-3 * strength.max() + 1e-300)
+    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="constant")
+    outstanding = strength / (level + 1e-3 * strength.max() + 1e-300)
     for _ in range(MOST_ORDERS):
         best = int(np.argmax(outstanding))
         yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)

@@ -1,0 +1,25 @@
+"""Orders of a torque over an angle, found in one spectrum whose size follows the recording and not the angle."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from modelling.effects.torque_ripple import outstanding_orders
+
+
+def test_the_order_of_a_ripple_stands_out_first():
+    angle = 3.0 * np.linspace(0, 20, 20001) ** 2  # rad, a run-up to 1150 1/min
+    torque = np.sin(3.2 * angle) + 0.1 * np.random.default_rng(1).standard_normal(len(angle))
+    order, _ = next(iter(outstanding_orders(angle, torque)))
+    assert order == pytest.approx(3.2, abs=np.pi / np.ptp(angle) * 2)
+
+
+def test_an_angle_far_beyond_the_samples_costs_no_memory():
+    """500 samples over 9e5 rad: with ten bins a period of order 24 the spectrum would need a gigabyte."""
+    angle = np.linspace(0, 9e5, 500)
+    tracemalloc.start()
+    list(outstanding_orders(angle, np.sin(angle)))
+    largest = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert largest < 5e6
