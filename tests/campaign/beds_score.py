@@ -15,12 +15,17 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures over the beds that came to an end."""
     made = [row for row in rows if "failed" not in row and None not in ends(row)]
     first, last, true = (np.array(values) for values in zip(*map(ends, made), strict=True))
+    over_true = last[true > 0] / true[true > 0]  # an error that noise hides is 0
+    unsure = np.array([best_of(row)["standard_uncertainty"] for row in made])
     mattering = [one for row in made for one in row["hidden"] if one["matters"]]
     return {
         "beds": len(rows), "failed": [row["failed"] for row in rows if "failed" in row],
         "median_first": float(np.median(first)), "median_last": float(np.median(last)),
-        "median_true": float(np.median(true)), "factor": float(np.median(first) / np.median(last)),
-        "near_truth": float(np.mean(last <= NEAR * true)), "last_over_true": float(np.median(last / true)),
+        "median_true": float(np.median(true)),
+        "factor": float(np.median(first) / np.median(last)) if np.median(last) > 0 else None,
+        "factor_at_least": float(np.median(first) / np.median(last + 2 * unsure)),
+        "near_truth": float(np.mean(last <= NEAR * true)),
+        "last_over_true": float(np.median(over_true)) if len(over_true) else None,
         "worse_than_before": [row["number"] for row, a, b in zip(made, first, last, strict=True) if b > a],
         "named": [sum(one["named"] for one in mattering), len(mattering)],
         "largest_limit_used": max(row["limits_used"] for row in made),
@@ -32,8 +37,12 @@ def ends(row: dict[str, Any]) -> tuple[float | None, float | None, float | None]
     """Errors of the first match, of the best controller, and of a match with the true values."""
     if "failed" in row:
         return None, None, None
-    best = row["rounds"][(row["best_round"] or len(row["rounds"])) - 1]
-    return row["rounds"][0]["error"], best["error"], row["true"]["error"]
+    return row["rounds"][0]["error"], best_of(row)["error"], row["true"]["error"]
+
+
+def best_of(row: dict[str, Any]) -> dict[str, float]:
+    """Error of the best controller of a bed, with its standard uncertainty."""
+    return row["rounds"][(row["best_round"] or len(row["rounds"])) - 1]
 
 
 def report(rows: list[dict[str, Any]], out: Path) -> None:

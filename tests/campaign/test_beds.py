@@ -50,7 +50,8 @@ def test_the_truth_has_the_bed_s_values_in_rig_vehicle_and_loop(path):
 def test_the_score_counts_the_best_controller():
     def row(number, errors, true, best, named):
         hidden = {"kind": "backlash", "size": 0.1, "change": 0.2, "matters": True, "named": named}
-        return {"number": number, "rounds": [{"error": error} for error in errors], "true": {"error": true},
+        rounds = [{"error": error, "standard_uncertainty": 0.005} for error in errors]
+        return {"number": number, "rounds": rounds, "true": {"error": true},
                 "best_round": best, "hidden": [hidden], "limits_used": 0.5, "processor_time": 60.0,
                 "status": "short"}  # fmt: skip
 
@@ -58,6 +59,10 @@ def test_the_score_counts_the_best_controller():
             row(2, [0.30, 0.02], 0.02, 2, True), {"number": 3, "failed": "gave up"}]  # fmt: skip
     found = summary(rows)
     assert found["factor"] == pytest.approx(0.09 / 0.02)
+    assert found["factor_at_least"] == pytest.approx(0.09 / 0.03)
+    hidden_by_noise = summary([row(0, [0.09, 0.0], 0.0, 2, True)])
+    assert (hidden_by_noise["factor"], hidden_by_noise["last_over_true"]) == (None, None)
+    assert hidden_by_noise["factor_at_least"] == pytest.approx(0.09 / 0.01)
     assert found["near_truth"] == pytest.approx(2 / 3)
     assert (found["worse_than_before"], found["named"], found["failed"]) == ([], [2, 3], ["gave up"])
     assert line(rows[0]).startswith("0.0900 → 0.0100, true values 0.0080: backlash")
