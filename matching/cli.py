@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 from matching import dry_run
 from matching.commands import available
 from modelling.common.errors import InputError, of_the_machine
-from modelling.common.interruption import Interrupted
+from modelling.common.interruption import Interrupted, whatever_it_became
 from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
 
@@ -59,7 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):  # units and Greek letters must not fail on a terminal that lacks them
             stream.reconfigure(errors="backslashreplace")
     try:
-        _run(words)
+        with whatever_it_became():
+            _run(words)
     except SystemExit as end:  # --help, --version and wrong arguments
         return int(end.code or 0)
     except InputError as error:

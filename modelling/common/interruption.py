@@ -59,6 +59,26 @@ def raise_if_asked() -> None:
 
 
 @contextmanager
+def whatever_it_became() -> Iterator[None]:
+    """An error after a signal that ends the program is that signal again.
+
+    Python and libraries wrap the exception in their own where it comes in certain places: a class being made, a
+    callback from C.
+
+    Raises
+    ------
+    Interrupted
+        If the block ends with another error and a signal came before.
+    """
+    try:
+        yield
+    except Exception as error:
+        if _asked:
+            raise Interrupted(_asked[0]) from error
+        raise
+
+
+@contextmanager
 def put_off() -> Iterator[None]:
     """Signals that end the program wait until the block is done, which has to take milliseconds."""
     raise_if_asked()

@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from modelling.common import interruption
-from modelling.common.interruption import Interrupted, install, put_off
+from modelling.common.interruption import Interrupted, install, put_off, whatever_it_became
 
 
 @pytest.fixture
@@ -54,3 +54,26 @@ def test_a_signal_in_a_block_that_puts_it_off_ends_after_it(handlers):
         work()
     assert done == ["whole"]
     assert interruption._put_off == []
+
+
+class Named:
+    """Python 3.11 makes a RuntimeError of what comes while a class is made."""
+
+    def __set_name__(self, owner, name):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except Interrupted as interrupt:
+            raise RuntimeError("Error calling __set_name__") from interrupt
+
+
+def test_a_signal_that_was_wrapped_is_still_that_signal(handlers):
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    install()
+    with pytest.raises(Interrupted) as ended, whatever_it_became():
+        type("Made", (), {"attribute": Named()})
+    assert ended.value.exit_code == 143
+
+
+def test_an_error_without_a_signal_stays_what_it_is(handlers):
+    with pytest.raises(KeyError), whatever_it_became():
+        raise KeyError("missing")
