@@ -99,6 +99,14 @@ def test_files_of_another_user_are_not_loaded(cache):
     assert made().parent != cache
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
+def test_a_cache_in_a_folder_of_another_user_is_not_used(cache):
+    library_cache.folder()
+    assert library_cache.only_mine(cache)
+    os.chown(cache.parent, 12345, 12345)  # who may rename the cache, and put another in its place
+    assert not library_cache.only_mine(cache)
+
+
 @compiles
 def test_a_link_is_not_loaded(cache, tmp_path):
     path = made()

@@ -59,8 +59,10 @@ def only_mine(path: Path) -> bool:
     status = path.lstat()
     if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
         return False
-    above = (folder.stat().st_mode for folder in path.resolve().parents)
-    return all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in above)
+    above = [folder.stat() for folder in path.resolve().parents]
+    if any(each.st_uid not in (0, os.getuid()) for each in above):  # who has a folder may rename what lies in it
+        return False
+    return all(each.st_mode & stat.S_ISVTX or not each.st_mode & stat.S_IWOTH for each in above)
 
 
 def kept(key: str) -> Path | None:
