@@ -7,8 +7,8 @@ import shutil
 import sys
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
@@ -24,6 +24,7 @@ from modelling.common.version import VERSION
 
 ANSWERED, FAULT, BAD_INPUT = 0, 1, 2
 NARROWEST_TERMINAL = 40  # columns
+GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
 
 # Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
 WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
@@ -161,13 +162,28 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
     return str(command.summary(result)) if hasattr(command, "summary") else ""
 
 
-def _reserved(arguments: argparse.Namespace) -> AbstractContextManager[None]:
-    """The folder that a command writes to is this run's alone."""
+@contextmanager
+def _reserved(arguments: argparse.Namespace) -> Iterator[None]:
+    """The folder that a command writes to is this run's alone, and what the command reads stays as it is."""
     if getattr(arguments, "out", None) is None:
-        return nullcontext()
+        yield
+        return
+    from modelling.common.protection import protected
     from modelling.common.reservation import reserved
 
-    return reserved(arguments.out, arguments.command)
+    with reserved(arguments.out, arguments.command), ExitStack() as stack:
+        if arguments.command not in GO_ON_IN_PLACE:
+            stack.enter_context(protected(_named(vars(arguments).values())))
+        yield
+
+
+def _named(values: Iterable[Any]) -> Iterator[str]:
+    """The texts among the values of arguments, which may name files."""
+    for value in values:
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, list | tuple):
+            yield from _named(value)
 
 
 def _one_thread_for_blas() -> None:

@@ -40,11 +40,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.arguments import cores, steps
     from matching.aside import beside
+    from matching.frequency.case.case_file import case_files
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
+    from modelling.common import protection
     from modelling.common.output import write_results
 
     case, workers = load_case(arguments.case), arguments.workers or cores()
+    protection.check(arguments.out, case_files(case))  # before the work
     beds = arguments.beds
     if beds is None and not case.loop.structure.is_observer:
         beds = BEDS_OF_FEEDBACK

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from modelling.common import interruption, staging
+from modelling.common import interruption, protection, staging
 from modelling.common.errors import InputError
 
 
@@ -34,7 +34,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     Raises
     ------
     InputError
-        The directory cannot be made or written to, or a file's place is taken by a folder.
+        The directory cannot be made or written to, or a file's place is taken by a folder or a file that is read.
     ValueError
         A name would lead out of the directory.
     """
@@ -43,6 +43,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
             raise ValueError(f"{name!r} does not stay inside the output directory")
     interruption.raise_if_asked()
+    protection.check(directory, files)
     folders = {folder for name in files for folder in (directory / name).parents if not folder.exists()}
     try:
         directory.mkdir(parents=True, exist_ok=True)

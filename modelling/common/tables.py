@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from modelling.common import protection
 from modelling.common.errors import InputError, unknown
 from modelling.common.escape import is_control
 
@@ -33,6 +35,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         with Path(path).open("rb") as file:  # what is no regular file has no size, so at most so much is read
             content = file.read(LARGEST_FILE + 1)
+        protection.note(path)
         if len(content) > LARGEST_FILE:
             raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
         if deep := _DEEP_KEY.search(written := content.decode().replace("\r\n", "\n")):
@@ -58,6 +61,19 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
     _check_integers(tables, path)
     return tables
+
+
+def no_pipe(path: Path, where: str) -> Path:
+    """The path itself, of a file that another file names.
+
+    Raises
+    ------
+    InputError
+        If it is a pipe, a device or a folder: reading such a thing may never end.
+    """
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise InputError(where, f"{path} is no regular file", "name one")
+    return path
 
 
 def _check_integers(tables: dict[str, Any], path: str | Path) -> None:

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from matching import cli, commands
+from modelling.common import output, tables
 from modelling.common.errors import InputError
 
 
@@ -19,13 +20,8 @@ def answer(monkeypatch):
     """Install a command `modes` that takes MODEL and does what the test says."""
 
     def install(run, **more):
-        module = SimpleNamespace(
-            HELP="A command for the test.",
-            EXAMPLES=(),
-            add_arguments=lambda parser: parser.add_argument("model"),
-            run=run,
-            **more,
-        )
+        arguments = {"add_arguments": lambda parser: parser.add_argument("model")}
+        module = SimpleNamespace(HELP="A command for the test.", EXAMPLES=(), run=run, **arguments | more)
         monkeypatch.setattr(cli, "available", lambda: {"modes": "modes", "match": "match"})
         monkeypatch.setattr(cli, "import_module", {"matching.commands.modes": module}.__getitem__)
 
@@ -134,6 +130,35 @@ def test_command_that_cannot_be_loaded_is_a_fault(monkeypatch, capsys):
     monkeypatch.setattr(cli, "import_module", fail_with(SyntaxError("invalid syntax")))
     assert cli.main(["modes", "a.toml"]) == 1
     assert "a fault of rigmatch" in capsys.readouterr().err
+
+
+def test_results_do_not_replace_what_the_command_reads(answer, capsys, tmp_path):
+    read, named, other = (tmp_path / name for name in ("result.toml", "named.toml", "other.toml"))
+    for path in (read, named, other):
+        path.write_text("a = 1\n")
+
+    def run(arguments):
+        tables.read_toml(named)  # as a case names its models
+        output.write_all(arguments.out, {arguments.model.rpartition("/")[2]: "b", "new.txt": "c"})
+        return {}
+
+    def add_arguments(parser):
+        parser.add_argument("model")
+        parser.add_argument("--also", nargs="*")
+        parser.add_argument("--out")
+
+    answer(run, add_arguments=add_arguments)
+    for words, replaced in ((["result.toml", "--also", str(read)], read), (["named.toml"], named)):
+        assert cli.main(["modes", *words, "--out", str(tmp_path)]) == 2
+        assert capsys.readouterr().err.startswith(
+            f"rigmatch: {replaced}: is read by this command and would be replaced"
+        )
+        assert replaced.read_text() == "a = 1\n"
+    assert not (tmp_path / "new.txt").exists()
+    assert cli.main(["modes", "other.toml", "--out", str(tmp_path)]) == 0
+    assert other.read_text() == "b"
+    output.write_all(tmp_path, {"result.toml": "d"})  # of a program that calls the functions
+    assert read.read_text() == "d"
 
 
 def test_interrupt_is_130(answer):

@@ -20,7 +20,7 @@ from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.bed.shared_delays import without_exact_delays
 from modelling.bed.simple_vehicle import with_residual_vehicle
 from modelling.common.errors import InputError, unknown
-from modelling.common.tables import read_toml, title
+from modelling.common.tables import no_pipe, read_toml, title
 from modelling.linear.reference_motion import torques_of
 from modelling.model.files import load
 from modelling.model.system import System
@@ -107,7 +107,7 @@ def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
     named = path.parent / text_of(data, key, str(path))
     if not os.path.exists(named):  # Path.exists raises where a name is too long
         raise InputError(f"{path}: {key}", f"{named} does not exist", "name a model file, relative to the case")
-    return load(named)
+    return load(no_pipe(named, f"{path}: {key}"))
 
 
 def _simple_vehicle(
@@ -123,7 +123,7 @@ def _simple_vehicle(
         )
     path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
     try:
-        return with_residual_vehicle(vehicle, residual, load(path))
+        return with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
     except InputError as fault:
         raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
 

@@ -13,7 +13,7 @@ from matching.validity.fidelity.recordings import RecordingPair, read_recordings
 from matching.validity.uncertainty.evaluate import evaluate
 from modelling.common.errors import InputError
 from modelling.common.escape import single_line
-from modelling.common.tables import check_keys, number, one_of, read_toml, text, title
+from modelling.common.tables import check_keys, no_pipe, number, one_of, read_toml, text, title
 from modelling.fidelity.assess import assemble, assess_signal
 from modelling.fidelity.delay import Delay
 from modelling.fidelity.fidelity import (
@@ -255,7 +255,8 @@ def _uncertainty(table: dict[str, Any], where: str, path: Path) -> _StatedUncert
 
 
 def _uncertainty_of_budget(table: dict[str, Any], where: str, path: Path) -> _StatedUncertainty:
-    results = evaluate(read_budget(path.parent / text(table, "budget", where)), with_monte_carlo=False).measurands
+    budget = read_budget(no_pipe(path.parent / text(table, "budget", where), where))
+    results = evaluate(budget, with_monte_carlo=False).measurands
     wanted = text(table, "measurand", where, results[0].measurand.name)
     for result in results:
         if result.measurand.name == wanted:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from modelling.common.errors import InputError
-from modelling.common.tables import check_keys, text
+from modelling.common.tables import check_keys, no_pipe, text
 from modelling.fidelity.checks import STEP_DEVIATION, check_time
 from modelling.measurement.channels import Channel, read_channels
 from modelling.measurement.gaps import GAP_STEPS
@@ -100,8 +100,9 @@ def read_recordings(
     recordings = []
     for role in ("reference", "test"):
         key = f"{role}_channels"
-        mapping = read_channels(path.parent / text(table, key, where)) if key in table else channels
-        recordings.append(evenly_spaced(read_signals(path.parent / text(table, role, where), names, mapping)))
+        mapping = read_channels(no_pipe(path.parent / text(table, key, where), where)) if key in table else channels
+        file = no_pipe(path.parent / text(table, role, where), where)
+        recordings.append(evenly_spaced(read_signals(file, names, mapping)))
     reference, test = recordings
     steps = [check_time(recording.time, f"{recording.source}: time") for recording in recordings]
     if len(reference.time) != len(test.time):

@@ -10,6 +10,7 @@ from typing import Any
 from modelling.bed.manoeuvres.sequence import RecordedTorque, Segments
 from modelling.bed.manoeuvres.shapes import KINDS, UNITS, Manoeuvre, TipIn
 from modelling.common.errors import InputError, unknown
+from modelling.common.tables import no_pipe
 from modelling.measurement.read import read_signals
 from modelling.units import to_si
 
@@ -110,7 +111,7 @@ def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, hel
         raise InputError(f"{where}.file", "is no text", f'write file = "trace.csv" with columns time and {name}')
     if not isinstance(absolute, bool):
         raise InputError(f"{where}.absolute", "is no true or false", "true where the operating point is in the record")
-    recording = read_signals(folder / file, [name])
+    recording = read_signals(no_pipe(folder / file, where), [name])
     if name not in recording.channels:
         raise InputError(f"{where}.file", f"{file} has no column {name!r}", "call its torque as the input is called")
     if unit := recording.units.get(name):
