@@ -151,7 +151,7 @@ def _fitted(text: str, width: int | None = None) -> str:
 def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
     """What a command prints."""
     if arguments.json:
-        from modelling.common.output import strict_json
+        from modelling.writing.output import strict_json
 
         with _standard_output_kept_clean():
             text: str = strict_json(command.run(arguments))
@@ -169,7 +169,7 @@ def _reserved(arguments: argparse.Namespace) -> Iterator[None]:
         yield
         return
     from modelling.common.protection import protected
-    from modelling.common.reservation import reserved
+    from modelling.writing.reservation import reserved
 
     with reserved(arguments.out, arguments.command), ExitStack() as stack:
         if arguments.command not in GO_ON_IN_PLACE:

@@ -4,7 +4,7 @@ A command's module has
 
 - `HELP`: a paragraph on what the command does, and `EXAMPLES`: two calls, both shown by `rigmatch COMMAND --help`,
 - `add_arguments(parser)`: its arguments, except `--json` and `--traceback`, which every command has,
-- `run(arguments) -> dict`: does it, writes its files by `modelling.common.output.write_all`, returns the result object,
+- `run(arguments) -> dict`: does it, writes files by `modelling.writing.output.write_all`, returns the result object,
 - optionally `summary(result) -> str`: the same for a reader at a terminal, printed unless `--json` is given.
 """
 

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.commissioning.circle import Circle, CommissionOrder
     from matching.excitation.plan import ExcitationOrder
     from matching.report.commissioning.page import page
-    from modelling.common.output import strict_json, write_all
+    from modelling.writing.output import strict_json, write_all
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
     order = CommissionOrder(

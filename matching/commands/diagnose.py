@@ -42,9 +42,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.arguments import watched
     from matching.diagnosis.diagnosis import diagnose
     from matching.diagnosis.loggers import read_loggers
-    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
     from modelling.model.files import dumps, load
+    from modelling.writing.output import write_results
 
     threading.Thread(target=_load_figures, daemon=True).start()
     system = load(arguments.model)

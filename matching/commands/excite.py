@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.fmu.export_source import tuned_case
     from matching.report.common.style import image
     from matching.report.excitation.figures import excitation
-    from modelling.common.output import strict_json, write_all
+    from modelling.writing.output import strict_json, write_all
 
     case = tuned_case(arguments.case).tuned
     order = ExcitationOrder(

@@ -45,8 +45,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.validity.fidelity.case_file import read_case
     from matching.validity.fidelity.result import xil_fidelity
     from modelling.common.errors import InputError
-    from modelling.common.output import write_results
     from modelling.measurement.channels import read_channels
+    from modelling.writing.output import write_results
 
     if not 100 <= arguments.draws <= 10**7:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 100 ... 1e7")

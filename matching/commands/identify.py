@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.arguments import steps
     from matching.commissioning.from_recordings import identify
     from matching.fmu.export_source import tuned_case
-    from modelling.common.output import write_all
+    from modelling.writing.output import write_all
 
     case = tuned_case(arguments.case).tuned
     vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.map.figure import map_figure
     from matching.report.map.page import page
-    from modelling.common.output import write_results
+    from modelling.writing.output import write_results
 
     case = load_case(arguments.case)
     x, y = (axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y"))

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
     from modelling.common import protection
-    from modelling.common.output import write_results
+    from modelling.writing.output import write_results
 
     case, workers = load_case(arguments.case), arguments.workers or cores()
     protection.check(arguments.out, case_files(case))  # before the work

@@ -46,8 +46,8 @@ def _parameters(arguments: argparse.Namespace) -> list[str]:
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Find the modes and write files; the result object is the content of ``modes.json``."""
     from modelling.common.errors import InputError
-    from modelling.common.output import write_results
     from modelling.model.files import load
+    from modelling.writing.output import write_results
 
     system = load(arguments.model)
     try:

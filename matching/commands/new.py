@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from modelling.common.errors import InputError
-    from modelling.common.output import write_all
+    from modelling.writing.output import write_all
 
     target = Path(arguments.directory)
     if target.is_dir() and any(target.iterdir()):

@@ -23,9 +23,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.frequency.case.load import is_case, load_case
     from matching.report.common.style import image
     from matching.report.drawing.figures import case_figure, model_figure
-    from modelling.common.output import write_all
     from modelling.common.tables import read_toml
     from modelling.model.files import load
+    from modelling.writing.output import write_all
 
     if is_case(read_toml(arguments.file)):
         case = load_case(arguments.file)

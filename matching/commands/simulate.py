@@ -51,7 +51,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.simulation.view import simulation_figure
     from modelling.common.errors import InputError
-    from modelling.common.output import write_all
     from modelling.equations.compiled import compiled
     from modelling.measurement.channels import read_channels
     from modelling.measurement.read import read_recording
@@ -61,6 +60,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.simulation.simulate import simulate, with_stick_speed
     from modelling.simulation.speed_units import check_speed_units
     from modelling.simulation.step_control import TOLERANCE
+    from modelling.writing.output import write_all
 
     tolerance = TOLERANCE if arguments.tolerance is None else arguments.tolerance
     if not SMALLEST_TOLERANCE <= tolerance < 1:

@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.tolerance.page import page
     from matching.report.tolerance.view import plot
-    from modelling.common.output import write_results
+    from modelling.writing.output import write_results
 
     case = load_case(arguments.case)
     added = dict(_tolerance(text) for text in arguments.tolerance)

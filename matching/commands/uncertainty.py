@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.validity.budget.budget_file import read_budget
     from matching.validity.uncertainty.evaluate import evaluate
     from modelling.common.errors import InputError
-    from modelling.common.output import file_stem, write_results
+    from modelling.writing.output import file_stem, write_results
 
     if arguments.draws is not None and not 1000 <= arguments.draws <= 10**9:
         raise InputError("--draws", f"{arguments.draws} is out of range", "give a number in 1000 ... 1e9")

@@ -67,7 +67,7 @@ def _judged(
     from matching.report.bed_test.page import page
     from matching.report.common.style import image
     from matching.report.curves.acting_axes import acting
-    from modelling.common.output import write_results
+    from modelling.writing.output import write_results
 
     verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
     result = verification.to_dict()

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 from matching.bed_test.growing import appeared, snapshots
 from matching.bed_test.result import COVERAGE_FACTOR, BedVerification
 from modelling.common.errors import InputError
-from modelling.common.output import write_all
 from modelling.measurement.readers.comma_separated import LARGEST_FILE, WINDOWS
+from modelling.writing.output import write_all
 
 Tell = Callable[[str], None]
 

@@ -27,9 +27,9 @@ from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 from modelling.common.errors import InputError
-from modelling.common.output import strict_json, write_all
 from modelling.fmu.controller import controller_fmu
 from modelling.measurement.read import read_recording
+from modelling.writing.output import strict_json, write_all
 
 RECORDING = "recording.csv"
 VEHICLE = "0_vehicle"  # the step before the first round

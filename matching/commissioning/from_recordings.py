@@ -15,11 +15,11 @@ from matching.diagnosis.verdict.result import Diagnosis
 from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from modelling.common.errors import InputError
-from modelling.common.output import strict_json
 from modelling.common.time_limit import TimeLimit, limited
 from modelling.measurement.read import read_recording
 from modelling.model.files import dumps
 from modelling.model.system import System
+from modelling.writing.output import strict_json
 
 Progress = Callable[[str], None]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.records import append, rows
-from modelling.common.output import write_all
+from modelling.writing.output import write_all
 
 Files = Mapping[str, str | bytes]
 RECORD = "commission.jsonl"

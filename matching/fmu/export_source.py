@@ -13,12 +13,12 @@ from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle, cut
 from modelling.common.errors import InputError, unknown
-from modelling.common.staging import unfinished
 from modelling.common.tables import finite, read_toml
 from modelling.fmu.block import Block, block
 from modelling.model.components import Sensor
 from modelling.model.files import from_dict
 from modelling.model.system import System
+from modelling.writing.staging import unfinished
 
 LARGEST_RESULT = 50_000_000  # bytes
 STEP = 1e-3  # s, suggested for a model, which has no loop

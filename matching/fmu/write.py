@@ -10,11 +10,11 @@ from typing import Any
 from matching.fmu.controller import exported_controller
 from matching.fmu.export_source import read_export_source, tuned_case
 from modelling.common.errors import InputError
-from modelling.common.output import write_all
 from modelling.controller.c_source import memory_bytes
 from modelling.fmu.controller import contents, controller_fmu
 from modelling.fmu.export import Fmu, fmu
 from modelling.fmu.variables import Variable
+from modelling.writing.output import write_all
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""What every room needs: errors, strict TOML tables, how results are displayed, files written whole."""
+"""What every room needs: errors, strict TOML tables, how results are displayed, interruption."""

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import rigmatch as rm
 from matching.commands import available
 from modelling.common.errors import InputError
-from modelling.common.output import strict_json
+from modelling.writing.output import strict_json
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 VEHICLE = EXAMPLES / "road_to_rig" / "vehicle.toml"

@@ -32,7 +32,6 @@ from matching.fmu.export_source import read_export_source
 from matching.frequency.case.load import load_case
 from matching.records import CHECKSUM
 from matching.report.drawing.layout import MOST_INERTIAS
-from modelling.common.output import strict_json
 from modelling.equations import latex
 from modelling.equations.lagrange import derive
 from modelling.fmu.description import description
@@ -41,6 +40,7 @@ from modelling.fmu.source import sources
 from modelling.measurement.channels import read_channels
 from modelling.measurement.read import read_recording
 from modelling.model.files import load
+from modelling.writing.output import strict_json
 
 DRAWN_SHARE = 8  # one model in so many is drawn
 SVG = "data:image/svg+xml;base64,"

@@ -28,12 +28,12 @@ from matching.validity.fidelity.case_file import read_case
 from matching.validity.fidelity.result import xil_fidelity
 from matching.validity.uncertainty.evaluate import evaluate
 from modelling.common.errors import InputError
-from modelling.common.output import strict_json
 from modelling.measurement.channels import read_channels
 from modelling.measurement.read import read_recording
 from modelling.modal.damped_modes import damped_modes
 from modelling.modal.modes import modes
 from modelling.model.files import dumps, from_dict, load
+from modelling.writing.output import strict_json
 from tests.fuzz.runs import RUNS
 from tests.fuzz.seed import ROOT, Seed
 

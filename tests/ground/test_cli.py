@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import pytest
 
 from matching import cli, commands
-from modelling.common import output, tables
+from modelling.common import tables
 from modelling.common.errors import InputError
+from modelling.writing import output
 
 
 @pytest.fixture

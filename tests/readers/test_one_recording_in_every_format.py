@@ -11,10 +11,10 @@ from scipy.signal import StateSpace, lsim
 
 from matching.diagnosis.diagnosis import diagnose
 from modelling.common.errors import InputError
-from modelling.common.output import strict_json
 from modelling.measurement.channels import Channel
 from modelling.measurement.read import read_recording
 from modelling.model.files import from_dict, to_dict
+from modelling.writing.output import strict_json
 
 NOISE = 0.02  # rad/s
 SYSTEM = from_dict({

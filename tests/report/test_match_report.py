@@ -19,8 +19,8 @@ from matching.report.match.checks import checks, needs, signals
 from matching.report.match.figures import CAPTIONS, figures, overview
 from matching.report.match.page import page
 from matching.report.match.text import content, summary
-from modelling.common.output import strict_json
 from modelling.model.files import from_dict
+from modelling.writing.output import strict_json
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 

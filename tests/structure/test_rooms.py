@@ -9,6 +9,7 @@ from structure.imports import ROOT, Arrow, arrows, dotted, modules
 # From the ground up; a room may import those before it and nothing after it. Rooms side by side do not know each other.
 FLOORS = [
     ["modelling.common"],
+    ["modelling.writing"],
     ["modelling.units"],
     ["modelling.effects"],
     ["modelling.model"],

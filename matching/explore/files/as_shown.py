@@ -9,7 +9,7 @@ from typing import Any
 from matching.explore.files.document import Keys, edited
 from matching.explore.files.workspace import Workspace
 from modelling.common.errors import InputError
-from modelling.common.output import write_all
+from modelling.writing.output import write_all
 
 FOLDER = "as_shown"  # of the copies, in the folder of results
 ROLES = ("vehicle", "rig")

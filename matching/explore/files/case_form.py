@@ -16,7 +16,7 @@ from matching.frequency.case.load_limits import limit_units
 from matching.frequency.studies.map_axis import quantities
 from matching.frequency.studies.map_point import held_at
 from modelling.common.errors import unknown
-from modelling.common.output import write_all
+from modelling.writing.output import write_all
 
 FORM_TABLES = ("loop", "limits", "response", "move", "targets", "manoeuvre", "operating_point", "uncertainty")
 SPREAD = 2.0  # a quantity that begins to move may do so by this factor up and down

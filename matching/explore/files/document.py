@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from modelling.common.errors import InputError
-from modelling.common.output import write_all
 from modelling.common.tables import read_toml
+from modelling.writing.output import write_all
 
 Keys = tuple[str | int, ...]  # of tables and places in lists, from the top of the file to a value
 

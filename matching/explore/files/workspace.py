@@ -13,10 +13,10 @@ from matching.explore.files.model_document import ModelDocument
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import is_case, load_case
 from modelling.common.errors import InputError
-from modelling.common.output import write_all
 from modelling.common.tables import read_toml
 from modelling.fidelity.fidelity import DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN
 from modelling.measurement.readers import READERS
+from modelling.writing.output import write_all
 
 
 @dataclass

@@ -21,8 +21,8 @@ from matching.report.common.style import RIG, VEHICLE
 from matching.report.diagnosis.sentences import summary
 from modelling.common.errors import InputError
 from modelling.common.escape import file_name, html
-from modelling.common.output import write_all
 from modelling.measurement.readers import read_table
+from modelling.writing.output import write_all
 
 LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
 NOT_RECORDED = "not recorded"

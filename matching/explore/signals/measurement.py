@@ -12,7 +12,6 @@ from matching.explore.signals.decimate import envelope
 from matching.explore.signals.suggestions import Suggestion, channel_file, suggestions, time_column
 from modelling.common.errors import InputError
 from modelling.common.escape import file_name
-from modelling.common.output import write_all
 from modelling.measurement.channels import Channel
 from modelling.measurement.read import read_recording
 from modelling.measurement.readers import read_table
@@ -20,6 +19,7 @@ from modelling.measurement.readers.table import Table
 from modelling.measurement.recording import Recording
 from modelling.model.system import System
 from modelling.units import factor
+from modelling.writing.output import write_all
 
 COLUMNS = 1500  # of pixels that a signal is decimated to
 

@@ -3,7 +3,7 @@
 While they are written the hidden folder ``.writing-…`` holds them. When all are on the disk it is renamed to
 ``unfinished-…``, the files are moved, and it is removed. A kill leaves one of the two: what was not whole is removed by
 the next run that writes there, what was whole is moved to its places. Until then ``unfinished-…`` marks the folder.
-Pictures and pages that belonged to the results that are replaced are removed, see :mod:`modelling.common.outdated`.
+Pictures and pages that belonged to the results that are replaced are removed, see :mod:`modelling.writing.outdated`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from errno import EISDIR
 from pathlib import Path
 
-from modelling.common.outdated import outdated
+from modelling.writing.outdated import outdated
 
 try:
     import fcntl

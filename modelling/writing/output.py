@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from modelling.common import interruption, protection, staging
+from modelling.common import interruption, protection
 from modelling.common.errors import InputError
+from modelling.writing import staging
 
 
 def strict_json(value: Any) -> str:
@@ -29,7 +30,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     """Write all files into a directory, made if need be; none is left half written, and none if one cannot be.
 
     Names are relative and may hold folders, as ``figures/modes.svg``. Everything is first written in a hidden folder
-    inside the directory, then all files are moved to their places, see :mod:`modelling.common.staging`.
+    inside the directory, then all files are moved to their places, see :mod:`modelling.writing.staging`.
 
     Raises
     ------

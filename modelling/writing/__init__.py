@@ -1,0 +1,1 @@
+"""Results on disk: written whole, moved together, what is outdated removed."""
