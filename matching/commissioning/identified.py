@@ -56,7 +56,7 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     places = set(case.vehicle.places())
     rig = with_faults(case.rig.with_values(of_rig), faults).with_effects(*others)
     vehicle = with_faults(case.vehicle.with_values(shared), faults)
-    vehicle = vehicle.with_effects(*(effect for effect in others if effect.at in places))
+    vehicle = vehicle.with_effects(*(effect for effect in others if places.issuperset(effect.places)))
     loop = case.loop
     hold = loop["dead_time"] - loop.command_delay()
     values = {}

@@ -59,7 +59,7 @@ def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tu
     vehicle = replace(
         vehicle,
         inputs=tuple(part for part in vehicle.inputs if part.name not in missing),
-        effects=tuple(effect for effect in vehicle.effects if effect.at not in places),
+        effects=tuple(effect for effect in vehicle.effects if places.isdisjoint(effect.places)),
     )
     box = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
     ranges = {}
@@ -99,7 +99,7 @@ def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehi
     there = set(case.rig.places())
     vehicle = case.vehicle.with_values(values).with_effects(*effects)
     rig = case.rig.with_values({name: value for name, value in values.items() if name in on_rig})
-    rig = rig.with_effects(*(effect for effect in effects if effect.at in there))
+    rig = rig.with_effects(*(effect for effect in effects if there.issuperset(effect.places)))
     before = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
     box, rows = dict(before), []
     for name, estimate in estimates.items():
