@@ -76,6 +76,9 @@ def main() -> int:
         if line := replaced_package():
             print(f"rigmatch: {line}", file=sys.stderr)
             return 2
+        from matching.streams import open_closed
+
+        open_closed()
         from matching.cli import main as run
         from matching.supervision import supervised
 

@@ -126,6 +126,7 @@ def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
 def _run(words: Sequence[str]) -> None:
     parser, modules = build_parser(_words_to_complete() or words)
     _offer_completion(parser)
+    _check_no_empty_words(words)
     arguments = parser.parse_args(words)
     command = modules[arguments.command]
     if getattr(arguments, "check", False):
@@ -134,6 +135,22 @@ def _run(words: Sequence[str]) -> None:
         text = _answer(command, arguments)
     if text:
         print(_fitted(text.rstrip("\n")), flush=True)
+
+
+def _check_no_empty_words(words: Sequence[str]) -> None:
+    """A path that is empty, perhaps by a variable of the shell that is not set, would name the folder one is in.
+
+    Raises
+    ------
+    InputError
+        Naming the first option or argument that is empty.
+    """
+    for number, word in enumerate(words):
+        option, sign, value = word.partition("=")
+        if not word or (word.startswith("--") and sign and not value):
+            before = words[number - 1] if number else ""
+            where = option if word else before if before.startswith("--") else f"argument {number + 1}"
+            raise InputError(where, "is empty", "give a value; . names the folder you are in")
 
 
 def _fitted(text: str, width: int | None = None) -> str:

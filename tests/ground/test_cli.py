@@ -99,6 +99,14 @@ def test_wrong_arguments_are_one_line_and_exit_2(answer, capsys, words, part):
     assert part in err
 
 
+@pytest.mark.parametrize("words", [["modes", "x", "--out", ""], ["modes", "x", "--out="], ["modes", ""]])
+def test_empty_path_does_not_name_the_folder_one_is_in(capsys, words):
+    """As ``--out "$UNSET"`` in a shell: nothing is written."""
+    assert cli.main(words) == 2
+    where = "argument 2" if words[1] == "" else "--out"
+    assert capsys.readouterr().err == f"rigmatch: {where}: is empty; give a value; . names the folder you are in\n"
+
+
 def test_missing_file_that_no_reader_caught(answer, capsys, tmp_path):
     answer(lambda arguments: Path(arguments.model).read_text())
     assert cli.main(["modes", str(tmp_path / "none.toml")]) == 2

@@ -151,3 +151,28 @@ def test_semaphores_of_workers_are_removed_in_silence(begin):
     process.send_signal(signal.SIGTERM)
     assert process.communicate()[1] == "rigmatch: ended by SIGTERM\n"
     assert not place.exists()
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_stream_gets_nothing_of_another_file(tmp_path, closed):
+    """A file opened later does not take the stream's number: what was printed would stand in it."""
+    work = """
+import rigmatch
+def printed():
+    import os
+    with open("opened.txt", "w") as file:
+        assert file.fileno() > 2
+        for number in (1, 2):
+            os.write(number, b"printed")
+    print(sys.stdin.read(), sys.stderr.write("said"))
+    return 7
+import matching.cli
+matching.cli.main = printed
+sys.exit(rigmatch.main())
+"""
+    shell = f'exec "$0" -c "$1" {closed}'
+    words = ["bash", "-c", shell, sys.executable, f"import sys\n{work}"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(words, cwd=tmp_path, env=environment, stdin=subprocess.DEVNULL, timeout=60, check=False)
+    assert ended.returncode == 7
+    assert (tmp_path / "opened.txt").read_text(encoding="utf-8") == ""
