@@ -71,7 +71,7 @@ FLOORS = [
     ["matching.explore.page"],
     ["matching.api"],
     ["matching.commands"],
-    ["matching.cli", "matching.supervision"],
+    ["matching.cli", "matching.supervision", "matching.streams"],
     ["rigmatch"],
     ["matching.__main__"],
 ]
