@@ -172,11 +172,14 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
     x, y = (np.array(numbers(table.get(axis), f"{where}.{axis}", least=3)) for axis in ("abscissa", "ordinate"))
     if len(x) != len(y):
         raise InputError(where, f"{len(x)} abscissas but {len(y)} ordinates", "give as many of both")
-    if np.ptp(x) == 0:
-        raise InputError(f"{where}.abscissa", "all readings are equal", "a line needs different abscissas")
     x = units[0].difference_to_si(x - (number(table, "origin", where) if "origin" in table else 0.0))
     y = units[1].value_to_si(y)
-    fit = scipy.stats.linregress(x, y)
+    if np.ptp(x) == 0:  # also where the origin is so far away that no digit of them is left
+        raise InputError(f"{where}.abscissa", "all readings are equal", "a line needs different abscissas")
+    with np.errstate(over="ignore", invalid="ignore"):
+        fit = scipy.stats.linregress(x, y)
+    if not np.isfinite([fit.slope, fit.stderr, fit.intercept, fit.intercept_stderr]).all():
+        raise InputError(where, "no line can be fitted: the readings are too large", "give readings in another unit")
     freedom = len(x) - 2
     labels = {"cause": text(table, "cause", where, "Calibration"), "description": text(table, "description", where, "")}
     spread = Distribution("t", degrees_of_freedom=freedom)
