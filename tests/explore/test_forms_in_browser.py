@@ -29,22 +29,31 @@ MAP = {
     "y": {"name": "loop.inverter_lag", "unit": "s", "values": [0.002, 0.008], "here": 0.002},
     "points": [{"error": error, "status": "matched", "limits": []} for error in (0.11, 0.22, 0.33, 0.44)],
 }
-WITH_MAP = """
+ANSWERED = """
 import sys
 import rigmatch as rm
-from matching.explore.page import match, map_view
+from matching.explore.job import Ended
+from matching.explore.page import map_view, match, server
 
 class ComputedMap(map_view.MapView):
     def panel(self):
         self.show_map({map})
         return super().panel()
 
+class AnsweredMatch(match.MatchTab):
+    def panel(self):
+        self._show(Ended(0, {{"adapters": [{{"name": "rig.shafts.flange.stiffness", "ordered": {order}}}]}}))
+        return super().panel()
+
 match.MapView = ComputedMap
+match.result_html = lambda *_: ""
+server.MatchTab = AnsweredMatch
 explorer = rm.explore(*sys.argv[1:-1], out=sys.argv[-1])
 print(explorer.address, file=sys.stderr, flush=True)
 explorer.wait()
 """
 FIRST, SECOND = 0.00375, 0.00225
+ORDERED = 312_500.0  # N·m/rad
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +63,7 @@ def opened(tmp_path_factory):
     shutil.copytree(ROOT / "matching" / "starter", folder / "case")
     (folder / "budget.toml").write_text(BUDGET)
     files = (folder / "case" / "case.toml", folder / "budget.toml")
-    script = ("-c", WITH_MAP.format(map=MAP), *map(str, files))
+    script = ("-c", ANSWERED.format(map=MAP, order=ORDERED), *map(str, files))
     with served(script, out=folder / "out") as address, opened_page(address) as (page, complaints):
         yield folder, page, complaints
 
@@ -105,4 +114,33 @@ def test_a_click_on_a_point_of_the_map_is_answered(opened):
     page.get_by_text("From the map: response error about 0.33").wait_for()
     assert page.get_by_label("dead time [s]").last.input_value() == "0.001"
     assert page.get_by_label("inverter lag [s]").last.input_value() == "0.008"
+    assert complaints == []
+
+
+def test_the_order_is_taken_into_the_rig_and_saved_with_it(opened):
+    folder, page, complaints = opened
+    page.get_by_role("tab", name="Match").click()
+    page.get_by_role("button", name="Take the order into the rig").click()
+    page.get_by_text("Taken into rig.toml, not saved yet: shafts.flange.stiffness").wait_for()
+    before = (folder / "case" / "rig.toml").read_text()
+    assert tomllib.loads(before)["shafts"]["flange"]["stiffness"]["value"] == 360_000
+    page.get_by_role("tab", name="Drivetrain").click()
+    page.get_by_text("360000 N·m/rad →").wait_for()
+    page.get_by_role("button", name="Save").first.click()
+    page.get_by_text("Saved: rig.toml").wait_for()
+    assert (folder / "case" / "rig.toml").read_text() == before.replace("value = 360000", "value = 312500.0")
+    assert complaints == []
+
+
+def test_the_structure_is_a_choice(opened):
+    _, page, complaints = opened
+    page.get_by_role("tab", name="Match").click()
+    structure = page.get_by_role("combobox", name="structure")
+    structure.wait_for()
+    assert sorted(structure.locator("option").all_inner_texts()) == ["model_based", "observer", "pi"]
+    structure.select_option("pi")
+    page.get_by_text("loop.structure is pi").wait_for()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("The last change is taken back").wait_for()
+    assert structure.input_value() == "model_based"
     assert complaints == []

@@ -26,6 +26,7 @@ from matching.frequency.studies.map_axis import quantities
 from matching.report.common.wording import component, spaced, unit
 from matching.report.match.checks import PEAK_UNITS
 from modelling.bed.manoeuvres.shapes import UNITS as MANOEUVRE_UNITS
+from modelling.bed.structures import STRUCTURES
 
 STARTS = 14
 TITLES = {
@@ -34,6 +35,7 @@ TITLES = {
     "uncertainty": "What is not known exactly",
 }  # fmt: skip
 PAIRS = {"max-width": "690px"}  # two fields: lower and upper bound beside each other
+CHOICES: dict[Keys, tuple[str, ...]] = {("loop", "structure"): tuple(STRUCTURES)}
 OPEN = ("move", "loop")  # tables that are shown unfolded
 
 
@@ -158,7 +160,7 @@ class MatchTab:
             label = f"{component(name)}, {field.key} [{unit(quantities(self.form.case)[name][1]) or '1'}]"
         elif si := self._unit(field):
             label += f" [{unit(si)}]"
-        return Entry(field.keys, label, field.text)
+        return Entry(field.keys, label, field.text, CHOICES.get(field.keys, ()))
 
     def _unit(self, field: Field) -> str:
         """SI unit of a value of loop, limits or manoeuvre that is written without one; empty where there is none."""

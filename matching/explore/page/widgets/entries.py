@@ -10,16 +10,20 @@ from typing import Any
 import panel as pn
 
 WRONG = "wrong"  # CSS class of a field whose text was not taken
-STYLE = f":host(.{WRONG}) input {{ border: 2px solid #a00000; background: #fff4f4; }}"
+STYLE = f"""
+label {{ max-width: 100%; overflow-wrap: anywhere; white-space: normal; }}
+:host(.{WRONG}) :is(input, select) {{ border: 2px solid #a00000; background: #fff4f4; }}
+"""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A field: what it stands for, its label, and its text as the file has it."""
+    """A field: what it stands for, its label, its text as the file has it, and the texts to choose from (any: none)."""
 
     key: Hashable
     label: str
     text: str
+    choices: tuple[str, ...] = ()
 
 
 class Entries:
@@ -69,7 +73,11 @@ class Entries:
     def _shown(self, entry: Entry) -> Any:
         field = self._fields.get(entry.key)
         if field is None:
-            field = pn.widgets.TextInput(name=entry.label, value=entry.text, width=self._width, stylesheets=[STYLE])
+            looks = {"name": entry.label, "value": entry.text, "width": self._width, "stylesheets": [STYLE]}
+            if entry.choices:
+                field = pn.widgets.Select(options=list(dict.fromkeys((entry.text, *entry.choices))), **looks)
+            else:
+                field = pn.widgets.TextInput(**looks)
             field.param.watch(partial(self._left, entry.key), "value")
             self._fields[entry.key], self._texts[entry.key] = field, entry.text
             return field
