@@ -45,7 +45,8 @@ def ishikawa(result: MeasurandResult) -> Figure:
     longest = max(len(rows) for _, rows in branches)
     width, reach = 3.1, 0.42 * (longest + 1)  # of a branch, inches
     with style.styled():
-        fig = style.figure(2.2 + width * columns, max(3.2, 2 * reach + 1.2))
+        below = -reach - 0.7 if len(branches) > 1 else -0.4  # no empty half where one cause stands alone
+        fig = style.figure(2.2 + width * columns, max(3.2, 2 * reach + 1.2) if len(branches) > 1 else reach + 1.2)
         axes = fig.add_subplot()
         axes.set_axis_off()
         end = width * columns + 0.8
@@ -61,7 +62,7 @@ def ishikawa(result: MeasurandResult) -> Figure:
         for place, (cause, rows) in enumerate(branches):
             _branch(axes, width * (place // 2 + 1), 1 if place % 2 == 0 else -1, cause, rows, reach)
         axes.set_xlim(-0.9, end + 1.6)
-        axes.set_ylim(-reach - 0.7, reach + 0.7)
+        axes.set_ylim(below, reach + 0.7)
     return fig
 
 
