@@ -9,6 +9,7 @@ import numpy as np
 
 from modelling.common.errors import InputError
 from modelling.equations.compiled import Model, compiled
+from modelling.measurement.gaps import long_gaps
 from modelling.measurement.recording import Recording
 from modelling.model.system import System
 from modelling.simulation.recorded_start import recorded_start
@@ -24,8 +25,8 @@ TOLERANCE = 1e-2  # of the simulations here
 def check_speed_units(model: System | Model, recording: Recording) -> None:
     """Check that the speeds for which the file states no unit can be in rad/s.
 
-    The model is simulated on the recorded inputs, begun as recorded: once with the speeds as they stand, and if they
-    are far off, once more with them as 1/min.
+    The model is simulated on the recorded inputs of the longest part without a long gap, begun as recorded: once with
+    the speeds as they stand, and if they are far off, once more with them as 1/min.
 
     Raises
     ------
@@ -40,6 +41,7 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
     if not names:
         return
     model = compiled(model) if isinstance(model, System) else model
+    recording = _longest_part(recording)
     as_read = min(_misfits(model, recording, names))
     if as_read <= FAR_OFF:
         return
@@ -50,6 +52,17 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
             "no unit is stated, and the values fit the model in 1/min only, not in rad/s",
             f'state the unit, for example {names[0]} = {{ channel = "{names[0]}", unit = "1/min" }} in a channel file',
         )
+
+
+def _longest_part(recording: Recording) -> Recording:
+    """The longest part between gaps too long to bridge: over a gap, which may last for years, inputs are unknown."""
+    gaps = long_gaps(recording.time)
+    if not gaps:
+        return recording
+    begins = [float(recording.time[0]), *(end for _, end in gaps)]
+    ends = [*(begin for begin, _ in gaps), float(recording.time[-1])]
+    begin, end = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
+    return recording.cut(begin, np.nextafter(end, np.inf)) if end > begin else recording
 
 
 def _misfits(model: Model, recording: Recording, names: list[str]) -> list[float]:

@@ -1,5 +1,7 @@
 """A speed without a unit that is in 1/min is an error that says so, whatever the file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -57,3 +59,15 @@ def test_the_commands_say_so_in_one_line(tmp_path, readings, capsys, command):
     said = capsys.readouterr().err
     assert "fit the model in 1/min only" in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("factor", [1.0, 60 / (2 * np.pi)])
+def test_gap_of_years_is_not_simulated_over(tmp_path, readings, factor):
+    """A clock that jumps: the longer part decides, as it does without the gap."""
+    recording = read_recording(written(tmp_path, readings, factor), MODEL)
+    apart = replace(recording, time=np.where(recording.time < 0.4, recording.time, recording.time + 1e9))
+    if factor == 1.0:
+        check_speed_units(MODEL, apart)
+        return
+    with pytest.raises(InputError, match="fit the model in 1/min only"):
+        check_speed_units(MODEL, apart)
