@@ -73,7 +73,11 @@ def every_effect() -> bytes:
             if not parameter.optional
         }
         at = place_in_file(places[n % len(places)])
-        if law.arrays:
+        if law.follows:  # acted on, followed
+            at = [f"inertias.i{n}", f"inertias.i{n + 1}"]
+        if "twist" in law.arrays:
             at, values = f"shafts.s{n}", {"twist": [-0.1, 0.0, 0.1], "torque": [-1.0, 0.0, 2.0]}
+        elif law.arrays:
+            values = {key: [0.5, 0.25] for key in law.arrays}
         data["effects"].append({"kind": kind, "at": at} | values)
     return tomli_w.dumps(data).encode()

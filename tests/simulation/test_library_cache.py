@@ -107,6 +107,17 @@ def test_a_cache_in_a_folder_of_another_user_is_not_used(cache):
     assert not library_cache.only_mine(cache)
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
+def test_a_cache_in_a_folder_that_a_group_may_write_to_is_not_used_unless_the_group_is_the_users_alone(cache):
+    library_cache.folder()
+    cache.parent.chmod(0o770)
+    assert library_cache.only_mine(cache)  # root's group
+    os.chown(cache.parent, 0, 12345)
+    assert not library_cache.only_mine(cache)
+    cache.parent.chmod(0o750)
+    assert library_cache.only_mine(cache)
+
+
 @compiles
 def test_a_link_is_not_loaded(cache, tmp_path):
     path = made()

@@ -16,6 +16,12 @@ import tempfile
 import time
 from pathlib import Path
 
+try:
+    import grp
+    import pwd
+except ImportError:  # Windows, where groups are not asked for
+    pass
+
 SUFFIX, UNFINISHED = ".so", ".new-"
 DIGITS = 32  # of a checksum, hexadecimal
 STALE_SECONDS = 3600.0  # after which an unfinished entry is nobody's any more
@@ -62,7 +68,24 @@ def only_mine(path: Path) -> bool:
     above = [folder.stat() for folder in path.resolve().parents]
     if any(each.st_uid not in (0, os.getuid()) for each in above):  # who has a folder may rename what lies in it
         return False
-    return all(each.st_mode & stat.S_ISVTX or not each.st_mode & stat.S_IWOTH for each in above)
+    return all(each.st_mode & stat.S_ISVTX or not _open_to_others(each) for each in above)
+
+
+def _open_to_others(status: os.stat_result) -> bool:
+    """Whether anybody but root and this user may write to a folder: the user's private group is nobody else."""
+    if status.st_mode & stat.S_IWOTH:
+        return True
+    return bool(status.st_mode & stat.S_IWGRP) and status.st_gid not in (0, _private_group())
+
+
+@functools.cache
+def _private_group() -> int | None:
+    """The group that has the user's name and no other member, as most Linux systems make one for each user."""
+    with contextlib.suppress(KeyError):
+        user, group = pwd.getpwuid(os.getuid()), grp.getgrgid(os.getgid())
+        if group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}:
+            return group.gr_gid
+    return None
 
 
 def kept(key: str) -> Path | None:
