@@ -72,9 +72,8 @@ def whatever_it_became() -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:
-        if _asked:
-            raise Interrupted(_asked[0]) from error
+    except Exception:
+        raise_if_asked()
         raise
 
 

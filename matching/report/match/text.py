@@ -126,8 +126,8 @@ def _beds(result: Mapping[str, Any]) -> list[str]:
 def _simulated(result: Mapping[str, Any]) -> str:
     """What the beds' errors count otherwise than that of the bed as planned; nothing without a feed-forward."""
     functions = result["response_error"].get("functions", ())
-    apart = any(row["before"] is None and row["unannounced"] != row["after"] for row in functions)
-    if result["structure"] != "model_based" or not apart:
+    with_two_errors = any(row["before"] is None and row["unannounced"] != row["after"] for row in functions)
+    if result["structure"] != "model_based" or not with_two_errors:
         return ""
     return " (torques inside the residual vehicle count as measured on the beds, as unmeasured in the error above)"
 
