@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long docs fuzz mutants faults bench campaign campaign-hard campaign-beds lock clean figures explore
+.PHONY: help run test test-long kept docs fuzz mutants faults bench campaign campaign-hard campaign-beds lock clean figures explore
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -45,6 +45,9 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \
 		|| [ $$? = 5 ]  # 5: there is none
+
+kept: .venv/test.stamp  ## set up, then renew the lists that tests compare results and figures with; the difference is in git
+	$(BIN)/python -m pytest -q --renew-kept
 
 docs: .venv/test.stamp  ## set up, then build the documentation site, out/docs/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -d out/.doctrees docs out/docs

@@ -2,6 +2,7 @@
 
 import gc
 
+import kept_lists
 import matplotlib as mpl
 import pytest
 from hypothesis import settings
@@ -18,6 +19,28 @@ settings.load_profile("repeatable")
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
     floating_point.restore()
+
+
+def pytest_addoption(parser) -> None:
+    parser.addoption("--renew-kept", action="store_true", help="write the lists in tests/kept anew (make kept)")
+
+
+def pytest_configure(config) -> None:
+    kept_lists.renewing = config.getoption("renew_kept")
+    if kept_lists.renewing and config.getoption("numprocesses", None):
+        raise pytest.UsageError("--renew-kept works in one process: leave out -n")
+
+
+def pytest_collection_modifyitems(config, items) -> None:
+    if config.getoption("renew_kept"):
+        items[:] = [test for test in items if kept_lists.compares(test)]
+
+
+def pytest_sessionfinish(session, exitstatus) -> None:
+    if kept_lists.renewing:
+        complete = exitstatus == pytest.ExitCode.OK and session.config.args == session.config.getini("testpaths")
+        changed = kept_lists.write(complete)
+        print("\nchanged, see git diff:", *changed) if changed else print("\nthe kept lists are as they were")
 
 
 def pytest_collection_finish() -> None:

@@ -1,20 +1,20 @@
 """What a figure says besides its numbers: labels, legends, how many curves, bars and areas; kept in a list.
 
+The list is ``tests/kept/figures.json``; ``make kept`` renews it.
+
 Digits are left out (``#``), so a figure of another size fails only where words or counts change. The numbers drawn are
 compared with the result by the test of each figure.
 """
 
-import json
 import re
-from pathlib import Path
 from typing import Any
 
+from kept_lists import kept
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection, QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 
-KEPT = Path(__file__).with_name("kept") / "figures.json"
 NUMBER = re.compile(r"[-−]?\d[\d.,]*(e[-+−]?\d+)?")
 COLLECTIONS = {"points": PathCollection, "areas": PolyCollection, "fields": QuadMesh, "strokes": LineCollection}
 
@@ -64,4 +64,5 @@ def figure_facts(figure: Figure) -> list[dict[str, Any]]:
 
 def same_figure(name: str, figure: Figure) -> None:
     """Compare a figure with what is kept under the name."""
-    assert figure_facts(figure) == json.loads(KEPT.read_text(encoding="utf-8"))[name]
+    present = figure_facts(figure)
+    assert present == kept("figures.json", name, present)

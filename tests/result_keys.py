@@ -1,15 +1,16 @@
 """Result files are contracts: every key that a command writes, with the kind of its value, is kept in a list.
 
 A key that is lost, renamed or holds another kind of value fails; so does a new one until it stands in the list,
-``tests/kept/keys.json``. Its entries were compared with the fixed formats once; they say nothing of values.
+``tests/kept/keys.json`` (``make kept`` renews it). Its entries were compared with the fixed formats once; they say
+nothing of values.
 """
 
 import json
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
-KEPT = Path(__file__).with_name("kept") / "keys.json"
+from kept_lists import kept
+
 KINDS = {str: "text", bool: "truth", int: "number", float: "number", type(None): "null"}
 
 
@@ -36,8 +37,8 @@ def _collect(value: Any, path: str, kinds: dict[str, set[str]]) -> None:
 
 def same_keys(name: str, result: Any) -> None:
     """Compare a result, as read from its file, with what is kept under the name."""
-    kept = json.loads(KEPT.read_text(encoding="utf-8"))[name]
     present = keys(json.loads(json.dumps(result)))
-    differ = {path: (kept.get(path), present.get(path)) for path in sorted(kept.keys() | present.keys())}
+    listed = kept("keys.json", name, present)
+    differ = {path: (listed.get(path), present.get(path)) for path in sorted(listed.keys() | present.keys())}
     wrong = {path: pair for path, pair in differ.items() if pair[0] != pair[1]}
     assert not wrong, f"{name}: kept and present keys differ, path → (kept, present): {wrong}"
