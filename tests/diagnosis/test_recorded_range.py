@@ -88,3 +88,43 @@ def test_friction_that_breaks_away_at_less_than_it_slides_is_not_physical(model:
     assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == "not_physical"
     values["breakaway"] = 3.0
     assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == ""
+
+
+def test_range_of_two_segments_with_a_gear_and_two_shafts() -> None:
+    """Torques on an inertia: its shafts and all inputs over the gear, or what accelerates it, whichever is larger."""
+    system = from_dict({
+        "inertias": {"motor": {"J": 0.1}, "pinion": {"J": 0.1}, "hub": {"J": 50.0}, "rim": {"J": 0.3}},
+        "gears": {"final": {"between": ["motor", "pinion"], "ratio": 0.25}},
+        "shafts": {
+            "side": {"between": ["pinion", "hub"], "stiffness": 100.0},
+            "tyre": {"between": ["hub", "rim"], "stiffness": 100.0},
+        },
+        "inputs": {"torque": {"on": "motor"}, "brake": {"on": "rim"}},
+        "sensors": {"speed": {"measures": "speed", "of": "motor"}, "idle": {"measures": "speed", "of": "rim"}},
+    })  # fmt: skip
+    short, long = np.arange(3) * 1.0, 10 + np.arange(5) * 1.0
+    readings = [
+        np.array([[1.0, np.nan], [-7.0, np.nan], [2.0, np.nan]]),
+        np.array([[np.nan, np.nan]] * 4 + [[3.0, np.nan]]),
+    ]
+    segments = tuple(
+        Segment(time, np.zeros((len(time), 2)), values) for time, values in zip((short, long), readings, strict=True)
+    )
+    samples = np.arange(8.0)
+    angle = 2 * np.pi * np.array([0.0, 0.5, 0.0, 9.0, 9.25, 9.5, 9.75, 10.0])
+    motion = SimpleNamespace(
+        segments=(slice(0, 3), slice(3, 8)), angle={"motor": angle},
+        torque={"side": samples - 6, "tyre": 2 - 0.5 * samples},
+        input={"torque": -3 * np.ones(8), "brake": np.append(np.zeros(7), 0.5)},
+        acceleration={"motor": samples, "pinion": samples, "hub": -samples, "rim": samples},
+        value={f"inertias.{part.name}.J": part.J.value for part in system.inertias},
+    )  # fmt: skip
+    found = recorded_range(system, FitData(segments, np.ones(2)), motion)
+    assert found.duration == 4.0  # of the longer segment
+    inputs, side, tyre = 4 * 3.5, 6.0, 2.0
+    wanted = {"motor": inputs, "pinion": inputs + side, "hub": 50.0 * 7.0, "rim": inputs + tyre}
+    assert found.torque == pytest.approx({name: 1.5 * torque for name, torque in wanted.items()})
+    assert found.largest_reading == {"speed": 7.0, "idle": 0.0}
+    assert found.width == {"speed": 10.0, "idle": 0.0}
+    assert found.turns["motor"] == pytest.approx(1.0 + 1.0)  # path within the segments, the jump between them not
+    assert found.range_of_turns["motor"] == pytest.approx(1.0)

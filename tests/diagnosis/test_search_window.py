@@ -1,6 +1,7 @@
 """Long data: causes are searched for in a window, fitted to all, and searched for in all where that is not enough."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -114,3 +115,34 @@ def test_causes_are_searched_for_in_all_data_where_the_window_is_not_enough(drag
     state = identify_causes.identify_causes(system, base, OtherRecordings(rest), lambda _: None).state
     assert searched == [pytest.approx(4000 / 3, abs=1), samples(base)]
     assert samples(state.best.fit) == samples(base)
+
+
+def flat_fit(*levels):
+    """A fit of segments of 1000 samples, two sensors, whose residuals are these; only what a window is chosen by."""
+    segments = tuple(
+        Segment(np.arange(1000) * 1e-3 + 10 * i, np.zeros((1000, 1)), np.zeros((1000, 2))) for i in range(len(levels))
+    )
+    problem = SimpleNamespace(data=FitData(segments, np.ones(2)))
+    return SimpleNamespace(problem=problem, by_sensor=lambda: list(levels))
+
+
+def test_the_window_with_the_largest_mean_square_of_all_sensors_is_taken(monkeypatch) -> None:
+    """Windows of 400 samples begin every 50, and at the last one that fits."""
+    monkeypatch.setattr(search_window, "MOST_READINGS", 800)
+    residual = np.zeros((1000, 2))
+    residual[450:850, 0] = 2.0
+    residual[100:300, 1] = 2.5  # less in all: 1250 against 1600
+    (part,) = search_window.search_window(flat_fit(residual)).segments
+    assert (part.time[0], len(part.time)) == (pytest.approx(0.45), 400)
+    end = np.zeros((1000, 2))
+    end[-1] = 1.0
+    (part,) = search_window.search_window(flat_fit(end)).segments
+    assert (part.time[0], part.time[-1]) == (pytest.approx(0.6), pytest.approx(0.999))
+
+
+def test_what_is_left_goes_to_the_next_worst_segment(monkeypatch) -> None:
+    monkeypatch.setattr(search_window, "MOST_READINGS", 2800)
+    quiet, loud, middle = (np.full((1000, 2), level) for level in (0.1, 2.0, 1.0))
+    middle[700:] = 5.0  # 400 samples with 300 of these: the worst window is the last
+    parts = search_window.search_window(flat_fit(quiet, loud, middle)).segments
+    assert [(part.time[0], len(part.time)) for part in parts] == [(10.0, 400), (20.0, 1000)]

@@ -1,0 +1,126 @@
+"""Errors of hypotheses on unseen data: figures by hand, and what a cause has to earn with them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.search.unseen_data import BLOCKS, UnseenData
+
+SAMPLES = 64
+NOISE = np.array([0.5, 0.1, 0.2])
+TIME = np.arange(SAMPLES) * 1e-2
+READINGS = np.stack([np.linspace(-3, 5, SAMPLES), np.linspace(0, 2, SAMPLES), np.full(SAMPLES, np.nan)], axis=1)
+
+
+def hypothesis(*errors, weighting=None):
+    """One that leaves these errors (t, y), in times the noise; the third sensor measures nothing."""
+    left = np.stack([*(np.broadcast_to(error, SAMPLES) for error in errors), np.full(SAMPLES, np.nan)], axis=1)
+    fit = SimpleNamespace(left=left, problem=SimpleNamespace(data=SimpleNamespace(noise=NOISE), weighting=weighting))
+    return SimpleNamespace(fit=fit)
+
+
+@pytest.fixture
+def unseen():
+    """Held-out data whose simulation is what a hypothesis leaves; the number of simulations."""
+    simulated = []
+
+    def simulate(fit):
+        simulated.append(fit)
+        if fit.left is None:
+            raise FloatingPointError
+        return [SimpleNamespace(errors=fit.left, parts=lambda errors: [errors])]
+
+    segment = Segment(TIME, np.zeros((SAMPLES, 0)), READINGS)
+    data = UnseenData(SimpleNamespace(simulate=simulate, data=FitData((segment,), NOISE)))
+    return SimpleNamespace(of=data, simulated=simulated)
+
+
+def test_errors_are_mean_squares_by_block_and_pooled_over_the_ranges(unseen):
+    half = np.repeat([1.0, 3.0], SAMPLES // 2)
+    found = unseen.of.error(hypothesis(half, 4.0))
+    assert found.blocks.shape == (BLOCKS, 3)
+    np.testing.assert_allclose(found.blocks[:, 0], np.repeat([1.0, 9.0], BLOCKS // 2))
+    np.testing.assert_allclose(found.mean_squares, [5.0, 16.0, 0.0])
+    shares = np.array([np.sqrt(5.0) * 0.5 / 8.0, 4.0 * 0.1 / 2.0])  # error over the range of the readings
+    assert found.pooled == pytest.approx(np.sqrt(np.mean(shares**2)), rel=1e-12)
+    assert np.isnan(found.blocks[:, 2]).all()
+
+
+def test_each_hypothesis_is_simulated_once(unseen):
+    child, parent = hypothesis(1.0, 1.0), hypothesis(2.0, 2.0)
+    assert unseen.of.gains(child, parent)
+    assert not unseen.of.gains(parent, child)
+    assert not unseen.of.gains(child, child)
+    assert len(unseen.simulated) == 2
+
+
+def test_one_that_does_not_simulate_gains_nothing_and_loses_to_any(unseen):
+    works, fails = hypothesis(1.0, 1.0), hypothesis(1.0, 1.0)
+    fails.fit.left = None
+    assert unseen.of.error(fails) is None
+    assert unseen.of.gains(works, fails)
+    assert not unseen.of.gains(fails, works)
+    assert unseen.of.worse_sensors(works, fails) == []
+    assert unseen.of.error(hypothesis(np.inf, 1.0)) is None
+
+
+def test_a_place_is_earned_where_all_falls_and_no_sensor_rises(unseen):
+    parent = hypothesis(10.0, 3.0)
+    assert unseen.of.earns_place(hypothesis(5.0, 3.0), parent)
+    assert unseen.of.gains(hypothesis(5.0, 3.3), parent)
+    assert not unseen.of.earns_place(hypothesis(5.0, 3.3), parent)  # 21 % more in the second
+    assert not unseen.of.earns_place(hypothesis(11.0, 3.0), parent)
+
+
+@pytest.mark.parametrize(
+    ("after", "before", "worse"),
+    [
+        (3.0, 2.0, [1]),
+        (2.0, 3.0, []),
+        (2.03, 2.0, []),  # 3 % in the mean square does not matter
+        (2.06, 2.0, [1]),  # 6 % does
+        (1.04, 0.5, []),  # at its noise
+        (2.0 + 2.0 * np.repeat(np.tile([1.0, -1.0], BLOCKS // 2), SAMPLES // BLOCKS), 2.1, []),  # scatters: 3.6 ± 2.1
+    ],
+)
+def test_a_sensor_is_worse_beyond_its_scatter_where_it_matters(unseen, after, before, worse):
+    assert unseen.of.worse_sensors(hypothesis(1.0, after), hypothesis(1.0, before)) == worse
+
+
+def test_the_rise_is_compared_with_twice_its_standard_error(unseen):
+    """Alternating rises a ± b over 16 blocks: mean a, standard error b·√(16/15)/4."""
+    a, b = 1.0, 1.0
+
+    def alternating(spread):
+        squares = 4.0 + a + spread * np.tile([1.0, -1.0], BLOCKS // 2)
+        return hypothesis(1.0, np.repeat(np.sqrt(squares), SAMPLES // BLOCKS))
+
+    edge = a / 2 * 4 / np.sqrt(16 / 15)
+    parent = hypothesis(1.0, 2.0)
+    assert edge > b
+    assert unseen.of.worse_sensors(alternating(0.97 * edge), parent) == [1]
+    assert unseen.of.worse_sensors(alternating(1.03 * edge), parent) == []
+
+
+def test_a_weighted_search_judges_by_what_is_left_fast_and_slow(unseen):
+    """A slow error twice as large in range, a fast one much smaller: promising where sensors are weighted."""
+    rng = np.random.default_rng(0)
+    fast, slow = rng.standard_normal(SAMPLES), np.sin(2 * np.pi * np.arange(SAMPLES) / SAMPLES)
+    parent, child = hypothesis(8 * fast, 8 * fast, weighting="balanced"), hypothesis(
+        12 * slow, 12 * slow, weighting="balanced"
+    )  # fmt: skip
+    assert unseen.of.error(child).pooled > unseen.of.error(parent).pooled
+    assert not unseen.of.gains(child, parent)
+    assert unseen.of.promises(child, parent)
+    assert not unseen.of.promises(parent, child)
+    child.fit.problem.weighting = None
+    assert not unseen.of.promises(child, parent)
+
+
+def test_nothing_measured_leaves_no_figure(unseen):
+    unseen.of.holdout.data = FitData((Segment(TIME, np.zeros((SAMPLES, 0)), np.full((SAMPLES, 3), np.nan)),), NOISE)
+    found = unseen.of.error(hypothesis(1.0, 1.0))
+    assert np.isnan(found.pooled)
+    assert np.isnan(found.power_left)
