@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from matching import dry_run
 from matching.commands import available
 from modelling.common.errors import InputError, of_the_machine
+from modelling.common.escape import terminal
 from modelling.common.interruption import Interrupted, whatever_it_became
 from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
@@ -176,7 +177,7 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
         return text
     result = command.run(arguments)
-    return str(command.summary(result)) if hasattr(command, "summary") else ""
+    return terminal(str(command.summary(result))) if hasattr(command, "summary") else ""
 
 
 @contextmanager

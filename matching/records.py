@@ -9,12 +9,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from modelling.common.errors import InputError
+
 CHECKSUM = "sha256"  # key of a line's last entry: checksum of the line without it
 
 
 def append(record: Path, row: dict[str, Any]) -> None:
-    """Append a row of plain values and force it to the disk."""
+    """Append a row of plain values and force it to the disk.
+
+    Raises
+    ------
+    InputError
+        If a pipe, a folder or a link stands in its place.
+    """
     record.parent.mkdir(parents=True, exist_ok=True)
+    _check_place(record)
     with record.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row | {CHECKSUM: _checksum(row)}, allow_nan=False) + "\n")
         file.flush()
@@ -24,7 +33,8 @@ def append(record: Path, row: dict[str, Any]) -> None:
 def rows(record: Path, kinds: Mapping[str, type]) -> list[dict[str, Any]]:
     """The rows of a record; a line that is damaged, or that a kill left half written, counts as not written.
 
-    ``kinds`` are what every row holds by key; a row of another build is none of this record's.
+    ``kinds`` are what every row holds by key; a row of another build is none of this record's. Raises as
+    :func:`append` does.
     """
     whole = []
     for line in whole_lines(record):
@@ -39,8 +49,12 @@ def rows(record: Path, kinds: Mapping[str, type]) -> list[dict[str, Any]]:
 
 
 def whole_lines(record: Path) -> list[str]:
-    """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too."""
-    if not record.is_file():
+    """Lines of a file that rows are appended to; one that a kill left half written is cut off, in the file too.
+
+    Raises as :func:`append` does.
+    """
+    _check_place(record)
+    if not record.exists():
         return []
     text = record.read_bytes()
     whole = text[: text.rfind(b"\n") + 1]
@@ -48,6 +62,12 @@ def whole_lines(record: Path) -> list[str]:
         with record.open("r+b") as file:
             file.truncate(len(whole))
     return whole.decode("utf-8", "replace").split("\n")[:-1]
+
+
+def _check_place(record: Path) -> None:
+    """Raise ``InputError`` for a pipe, a folder, or a link, which would be written to wherever it leads."""
+    if record.is_symlink() or (record.exists() and not record.is_file()):
+        raise InputError(str(record), "is no file of ours", "remove it, or name another --out")
 
 
 def _checksum(row: dict[str, Any]) -> str:

@@ -40,6 +40,8 @@ def supervised(command: Callable[[], int]) -> int:
             os._exit(128 + signal.SIGKILL)
         if temporary:
             os.environ["TMPDIR"] = temporary
+            if not all(map(_can_be_made, _folders_of_matplotlib())):
+                os.environ.setdefault("MPLCONFIGDIR", temporary)  # or it complains, in every worker too
         os.environ["PYTHONWARNINGS"] = f"{os.environ.get('PYTHONWARNINGS', '')},{SILENT_CLEARING}".lstrip(",")
         interruption.install()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -150,6 +152,19 @@ def _temporary_folder() -> str:
 def _folders_for_temporary_files() -> Iterable[str]:
     """As :func:`tempfile.gettempdir` has them, whose module takes longer to import than this command to begin."""
     return filter(None, (*(os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")), "/tmp", "/var/tmp"))
+
+
+def _folders_of_matplotlib() -> Iterable[str]:
+    """Where it keeps its settings and its list of fonts."""
+    for variable, usual in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):
+        yield os.path.join(os.environ.get(variable) or os.path.join(os.path.expanduser("~"), usual), "matplotlib")
+
+
+def _can_be_made(folder: str) -> bool:
+    """Whether a folder exists and can be written to, or can be made."""
+    while not os.path.lexists(folder) and os.path.dirname(folder) != folder:
+        folder = os.path.dirname(folder)
+    return os.path.isdir(folder) and os.access(folder, os.W_OK | os.X_OK)
 
 
 def _prctl(option: int, value: int) -> None:

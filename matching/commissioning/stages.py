@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.records import append, rows
+from modelling.common.errors import InputError
 from modelling.writing.output import write_all
 
 Files = Mapping[str, str | bytes]
@@ -47,6 +48,8 @@ class Stages:
         figures = self.done(name, inputs)
         if figures is not None and enough(figures):
             return figures
+        if (self.folder / name).is_symlink():
+            raise InputError(str(self.folder / name), "is a link", "remove it: steps are written to this folder only")
         files, figures = work()
         write_all(self.folder / name, files)
         sums = {path: checksum(content) for path, content in files.items()}

@@ -1,7 +1,7 @@
 """Text of a user's file → text that is only text where it is put: one function for each place.
 
-Nothing that a file holds is written into C, XML, HTML, LaTeX, a figure or a path except through these. No command line
-holds any of it: compilers are called with names of files that are fixed.
+Nothing that a file holds is put into C, XML, HTML, LaTeX, TOML, a figure, paths or a terminal except through these.
+No command line holds any of it: compilers are called with names of files that are fixed.
 """
 
 import html as standard_html
@@ -9,6 +9,7 @@ import re
 import unicodedata
 
 LONGEST_COMMENT, LONGEST_FILE_NAME = 200, 80  # characters; a file's name may take 255 bytes, an ending included
+_DIRECTION = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _LATEX = {letter: f"\\{letter}" for letter in "{}$&#_%"} | {
     "\\": r"\backslash{}", "^": r"\hat{}", "~": r"\sim{}", "<": r"\lt{}", ">": r"\gt{}",
 }  # fmt: skip
@@ -46,6 +47,16 @@ def latex(text: str) -> str:
     return "".join(_LATEX.get(letter, letter) for letter in xml(text))
 
 
+def toml_string(text: str) -> str:
+    """A TOML string, quotes included; what cannot be seen is written by its number, halves of pairs are replaced."""
+    return '"' + "".join(_in_toml(letter) for letter in _utf8(text).decode()) + '"'
+
+
+def terminal(text: str) -> str:
+    """Lines for a terminal: no sequence in them moves its cursor, and no mark of direction reorders a line."""
+    return "".join("\ufffd" if letter in _DIRECTION or is_control(letter, but="\n\t") else letter for letter in text)
+
+
 def figure(text: str) -> str:
     """For a text of Matplotlib, which reads what stands between two dollar signs as mathematics."""
     return single_line(text).replace("$", r"\$")
@@ -62,9 +73,15 @@ def single_line(text: str) -> str:
     return "".join("\ufffd" if is_control(letter) else letter for letter in text)
 
 
-def is_control(letter: str) -> bool:
+def is_control(letter: str, but: str = "") -> bool:
     """Whether a character is a control character, a line or paragraph separator, half of a pair, or no character."""
-    return unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") or letter in "\ufffe\uffff"
+    return letter not in but and (unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") or letter in "\ufffe\uffff")
+
+
+def _in_toml(letter: str) -> str:
+    if letter in '"\\':
+        return f"\\{letter}"
+    return letter if letter.isprintable() else f"\\U{ord(letter):08x}"
 
 
 def _utf8(text: str) -> bytes:

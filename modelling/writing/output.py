@@ -23,7 +23,9 @@ def strict_json(value: Any) -> str:
         A value has no counterpart in JSON.
     """
     plain = _plain(value, "")
-    return json.dumps(plain, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+    text = json.dumps(plain, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+    # half of a pair, as in the name of a file that is no UTF-8: JSON's own escape, for UTF-8 has none
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
@@ -57,9 +59,10 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         _remove_if_empty(sorted(folders, reverse=True))
         if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError):
             wrong = f"cannot be written: {(error.strerror or str(error)).lower()}"
-            raise InputError(
-                str(error.filename or directory), wrong, "give a directory that can be written to"
-            ) from error
+            where = str(error.filename or directory)
+            if staging.WRITING in where:  # a name of our own, which says nothing to the user
+                where = str(directory)
+            raise InputError(where, wrong, "give a directory that can be written to") from error
         if isinstance(error, OSError) and error.filename is None:  # of a write
             error.filename = str(directory)
         raise

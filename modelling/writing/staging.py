@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from errno import EISDIR
+from errno import EISDIR, ENOTDIR
 from pathlib import Path
 
 from modelling.writing.outdated import outdated
@@ -60,9 +60,11 @@ def check_places(directory: Path, files: Mapping[str, str | bytes]) -> None:
     Raises
     ------
     OSError
-        If that cannot be, or a file's place is taken by a folder.
+        If that cannot be, a file's place is taken by a folder, or a link inside ``directory`` leads out of it.
     """
     for name in files:
+        if link := _link_above(directory, Path(name)):
+            raise NotADirectoryError(ENOTDIR, "is a link, which may lead out of the folder that is written to", link)
         if (directory / name).is_dir():
             raise IsADirectoryError(EISDIR, "is a directory", str(directory / name))
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
@@ -84,6 +86,8 @@ def unfinished(directory: Path) -> bool:
 def recover(directory: Path) -> None:
     """Finish or remove what runs left that were killed; what belongs to a run that goes on is left alone."""
     for folder in [*directory.glob(f"{WRITING}*/"), *directory.glob(f"{UNFINISHED}*/")]:
+        if folder.is_symlink():  # no run makes one: what it leads to is somebody's own
+            continue
         with contextlib.suppress(OSError), _held(folder, wait=False):
             if folder.name.startswith(UNFINISHED):
                 _finish(folder, directory)
@@ -95,11 +99,17 @@ def _finish(marked: Path, directory: Path) -> None:
     for path in list(outdated(directory, marked)):  # first: afterwards the old list is gone
         path.unlink(missing_ok=True)
     for path in sorted(marked.rglob("*")):
-        if not path.is_dir():
+        if not path.is_dir() and not _link_above(directory, path.relative_to(marked)):
             (directory / path.relative_to(marked)).parent.mkdir(parents=True, exist_ok=True)
             path.replace(directory / path.relative_to(marked))
     shutil.rmtree(marked)
     _sync(directory)
+
+
+def _link_above(directory: Path, name: Path) -> str:
+    """The first link among the folders between ``directory`` and the file of a relative name, or an empty text."""
+    folders = [directory / folder for folder in list(name.parents)[-2::-1]]
+    return next((str(folder) for folder in folders if folder.is_symlink()), "")
 
 
 @contextmanager

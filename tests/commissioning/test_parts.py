@@ -12,11 +12,12 @@ from matching.commissioning.circle import Circle, CommissionOrder
 from matching.commissioning.fmu_bed import held_as_linear
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
 from matching.commissioning.runs import proof_recording
-from matching.commissioning.stages import Stages
+from matching.commissioning.stages import RECORD, Stages
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.excitation.proof import Proof
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
+from modelling.common.errors import InputError
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 
@@ -42,6 +43,49 @@ def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_pat
     stages.run("1_step", "other", work)
     assert len(calls) == 3
     assert (tmp_path / "1_step" / "a.txt").read_text() == "text"
+
+
+def test_a_damaged_record_is_never_a_wrong_answer(tmp_path):
+    """Every byte changed, left out or doubled, lines swapped and cut: figures as they were written, or none."""
+    stages = Stages(tmp_path)
+    steps = {"1_match": ({"a.txt": "text"}, {"status": "matched"}), "1_verify": ({}, {"errors": {"é": 0.125}})}
+    for name, step in steps.items():
+        stages.run(name, "same", lambda step=step: step)
+    record = tmp_path / RECORD
+    whole = record.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    damaged = [
+        b"".join(lines[::-1]),
+        b"".join(lines * 2),
+        b"",
+        b"\n",
+        b"[" * 9999,
+        b"null\n1\n[]\n{}\n",
+        b"\xef" + whole,
+    ]
+    for place in range(0, len(whole), 3):
+        before, letter, after = whole[:place], whole[place : place + 1], whole[place + 1 :]
+        damaged += [before + new + after for new in (b"", letter * 2, b"\n", b"9", b"\xff", bytes([letter[0] ^ 1]))]
+        damaged.append(before)
+    kept = 0
+    for content in damaged:
+        record.write_bytes(content)
+        for name, (_, figures) in steps.items():
+            found = stages.done(name, "same")
+            assert found in (figures, None)
+            kept += found is not None
+    assert 0.4 < kept / (2 * len(damaged)) < 0.6  # the line that is not damaged
+    record.write_bytes(whole)
+    (tmp_path / "1_match" / "a.txt").write_text("tex")
+    assert stages.done("1_match", "same") is None
+
+
+def test_a_step_is_not_written_through_a_link(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "1_step").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="1_step: is a link"):
+        Stages(tmp_path).run("1_step", "same", lambda: ({"a.txt": ""}, {}))
+    assert not list((tmp_path / "elsewhere").iterdir())
 
 
 def test_a_step_that_ended_early_is_done_again_where_it_may_take_longer(tmp_path):

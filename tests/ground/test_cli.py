@@ -250,6 +250,15 @@ def test_terminal_without_greek_letters():
     assert (shown.returncode, json.loads(shown.stdout)) == (0, {"unit": "kg·m²"})
 
 
+def test_names_of_files_do_not_move_the_cursor_and_data_stay_as_they_are():
+    hostile = "a\x1b[2J\r\u202eb\n\udcffc"
+    code = with_modes(repr({"title": hostile}), repr(hostile), "sys.argv[1:]")
+    shown = subprocess.run([sys.executable, "-c", code, "modes"], capture_output=True, check=False)
+    assert (shown.returncode, shown.stdout.decode()) == (0, "a\ufffd[2J\ufffd\ufffdb\n\ufffdc\n")
+    shown = subprocess.run([sys.executable, "-c", code, "modes", "--json"], capture_output=True, check=False)
+    assert (shown.returncode, json.loads(shown.stdout)) == (0, {"title": hostile})
+
+
 def test_reader_gone_early_leaves_no_traceback():
     code = with_modes("{}", "'x' * 1_000_000", "['modes']")
     shell = f'{sys.executable} -c "$CODE" | head -c 1'

@@ -269,3 +269,25 @@ def test_a_kill_between_old_and_new_results_leaves_no_old_picture_after_the_next
     assert (tmp_path / "old.svg").exists()
     staging.recover(tmp_path)
     assert set(contents(tmp_path)) == {"result.json"}
+
+
+def test_links_in_a_folder_of_results_do_not_lead_out_of_it(tmp_path):
+    """Somebody's folder of results may hold links to what is another's: nothing is moved from there, or put there."""
+    private, out = tmp_path / "private", tmp_path / "out"
+    private.mkdir()
+    out.mkdir()
+    (private / "letter.txt").write_text("mine")
+    for name in ("unfinished-x", ".writing-x", "figures"):
+        (out / name).symlink_to(private)
+    left = out / "unfinished-y" / "figures"
+    left.mkdir(parents=True)
+    (left / "planted.svg").write_text("")
+    write_all(out, {"result.json": "{}"})
+    with pytest.raises(InputError, match=r"figures: cannot be written: is a link"):
+        write_all(out, {"figures/modes.svg": ""})
+    assert contents(private) == {"letter.txt": b"mine"}
+    assert (out / "result.json").read_text() == "{}"
+    linked = tmp_path / "linked"
+    linked.symlink_to(out)  # the folder that the user names may be one
+    write_all(linked, {"result.json": "[]"})
+    assert (out / "result.json").read_text() == "[]"

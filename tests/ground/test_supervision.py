@@ -176,3 +176,22 @@ sys.exit(rigmatch.main())
     ended = subprocess.run(words, cwd=tmp_path, env=environment, stdin=subprocess.DEVNULL, timeout=60, check=False)
     assert ended.returncode == 7
     assert (tmp_path / "opened.txt").read_text(encoding="utf-8") == ""
+
+
+@pytest.mark.parametrize("home", ["/dev/null/home", "", None], ids=["no folder", "writable", "kept"])
+def test_without_a_home_to_write_to_nothing_is_said_about_it(tmp_path, home):
+    """Matplotlib says in two lines where it keeps its fonts instead, in every worker."""
+    code = f"{BEGIN}\ndef work():\n    import matplotlib\n    print(matplotlib.get_configdir())\n    return 0\n"
+    own = {"HOME": str(tmp_path) if home == "" else home or "/dev/null"}
+    own |= {"TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    if home is None:
+        own["MPLCONFIGDIR"] = str(tmp_path / "mine")
+    where = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "MPL"))} | own
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{code}sys.exit(supervised(command))"], env=where, text=True, capture_output=True,
+        check=True,
+    )  # fmt: skip
+    assert ended.stderr == ""
+    wanted = {"": str(tmp_path / ".config"), None: str(tmp_path / "mine")}.get(home, str(tmp_path / "rigmatch-"))
+    assert ended.stdout.startswith(wanted)
+    assert not list(tmp_path.glob("rigmatch-*"))

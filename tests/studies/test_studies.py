@@ -85,6 +85,24 @@ def test_a_damaged_line_of_a_record_is_computed_anew(tmp_path, damage):
     assert worked == [1, 2, 3, 2]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("kind", ["link", "broken link", "pipe", "folder"])
+def test_a_record_is_a_file_of_ours_alone(tmp_path, kind):
+    record, elsewhere = tmp_path / "record.jsonl", tmp_path / "elsewhere"
+    if kind == "link":
+        elsewhere.write_text("mine")
+    if "link" in kind:
+        record.symlink_to(elsewhere)
+    elif kind == "pipe":
+        os.mkfifo(record)
+    else:
+        record.mkdir()
+    for step in (lambda: records.rows(record, {}), lambda: records.append(record, {"a": 1})):
+        with pytest.raises(InputError, match=r"record\.jsonl: is no file of ours; remove it"):
+            step()
+    assert kind == "folder" or not elsewhere.exists() or elsewhere.read_text() == "mine"
+
+
 def test_a_killed_worker_costs_nothing_but_time(tmp_path):
     record, died = tmp_path / "record.jsonl", str(tmp_path / "died")
     with executor_of(1) as executor:

@@ -21,6 +21,7 @@ from matching.report.common.wording import amount, spaced, unit
 from matching.report.drawing.figures import LEGEND
 from matching.report.drawing.picture import Picture
 from matching.report.drawing.svg import Marks, drivetrain_svg
+from modelling.common.escape import html
 
 
 class DrivetrainTab:
@@ -77,12 +78,15 @@ class DrivetrainTab:
             marks = Marks(selected=chosen, changed=document.changed_parts)
             view.svg = drivetrain_svg(self._picture(role), marks, reacts=True, prefix=role)
         rows = [
-            f"<li>{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
-            f"{amount(after, document.system.units[name])}</li>"
+            html(
+                f"{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
+                f"{amount(after, document.system.units[name])}"
+            )
             for role, document in self.workspace.models.items()
             for name, (before, after) in document.changes.items()
         ]
-        self.changes.object = f"<p>Not saved:</p><ul>{''.join(rows)}</ul>" if rows else "<p>Everything is saved.</p>"
+        listed = "".join(f"<li>{row}</li>" for row in rows)
+        self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
 
     def after_change(self) -> None:
         """Show values that were changed here or elsewhere."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import panel as pn
-from bokeh.models import ColumnDataSource, Range1d
+from bokeh.models import ColumnDataSource, PlainText, Range1d
 
 from matching.explore import equivalents
 from matching.explore.files.as_shown import write_model
@@ -123,7 +123,8 @@ class MeasurementTab:
         time, values = self.file.signal(self.signal.value, low, high)
         self.source.data = {"t": time, "y": values}
         unit = self.file.columns[self.signal.value]
-        self.figure.yaxis.axis_label = f"{self.signal.value} [{unit or 'SI'}]"
+        # as plain text: Bokeh fetches a library from the network for a label with $$
+        self.figure.yaxis.axis_label = PlainText(text=f"{self.signal.value} [{unit or 'SI'}]")
         self._draw_simulated(unit)
 
     def _figure(self) -> Any:

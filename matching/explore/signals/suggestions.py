@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 from modelling.common.errors import InputError
+from modelling.common.escape import toml_string
 from modelling.measurement.readers.table import TIME_NAMES
 from modelling.model.system import System
 from modelling.units import SENSOR_UNITS, factor
@@ -87,15 +88,12 @@ def time_column(columns: Sequence[str]) -> str:
 
 def channel_file(chosen: Mapping[str, tuple[str, str]], time: str) -> str:
     """The text of a channel file from column and unit by channel; empty columns are left out."""
-    rows = {name: {"channel": column, "unit": unit} for name, (column, unit) in chosen.items() if column}
-    quoted = [f'{_quoted(name)} = {{ channel = {_quoted(r["channel"])}, unit = {_quoted(r["unit"])} }}' for name, r in
-              rows.items()]  # fmt: skip
-    return "\n".join(["[channels]", f"time = {_quoted(time)}", *quoted]) + "\n"
-
-
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(letter if letter.isprintable() else f"\\u{ord(letter):04x}" for letter in escaped) + '"'
+    rows = [
+        f"{toml_string(name)} = {{ channel = {toml_string(column)}, unit = {toml_string(unit)} }}"
+        for name, (column, unit) in chosen.items()
+        if column
+    ]
+    return "\n".join(["[channels]", f"time = {toml_string(time)}", *rows]) + "\n"
 
 
 def _fits(wanted: Wanted, unit: str) -> bool:

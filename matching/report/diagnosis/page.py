@@ -10,6 +10,7 @@ from matching.report.common.environment import embedded, environment
 from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.figures import CAPTIONS
 from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place, shape
+from modelling.common.escape import html
 
 MEANING = {
     "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
@@ -169,7 +170,7 @@ def _fidelity(fidelity: Mapping[str, Any]) -> dict[str, Any]:
     before, after = fidelity["before"], fidelity["after"]
     rows = []
     for base, extended in zip(before["signals"], after["signals"], strict=True):
-        name = f"<code>{base['name']}</code>"
+        name = f"<code>{html(base['name'])}</code>"
         delays = f"delay: {_delay(base)} base model, {_delay(extended)} extended"
         rows.append({"name": f"{name}, R<sub>NRMSE</sub>", "what": "deviation over the range of the measurement",
                      "before": percent(base["R_NRMSE"]), "after": percent(extended["R_NRMSE"])})  # fmt: skip
