@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import socket
 import sys
 from collections.abc import Iterator
@@ -22,8 +23,9 @@ def reserved(directory: str | Path, command: str) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process runs the same command into the same folder.
+        If another process runs the same command into the same folder, or the user may not write there.
     """
+    _check_access(Path(directory))
     if sys.platform != "linux":
         yield
         return
@@ -36,3 +38,10 @@ def reserved(directory: str | Path, command: str) -> Iterator[None]:
                 wrong = f"another 'rigmatch {command}' is running that writes there"
                 raise InputError(str(directory), wrong, "wait until it ends, or name another --out") from None
         yield
+
+
+def _check_access(directory: Path) -> None:
+    """Raise ``InputError`` before the work for a folder that can neither be written to nor made."""
+    place = next((place for place in (directory, *directory.absolute().parents) if os.path.lexists(place)), directory)
+    if place.is_dir() and not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(str(directory), "cannot be written to by this user", "give a directory that can be written to")

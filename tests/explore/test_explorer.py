@@ -47,3 +47,21 @@ def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     assert content[0] is not first
     bar.active = 0
     assert content[0] is first
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_the_name_of_a_column_is_no_formula(tmp_path):
+    """For a text with $$ the page would fetch a library from the network."""
+    pytest.importorskip("panel")
+    from bokeh.models import PlainText
+
+    from matching.explore.files.workspace import opened
+    from matching.explore.page.measurement import MeasurementTab
+
+    hostile = r"$$\href{x}{y}$$ <img src=x>"
+    recording = tmp_path / "log.csv"
+    recording.write_text(f"time [s],motor_torque,{hostile}\n" + "".join(f"{t / 100},1,{t}\n" for t in range(50)))
+    tab = MeasurementTab(opened([ROOT / "examples" / "diagnosis" / "model.toml", recording], tmp_path))
+    tab.signal.value = hostile
+    assert isinstance(tab.figure.yaxis.axis_label, PlainText)
+    assert tab.figure.yaxis.axis_label.text == f"{hostile} [SI]"

@@ -63,6 +63,12 @@ def test_files_are_written_and_nothing_beside_them(tmp_path):
     assert sorted(path.name for path in out.iterdir()) == ["figures", "result.json", "ω.txt"]
 
 
+def test_a_name_that_is_no_utf_8_is_no_fault(tmp_path):
+    write_all(tmp_path, {"result.json": strict_json({"case": "a\udcff"}), "report.html": "<p>a\udcff</p>"})
+    assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8")) == {"case": "a\udcff"}
+    assert (tmp_path / "report.html").read_bytes() == b"<p>a?</p>"
+
+
 def test_old_files_are_replaced_and_others_left(tmp_path):
     (tmp_path / "result.json").write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
@@ -196,6 +202,17 @@ def test_after_a_signal_that_a_library_swallowed_nothing_is_written(tmp_path, mo
     with pytest.raises(interruption.Interrupted):
         write_all(tmp_path / "out", NEW)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="folders are kept for a run on Linux only")
+def test_a_folder_that_may_not_be_written_to_is_told_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, _: pathlib.Path(path) != tmp_path)  # root may write anywhere
+    for out in (tmp_path, tmp_path / "new" / "deeper"):
+        with pytest.raises(InputError, match="cannot be written to by this user"), reserved(out, "match"):
+            pass
+    (tmp_path / "own").mkdir()
+    with reserved(tmp_path / "own" / "new", "match"):
+        pass
 
 
 def test_a_second_run_into_the_same_folder_is_told(tmp_path):
