@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from matching.executors import executor_of
+from matching.executors import can_fork, executor_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -60,6 +60,18 @@ class Aside:
         if self._process is not None and id(value) not in self._shared:
             self._shared[id(value)] = value
             self._submit(_keep, id(value), value)
+
+    def lend(self, value: Any) -> None:
+        """Begin the other process as a copy of this one, which has a value that could not well be sent.
+
+        Where the machine cannot do that, or the process has begun, everything from now on is worked out here.
+        """
+        if self._process is not None or self._begins is None or not can_fork():
+            self._process = self._begins = None
+            return
+        _KEPT[id(value)] = self._shared[id(value)] = value
+        self.start()
+        del _KEPT[id(value)]
 
     def begin(self, function: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> BesideTask[R]:
         """A task: function of a module, with arguments that can be sent to another process."""

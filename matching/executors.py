@@ -29,7 +29,7 @@ class LocalProcesses(Executor):
 
     def __init__(self, workers: int | None = None, like_this_process: bool = False):
         self.workers = workers
-        self._method = "fork" if like_this_process and _can_fork() else "spawn"
+        self._method = "fork" if like_this_process and can_fork() else "spawn"
         self._pool = self._begun()
 
     def _begun(self) -> ProcessPoolExecutor:
@@ -107,8 +107,11 @@ def _call(task: bytes) -> Any:
     return function(*arguments, **options)
 
 
-def _can_fork() -> bool:
-    """Only Linux's libraries bear it, and only without other threads, whose locks would never be let go."""
+def can_fork() -> bool:
+    """Whether processes may begin as copies of this one.
+
+    Only Linux's libraries bear it, and only without other threads, whose locks would never be let go.
+    """
     return sys.platform == "linux" and active_count() == 1
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import threading
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -39,19 +40,22 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Diagnose and write files; the result object is that of diagnosis.json."""
     from tqdm import tqdm
 
-    from matching.arguments import watched
+    from matching.arguments import cores, watched
+    from matching.aside import beside
     from matching.diagnosis.diagnosis import diagnose
     from matching.diagnosis.loggers import read_loggers
     from modelling.measurement.channels import read_channels
     from modelling.model.files import dumps, load
     from modelling.writing.output import write_results
 
-    threading.Thread(target=_load_figures, daemon=True).start()
+    loading = threading.Thread(target=_load_figures, daemon=True)
+    loading.start()
     system = load(arguments.model)
     channels = read_channels(arguments.channels) if arguments.channels else None
     recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
     holdout = [read_loggers(paths, system, channels) for paths in arguments.holdout]
-    with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar:
+    tqdm.monitor_interval = 0  # no thread of its own, as for the copy below
+    with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar, beside(cores()) as aside:
 
         def tell(step: str) -> None:
             bar.set_description_str(f"{step:50.50}")
@@ -59,25 +63,37 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
         diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
         tell("report")
-        from matching.report.common.style import image
-        from matching.report.curves.acting_axes import acting
-        from matching.report.diagnosis.figures import figures
-        from matching.report.diagnosis.page import content, page
-
-        figures_by_name = figures(diagnosis, system)
-        drawn = {name: image(figure) for name, figure in figures_by_name.items()}
-    result = content(diagnosis)
-    units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"extended.toml": dumps(diagnosis.extended)}
-    files["report.html"] = page(result, system.title, units, drawn, acting(figures_by_name))
-    files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
+        loading.join()  # a process that has threads cannot be copied
+        result, files = _written(diagnosis, system, aside)
+    files["extended.toml"] = dumps(diagnosis.extended)
     return write_results(arguments.out, "diagnosis.json", result, files)
+
+
+def _written(diagnosis: Any, system: Any, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+    """Result and files by name; the figures become files aside, from the first on, and here, from the last on."""
+    from matching.report.curves.acting_axes import acting
+    from matching.report.diagnosis.figures import figures, svg
+    from matching.report.diagnosis.page import content, page
+
+    shown = figures(diagnosis, system)
+    aside.lend(shown)
+    moving = aside.begin(acting, shown)
+    tasks = {name: aside.begin(svg, shown, name) for name in shown}
+    result = content(diagnosis)
+    drawn = {name: tasks[name].result() for name in reversed(tasks)}
+    drawn = {name: drawn[name] for name in tasks}
+    units = {sensor.name: sensor.unit for sensor in system.sensors}
+    files: dict[str, str | bytes] = {"report.html": page(result, system.title, units, drawn, moving.result())}
+    return result, files | {f"figures/{name}.svg": picture for name, picture in drawn.items()}
 
 
 def _load_figures() -> None:
     """Load what the fits need late and what draws, while they simulate in compiled code on the other core."""
-    for module in ("scipy.signal", "matching.report.diagnosis.figures", "matching.report.diagnosis.page"):
+    report = ("diagnosis.figures", "diagnosis.page", "curves.acting_axes")
+    for module in ("scipy.signal", *(f"matching.report.{name}" for name in report)):
         import_module(module)
+    with suppress(ImportError):  # no part of a plain installation
+        import_module("bokeh.plotting")
 
 
 def summary(result: dict[str, Any]) -> str:

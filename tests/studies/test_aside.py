@@ -95,6 +95,41 @@ def call_fail():
     return fail()
 
 
+class Unsendable:
+    """A value that only a copy of this process can know."""
+
+    def __reduce__(self):
+        raise TypeError("cannot be sent")
+
+
+def process_of(value, number):
+    return type(value).__name__, number, os.getpid()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked here")
+def test_a_lent_value_is_known_to_a_copy_of_this_process_without_being_sent(monkeypatch):
+    with beside(2) as aside:
+        monkeypatch.setattr(executors, "active_count", lambda: 1)  # a thread watches over the test's time
+        value = Unsendable()
+        aside.lend(value)
+        task = aside.begin(process_of, value, 3)
+        name, number, process = task.promise.result(60)
+        assert (name, number) == ("Unsendable", 3)
+        assert process != os.getpid()
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+def test_a_lent_value_is_worked_with_here_where_no_copy_can_be_made(monkeypatch, prepared):
+    """With threads, and where the other process has begun before."""
+    with beside(2) as aside:
+        monkeypatch.setattr(executors, "active_count", lambda: 2 - prepared)
+        if prepared:
+            aside.start()
+        value = Unsendable()
+        aside.lend(value)
+        assert aside.begin(process_of, value, 4).result() == ("Unsendable", 4, os.getpid())
+
+
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
 def test_a_killed_process_costs_nothing_but_time():
     with beside(2) as aside:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from matplotlib.figure import Figure
 
 from matching.diagnosis.verdict.result import Diagnosis
+from matching.report.common.style import image
 from matching.report.diagnosis.axes import views
 from matching.report.diagnosis.balance_figure import balance_figure
 from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
@@ -44,3 +47,14 @@ def figures(diagnosis: Diagnosis, system: System) -> dict[str, Figure]:
         "where": where_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
         "spectrum": spectrum_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
     }
+
+
+def svg(drawn: Mapping[str, Figure], name: str) -> bytes:
+    """The file of one of :func:`figures`.
+
+    Raises
+    ------
+    KeyError
+        If there is no such figure.
+    """
+    return image(drawn[name])
