@@ -24,7 +24,7 @@ def main(seed: int = 0, workers: int = 1) -> MatchResult:
 
     print(f"{result.status}, objective {result.objective:.4f}")
     for target in result.targets:
-        print(f"{target.symmetry}: vehicle {target.vehicle:.3f} Hz, free rig {target.rig:.2f} Hz, ", end="")
+        print(f"{target.symmetry}: vehicle {target.vehicle:.3f} Hz, rig without control {target.rig:.2f} Hz, ", end="")
         print(f"matched {target.matched:.3f} Hz, from simulation {target.identified:.3f} Hz; ", end="")
         print(f"damping ratio {target.vehicle_damping:.4f} and {target.matched_damping:.4f}")
     print(f"0.5–30 Hz: before {error.before:.2f}, after {error.after:.4f}, unmeasured {error.unmeasured:.2f}")

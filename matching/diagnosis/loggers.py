@@ -141,8 +141,8 @@ def clock_offset(system: System, leading: Recording, part: Recording, names: Seq
     longest = LARGEST_SHARE * min(np.ptp(even), np.ptp(other))
     best = int(np.argmax(np.where(np.abs(offsets) <= longest, total, -np.inf)))
     before, at, after = total[best - 1], total[best], total[(best + 1) % size]
-    bend = before - 2 * at + after
-    return float(offsets[best] + (step * 0.5 * (before - after) / bend if bend < 0 else 0.0))
+    curvature = before - 2 * at + after
+    return float(offsets[best] + (step * 0.5 * (before - after) / curvature if curvature < 0 else 0.0))
 
 
 def _correlation(measured: np.ndarray, expected: np.ndarray, size: int) -> np.ndarray:

@@ -128,12 +128,14 @@ def _smooth(rows: np.ndarray, residual: np.ndarray, factor: float) -> tuple[np.n
         Variance of the residual, correlation included, in times the noise.
     """
     gram, along = rows @ rows.T, rows @ residual
-    bend = np.diff(np.eye(len(rows)), 2, axis=0)
+    second_differences = np.diff(np.eye(len(rows)), 2, axis=0)
     unit = float(np.trace(gram)) / len(rows)
     count = max(float(np.count_nonzero(residual)) / factor, len(rows) + 1.0)
     total, best = float(residual @ residual), (np.inf, along, gram)
     for weight in ROUGHNESS:
-        inverse = np.linalg.pinv(gram + weight * unit * bend.T @ bend, rcond=1e-10, hermitian=True)
+        inverse = np.linalg.pinv(
+            gram + weight * unit * second_differences.T @ second_differences, rcond=1e-10, hermitian=True
+        )
         torque = inverse @ along
         left = total - 2 * torque @ along + torque @ gram @ torque
         score = left / (count - float(np.trace(inverse @ gram))) ** 2

@@ -73,12 +73,12 @@ def _paired(plain: Modes, damped: Modes, inertia: Mapping[str, float]) -> dict[i
         for column, second in enumerate(swinging):
             far = abs(np.log(second.frequency / first.frequency))
             if first.symmetry == second.symmetry and far <= FARTHEST_DAMPED:
-                score[row, column] = LEAST_SCORE + _likeness(first, second, inertia) * np.exp(-far)
+                score[row, column] = LEAST_SCORE + _mac(first, second, inertia) * np.exp(-far)
     places = zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True)
     return {elastic[row].number: swinging[column] for row, column in places if score[row, column] > 0}
 
 
-def _likeness(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
+def _mac(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
     """Modal assurance criterion over the inertias, each weighted by its inertia."""
     weight = np.sqrt(list(inertia.values()))
     a, b = (weight * np.array([mode.shape[name] for name in inertia]) for mode in (first, second))

@@ -49,12 +49,12 @@ def counterparts(case: Case) -> list[Mode | None]:
         if np.abs(shape).max(initial=0.0) < 1e-6:  # it leaves the shared part at rest: the lowest of its symmetry
             counterpart_modes.append(elastic[0])
             continue
-        likeness = [
+        macs = [
             float(mac(shape, np.array([[mode.shape.get(f"inertias.{name}", 0.0)] for name in shared]))[0, 0])
             for mode in elastic
         ]
         counterpart_modes.append(
-            elastic[int(np.argmax(np.array(likeness) > 0.8)) if max(likeness) > 0.8 else int(np.argmax(likeness))]
+            elastic[int(np.argmax(np.array(macs) > 0.8)) if max(macs) > 0.8 else int(np.argmax(macs))]
         )
     return counterpart_modes
 

@@ -171,11 +171,11 @@ def _names_in_vehicle(parts: Parts) -> dict[str, str]:
 def match_mode(
     vehicle_mode: Mode, modes: Sequence[LoopMode], inertia: Mapping[str, float] | None = None
 ) -> tuple[LoopMode, float] | None:
-    """The mode of the closed loop that a vehicle mode became, with its likeness 0 … 1.
+    """The mode of the closed loop that a vehicle mode became, with its MAC 0 … 1.
 
-    The likeness is the modal assurance criterion over the drive side and the ends of the cuts, each coordinate weighted
+    The MAC is the modal assurance criterion over the drive side and the ends of the cuts, each coordinate weighted
     by its ``inertia`` (kg·m² by ``inertias.NAME``, 1 unless given). Among the modes that look alike (0.5 or more), the
-    one with the nearest eigenvalue on a logarithmic scale and most alike is taken: likeness·exp(−|ln s/s₀|), so that
+    one with the nearest eigenvalue on a logarithmic scale and most alike is taken: MAC·exp(−|ln s/s₀|), so that
     of two that move the drive side alike the damping decides, too. None if no mode looks alike, a rigid one, or an
     overdamped motion.
     """
@@ -183,10 +183,10 @@ def match_mode(
     for mode in modes:
         if mode.frequency <= 0 or vehicle_mode.frequency <= 0:
             continue
-        likeness = _likeness(vehicle_mode, mode, inertia or {})
-        score = likeness * float(np.exp(-abs(np.log(eigenvalue_of(mode) / eigenvalue_of(vehicle_mode)))))
-        if likeness >= 0.5 and (best is None or score > best[0]):
-            best = score, mode, likeness
+        mac = _mac(vehicle_mode, mode, inertia or {})
+        score = mac * float(np.exp(-abs(np.log(eigenvalue_of(mode) / eigenvalue_of(vehicle_mode)))))
+        if mac >= 0.5 and (best is None or score > best[0]):
+            best = score, mode, mac
     return None if best is None else (best[1], best[2])
 
 
@@ -208,7 +208,7 @@ def eigenvalue_of(mode: SwingingMotion) -> complex:
     return 2 * np.pi * mode.frequency * complex(-damping, np.sqrt(1 - damping**2))
 
 
-def _likeness(vehicle_mode: Mode, mode: LoopMode, inertia: Mapping[str, float]) -> float:
+def _mac(vehicle_mode: Mode, mode: LoopMode, inertia: Mapping[str, float]) -> float:
     names = [name for name in vehicle_mode.shape if name in mode.shape]
     weight = np.sqrt([inertia.get(name, 1.0) for name in names])
     first = weight * np.array([vehicle_mode.shape[name] for name in names])

@@ -22,7 +22,7 @@ from modelling.bed.feed_forward import FeedForward
 
 @dataclass(frozen=True)
 class FunctionError:
-    """Root mean squares over the band for one compared function; None where the free rig has no path."""
+    """Root mean squares over the band for one compared function; None where the rig without control has no path."""
 
     input: str
     sensor: str
@@ -45,7 +45,7 @@ class ErrorFigures:
     Attributes
     ----------
     before : float or None
-        The free rig over the functions that have a path there; None where none has.
+        The rig without control over the functions that have a path there; None where none has.
     after, unmeasured : float
         The matched rig, and the same by feedback alone, over all compared functions.
     after_like_before : float or None
@@ -65,7 +65,7 @@ class ErrorFigures:
 
 @dataclass(frozen=True)
 class _Squares:
-    """|log(H/H_vehicle)|² (f, h) of free rig, matched rig and feedback alone; NaN where there is no path."""
+    """|log(H/H_vehicle)|² (f, h) of rig without control, matched rig and feedback alone; NaN where there is no path."""
 
     before: np.ndarray
     after: np.ndarray

@@ -1,4 +1,4 @@
-"""The compared transfer functions of vehicle, free rig and matched rig."""
+"""The compared transfer functions of vehicle, rig without control and matched rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Responses:
         Input and sensor of every function, h of them.
     vehicle : ndarray (f, h)
     rig : ndarray (f, h)
-        The free rig before tuning, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
+        The rig without control, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
     matched : ndarray (f, h)
         The tuned rig with its sampled controller: feed-forward where the torque is measured, else feedback alone.
     unmeasured : ndarray (f, h)

@@ -97,11 +97,11 @@ class ParameterResult:
 class ResponseError:
     """Root mean square over band and compared functions of abs(log(H_rig/H_vehicle)).
 
-    ``before`` is the free rig over the functions that have a path there; ``after`` the matched rig over all compared
-    ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to unmeasured
-    torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time, ``bound_unsampled`` the
-    same without sampling (:func:`matching.frequency.search.errors.lower_bound`): their difference is the cost of
-    sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
+    ``before`` is the rig without control over the functions that have a path there; ``after`` the matched rig over all
+    compared ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
+    unmeasured torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time,
+    ``bound_unsampled`` the same without sampling (:func:`matching.frequency.search.errors.lower_bound`): their
+    difference is the cost of sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
     (:func:`matching.frequency.search.errors.estimator_bound`). ``functions`` holds the errors of every compared
     function.
     """

@@ -1,4 +1,4 @@
-"""XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), free rig and matched rig, off the simulated traces.
+"""XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), without control and matched, from the simulated traces.
 
 R_SD compares torque and speed at every cut, as the paper does with M and n of each load dynamometer; R_RVM the
 vehicle's sensors behind the cuts with what the residual vehicle reads (see ``verification/emulated.py``);
@@ -33,7 +33,7 @@ SHORT = {"system_dynamics": "R_SD", "residual_vehicle_model": "R_RVM", "measurem
 
 @dataclass(frozen=True)
 class MatchFidelity:
-    """Fidelity before (free rig) and after tuning; ``at_rest`` names signals the manoeuvre leaves at rest, left out."""
+    """Fidelity without control and as matched; ``at_rest`` names signals the manoeuvre leaves at rest, left out."""
 
     before: Fidelity
     after: Fidelity

@@ -1,4 +1,4 @@
-"""Time simulation of vehicle, free rig and matched rig on one time base: a true delay line, a sampled controller.
+"""Time simulation of vehicle, rig without control and matched rig: one time base, a true delay line, sampled control.
 
 The controller runs at the loop's sample time. The dead time is counted from a sample to the middle of what its command
 does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below 0).
@@ -28,7 +28,7 @@ TOO_LARGE = 1e9  # a state beyond this has left every bed
 
 @dataclass(frozen=True)
 class Traces:
-    """Vehicle, free rig and matched rig over one manoeuvre, SI.
+    """Vehicle, rig without control and matched rig over one manoeuvre, SI.
 
     Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
     ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what

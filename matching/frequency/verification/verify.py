@@ -73,7 +73,7 @@ class Verification:
         does not reach the feed-forward, so the poles of both together are the poles of each.
     modes : tuple of LoopMode
         Of the feed-forward (``announced``), then of the feedback loop.
-    targets : tuple of (vehicle mode number, LoopMode or None, likeness)
+    targets : tuple of (vehicle mode number, LoopMode or None, MAC)
         The mode that each target became: with a feed-forward among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
@@ -139,8 +139,8 @@ class Verification:
             "twin_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
             "targets": [
-                {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": likeness}
-                for number, mode, likeness in self.targets
+                {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": mac}
+                for number, mode, mac in self.targets
             ],
             "seen": [mode.to_dict() for mode in self.identified],
             "peaks": dict(self.peaks),
@@ -258,7 +258,7 @@ def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, note
 
 
 def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
-    """For every target its number, the mode that it became, and their likeness."""
+    """For every target its number, the mode that it became, and their MAC."""
     inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
     reached = []
     for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):

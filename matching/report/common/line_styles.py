@@ -1,4 +1,4 @@
-"""Line styles of vehicle, free rig and matched rig: a colour each, and a stroke that differs in grey as well."""
+"""Line styles of vehicle, rig without control and matched rig: a colour and a stroke each, told apart in grey too."""
 
 from __future__ import annotations
 

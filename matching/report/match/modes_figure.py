@@ -1,4 +1,4 @@
-"""Frequencies and energy shares of vehicle, free rig and matched rig, as the paper's Fig. 3 shows them."""
+"""Frequencies and energy shares of vehicle, rig without control and matched rig, as the paper's Fig. 3 shows them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def match_modes_figure(result: MatchResult) -> Figure:
 
 
 def columns(result: MatchResult) -> list[Column]:
-    """Vehicle, free rig and matched rig with the target modes to show; a system without modes is left out."""
+    """Vehicle, rig without control and matched rig with the target modes; a system without modes is left out."""
     # modes of the feed-forward: what the matched rig shows for measured torques
     measured = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
     matched = [mode_of(entry) for entry in measured or result.matched_modes]

@@ -41,7 +41,7 @@ def overview_figure(result: MatchResult, signals: Sequence[Signal]) -> Figure:
 
 
 def _telling(result: MatchResult) -> list[int]:
-    """The function whose rig is farthest off, and one without a path on the free rig, or the next."""
+    """The function whose rig is farthest off, and one without a path on the rig without control, or the next."""
     rows = result.response_error.functions
     far = max(range(len(rows)), key=lambda i: rows[i].before or 0.0)
     others = [i for i in range(len(rows)) if i != far]

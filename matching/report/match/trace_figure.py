@@ -1,4 +1,4 @@
-"""The simulated manoeuvre over time: vehicle, free rig and matched rig."""
+"""The simulated manoeuvre over time: vehicle, rig without control and matched rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frequency responses of the compared functions: vehicle, free rig and matched rig, with band and error."""
+"""Frequency responses of the compared functions: vehicle, rig without control and matched rig, with band and error."""
 
 from __future__ import annotations
 
