@@ -1,9 +1,11 @@
 """Figures that act: the curves of a drawn figure, their peaks kept, and nothing where there is no curve."""
 
+import json
 import re
 
 import numpy as np
 import pytest
+from matplotlib.ticker import FixedLocator, StrMethodFormatter
 
 from matching.report.common.decimation import decimated
 from matching.report.common.style import figure, image, styled
@@ -68,6 +70,56 @@ def test_bars_and_histograms_say_names_and_values():
     assert "1 to 2" not in text  # nothing was counted there
     assert "right_diagonal_line" in text
     assert text.count('"type":"map","entries":[[0.0,"flange"],[1.0,"shaft"]]') == 1
+
+
+def test_bars_on_a_logarithmic_axis_begin_at_its_end_and_say_their_whole_length():
+    with styled():
+        fig = figure()
+        axes = fig.subplots()
+        axes.barh([0, 1], [1.25, 40.0], color="#0072B2")
+        axes.set_xscale("log")
+        axes.set_xlim(0.5, 100)
+    text = acting({"bars": fig})["script"]
+    assert re.search(r'\["left",\[0\.5,0\.5\]\],\["right",\[1\.25,40\.0\]\]', text)
+    assert '"1.25"' in text
+
+
+def test_an_axis_linear_near_zero_is_drawn_with_its_ticks_its_band_and_its_values():
+    with styled():
+        fig = figure()
+        axes = fig.subplots()
+        axes.plot([0.0, 1.0, 2.0], [0.0, 10.0, 1000.0], label="residual")
+        axes.axhspan(-2, 2, label="95 % of noise")
+        axes.set_yscale("symlog", linthresh=10)
+        axes.set_ylim(-10, 1000)
+        axes.yaxis.set_major_locator(FixedLocator([0, 10, 1000]))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    text = acting({"residual": fig})["script"]
+    beyond = 1 / (1 - 1 / 10)  # Matplotlib: linear to 10 over 1/(1 - 1/base) decades, then a decade a decade
+    labels = re.search(r'"major_label_overrides":\{"type":"map","entries":(\[\[.*?\]\])', text)[1]
+    places = [place for place, _ in json.loads(labels)]
+    assert places == pytest.approx([0.0, 10 * beyond, 10 * (beyond + 2)])
+    assert '"1000"' in text
+    assert "@value" in text
+    assert "95 % of noise" in text
+
+
+def test_rows_of_a_grid_stay_together():
+    with styled():
+        fig = figure()
+        for axes in fig.subplots(3, 2).flat:
+            axes.plot([1, 2], [3, 4])
+    assert acting({"pairs": fig})["script"].count('"name":"Row"') == 3
+
+
+def test_axes_that_share_labels_carry_them():
+    with styled():
+        fig = figure()
+        upper, lower = fig.subplots(2, 1, sharex=True)
+        for axes in (upper, lower):
+            axes.plot([1, 2], [3, 4])
+        lower.set_xlabel("Time in s")
+    assert acting({"traces": fig})["script"].count('"axis_label":"Time in s"') == 2
 
 
 def test_the_picture_is_the_same_with_and_without():

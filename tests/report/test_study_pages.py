@@ -90,6 +90,22 @@ def test_fields_of_a_map_act_and_say_their_error():
         assert words in script
 
 
+def test_colours_of_an_acting_map_have_a_scale_with_quantity_and_band():
+    pytest.importorskip("bokeh")
+    from bokeh.models import ColorBar
+
+    from matching.report.map import acting
+
+    found = a_map()
+    fig = acting._panel(found, "unmeasured", found.errors("unmeasured"))
+    (bar,) = [part for part in fig.below if isinstance(part, ColorBar)]
+    assert bar.title == "rms of |log(H_rig/H_vehicle)|, 0.5–30 Hz"
+    assert (bar.color_mapper.low, bar.color_mapper.high) == pytest.approx((0.02 / 1.02, 0.4 * 1.02))
+    fields = [drawn for drawn in fig.renderers if type(drawn.glyph).__name__ == "Quad"]
+    assert sorted(value for drawn in fields for value in drawn.data_source.data["fill"]) == [0.02, 0.02, 0.4, 0.4]
+    assert {drawn.glyph.fill_color.transform for drawn in fields} == {bar.color_mapper}
+
+
 def a_study(stable=0.9):
     edges, counts = np.linspace(0.4, 0.7, 4), np.array([10, 60, 30])
     quantiles = {0.05: 0.45, 0.5: 0.55, 0.95: 0.65}

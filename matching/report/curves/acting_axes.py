@@ -10,14 +10,15 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from matching.report.common.decimation import MOST_POINTS, decimated
 from matching.report.curves.acting_bars import draw_bars, has_bars
-from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend
+from matching.report.curves.acting_scales import SCALES, label_placed_ticks, placed, shared_label
+from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend, wrapping_row
 
 DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "v": "inverted_triangle", "x": "x"}
-SCALES = {"linear": "linear", "log": "log"}  # others have no counterpart: such axes stay pictures
 
 
 def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
@@ -28,14 +29,35 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
     """
     if find_spec("bokeh") is None:
         return {}
-    panels = {name: [_panel(axes) for axes in fig.axes if _is_drawable(axes)] for name, fig in figures.items()}
+    panels = {name: _panels(fig) for name, fig in figures.items()}
     return embedded_figures({name: shown for name, shown in panels.items() if shown}, side_by_side=True)
 
 
+def _panels(fig: Figure) -> list[Any]:
+    """Panels of a figure; where its axes stand in a grid, one layout that keeps its rows together."""
+    shown = [axes for axes in fig.axes if _is_drawable(axes)]
+    rows: dict[int, list[Any]] = {}
+    for axes in shown:
+        place = axes.get_subplotspec()
+        rows.setdefault(-1 if place is None else place.rowspan.start, []).append(axes)
+    if len(rows) < 2 or max(map(len, rows.values())) < 2:
+        return [_panel(axes) for axes in shown]
+    from bokeh.layouts import column
+
+    lines = [wrapping_row([_panel(axes) for axes in row]) for row in rows.values()]
+    return [column(lines, sizing_mode="stretch_width")]
+
+
 def _is_drawable(axes: Any) -> bool:
-    drawable = any(map(_is_curve, axes.lines)) or has_bars(axes)
+    with_bars = has_bars(axes)
+    drawable = any(map(_is_curve, axes.lines)) or with_bars
+    scales = ("linear", "log") if with_bars else SCALES
     return bool(
-        axes.get_visible() and axes.axison and drawable and {axes.get_xscale(), axes.get_yscale()} <= set(SCALES)
+        axes.get_visible()
+        and axes.axison
+        and drawable
+        and axes.get_xscale() in ("linear", "log")
+        and axes.get_yscale() in scales
     )
 
 
@@ -47,10 +69,14 @@ def _is_curve(line: Any) -> bool:
 def _panel(axes: Any) -> Any:
     options: dict[str, Any] = {
         "x_axis_type": SCALES[axes.get_xscale()], "y_axis_type": SCALES[axes.get_yscale()],
-        "x_range": tuple(map(float, axes.get_xlim())), "y_range": tuple(map(float, axes.get_ylim())),
+        "x_range": tuple(map(float, axes.get_xlim())), "y_range": tuple(placed(axes.yaxis, axes.get_ylim()).tolist()),
     }  # fmt: skip
     title = axes.get_title() or axes.get_title("left")
-    fig = acting_figure(title, axes.get_xlabel(), axes.get_ylabel().replace("\n", ", "), **options)
+    labels = (shared_label(axes, which).replace("\n", " ") for which in "xy")
+    fig = acting_figure(title, *labels, **options)
+    label_placed_ticks(fig, axes.yaxis)
+    for patch in axes.patches:
+        _band(fig, axes, patch)
     for area in axes.collections:
         if isinstance(area, PolyCollection):
             _area(fig, area)
@@ -68,15 +94,28 @@ def _curve(fig: Any, line: Any) -> None:
     x, y = (np.asarray(values, float) for values in line.get_data())
     label = str(line.get_label())
     named = {} if label.startswith("_") else {"legend_label": label}
-    x, y = (values.astype(np.float32) for values in decimated(x, y))
+    x, values = (shown.astype(np.float32) for shown in decimated(x, y))
+    columns = {"x": x, "y": placed(axis := line.axes.yaxis, values).astype(np.float32)}
+    columns |= {"value": values} if axis.get_scale() == "symlog" else {}
     looks = {"color": to_hex(line.get_color()), "alpha": 1.0 if line.get_alpha() is None else float(line.get_alpha())}
     name = "" if label.startswith("_") else label
     if line.get_linestyle() not in ("None", "none", ""):
         dash = DASHES.get(str(line.get_linestyle()), "dashed")
-        fig.line(x, y, line_width=float(line.get_linewidth()), line_dash=dash, name=name, **looks, **named)
+        fig.line(
+            "x",
+            "y",
+            source=columns,
+            line_width=float(line.get_linewidth()),
+            line_dash=dash,
+            name=name,
+            **looks,
+            **named,
+        )
     else:
         marker = MARKERS.get(str(line.get_marker()), "circle")
-        fig.scatter(x, y, size=float(line.get_markersize()), marker=marker, name=name, **looks, **named)
+        fig.scatter(
+            "x", "y", source=columns, size=float(line.get_markersize()), marker=marker, name=name, **looks, **named
+        )
 
 
 def _area(fig: Any, area: Any) -> None:
@@ -86,4 +125,16 @@ def _area(fig: Any, area: Any) -> None:
         return
     for path in area.get_paths():
         x, y = np.asarray(path.vertices, float)[: 2 * MOST_POINTS].T
+        y = placed(area.axes.yaxis, y)
         fig.patch(x, y, color=to_hex(colours[0][:3]), alpha=float(colours[0][3]), line_width=0, name="", **named)
+
+
+def _band(fig: Any, axes: Any, patch: Any) -> None:
+    """A band across the axes, such as that of the noise."""
+    if not isinstance(patch, Rectangle) or patch.get_data_transform() != axes.get_yaxis_transform(which="grid"):
+        return
+    bottom, top = placed(axes.yaxis, [patch.get_y(), patch.get_y() + patch.get_height()]).tolist()
+    left, right = map(float, axes.get_xlim())
+    label = str(patch.get_label())
+    named = {} if label.startswith("_") else {"legend_label": label}
+    fig.quad(left, right, top, bottom, color=to_hex(patch.get_facecolor()[:3]), level="underlay", name="", **named)

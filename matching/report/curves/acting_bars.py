@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,17 +50,25 @@ def draw_bars(fig: Any, axes: Any) -> None:
     drawn = []
     for look in dict.fromkeys((bar.colour, bar.alpha, bar.hatch, bar.label) for bar in bars):
         members = [bar for bar in bars if (bar.colour, bar.alpha, bar.hatch, bar.label) == look]
-        drawn.append(_quads(fig, members, ticks))
+        drawn.append(_quads(fig, axes, members, ticks))
     fig.add_tools(HoverTool(tooltips=[("", "@label"), ("", "@words")], renderers=drawn))
     _marks(fig, axes)
 
 
-def _quads(fig: Any, bars: list[_Bar], ticks: dict[float, str]) -> Any:
+def _within(bar: _Bar, axes: Any) -> _Bar:
+    """A bar that begins at 0 of a logarithmic axis begins at the end of the axis: 0 has no place there."""
+    side, limits, scale = (
+        ("left", axes.get_xlim(), axes.get_xscale()) if bar.lies else ("bottom", axes.get_ylim(), axes.get_yscale())
+    )
+    return replace(bar, **{side: float(min(limits))}) if scale == "log" and getattr(bar, side) <= 0 else bar
+
+
+def _quads(fig: Any, axes: Any, bars: list[_Bar], ticks: dict[float, str]) -> Any:
     from bokeh.models import ColumnDataSource
 
     first = bars[0]
     columns: dict[str, Any] = {
-        side: [getattr(bar, side) for bar in bars] for side in ("left", "right", "bottom", "top")
+        side: [getattr(_within(bar, axes), side) for bar in bars] for side in ("left", "right", "bottom", "top")
     }
     columns |= {"label": [_name(bar, ticks) for bar in bars], "words": [_words(bar, bool(ticks)) for bar in bars]}
     named = {"legend_label": first.label} if first.label else {}

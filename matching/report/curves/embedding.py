@@ -43,6 +43,15 @@ def place_legend(fig: Any) -> None:
     fig.add_layout(legend, "below")
 
 
+def wrapping_row(panels: Sequence[Any]) -> Any:
+    """Panels beside each other, below each other where the page is narrow."""
+    from bokeh.layouts import row
+
+    for panel in panels:
+        panel.min_width = NARROWEST_PX if len(panels) < MANY_PANELS else WIDER_PX
+    return row(list(panels), sizing_mode="stretch_width", styles={"flex-wrap": "wrap"})
+
+
 def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool = False) -> dict[str, str]:
     """Scripts and elements by name; ``library`` is Bokeh itself, ``script`` what makes the elements act.
 
@@ -50,7 +59,7 @@ def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool 
     of an inner list always do.
     """
     from bokeh.embed import components
-    from bokeh.layouts import column, row
+    from bokeh.layouts import column
     from bokeh.resources import Resources
 
     if not panels:
@@ -61,10 +70,7 @@ def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool 
             drawn[name] = column(list(figures), sizing_mode="stretch_width")
             continue
         beside = [column(panel, sizing_mode="stretch_width") if isinstance(panel, list) else panel for panel in figures]
-        for panel in beside:
-            panel.min_width = NARROWEST_PX if len(beside) < MANY_PANELS else WIDER_PX
-        wraps = {"flex-wrap": "wrap"}
-        drawn[name] = row(beside, sizing_mode="stretch_width", styles=wraps)
+        drawn[name] = wrapping_row(beside)
     script, elements = components(drawn)
     numbers: dict[str, str] = {}
 

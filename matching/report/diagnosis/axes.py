@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from matching.diagnosis.verdict.result import PlotData
+from matching.report.common.log_ticks import plain_ticks
 from matching.report.common.style import BAND, MATCHED, NOISE, RIG, VEHICLE
 from matching.report.common.wording import unit
 from modelling.model.components import Sensor
@@ -26,7 +27,6 @@ SMOOTH: dict[str, dict[str, Any]] = {
 }
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 SENSORS_SHOWN = 4
-LABELLED_RATIO = 200  # high to low end of a logarithmic axis up to which ticks between decades are labelled
 MOST_VECTOR_POINTS = 1500  # a longer line is stored as pixels, so that files stay small
 LINEAR_TO = 10  # times the noise; beyond, the axis is logarithmic
 LEAST_RANGE = 6.0  # times the noise, either way
@@ -109,12 +109,10 @@ def noise_band(row: Sequence[Any]) -> None:
 
 
 def logarithmic(axes: Any) -> None:
-    """Logarithmic axes with ticks at 1, 2 and 5 of a decade (more are slow to draw), all labelled on a short axis."""
+    """Logarithmic axes with few ticks and plain numbers."""
     axes.set(xscale="log", yscale="log")
-    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.set_minor_locator(LogLocator(subs=(2, 5)))
-        axis.set_minor_formatter(StrMethodFormatter("{x:g}") if high < LABELLED_RATIO * low else NullFormatter())
+    plain_ticks(axes.xaxis)
+    plain_ticks(axes.yaxis)
 
 
 def noise_line(axes: Any) -> None:

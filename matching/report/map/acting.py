@@ -16,8 +16,13 @@ from matching.report.common.style import INK, RIG
 from matching.report.common.wording import number, unit
 from matching.report.curves.acting_bars import HATCHES as PATTERNS
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend
-from matching.report.map.figure import SHADES, edges, panels
+from matching.report.map.figure import SHADES, edges, panels, scale_words
 from matching.report.map.marks import HATCHES, kinds
+
+EDGE = 1.02  # by which the scale of colours reaches beyond the least and the largest error
+BAR: dict[str, Any] = {
+    "orientation": "horizontal", "width": "auto", "height": 14, "title_text_font_size": "12px", "padding": 4,
+}  # fmt: skip
 
 
 def acting_map(result: Map) -> dict[str, str]:
@@ -45,7 +50,7 @@ def shown_scale(axis: Axis) -> float:
 
 
 def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
-    from bokeh.models import HoverTool
+    from bokeh.models import ColorBar, HoverTool
 
     options: dict[str, Any] = {
         f"{key}_axis_type": "log" if axis.by_ratio else "linear" for key, axis in (("x", result.x), ("y", result.y))
@@ -53,9 +58,10 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
     fig = acting_figure(title, axis_words(result.x), axis_words(result.y), **options)
     fig.height = 420
     fig.grid.visible = False
-    fields = _fields(result, errors)
+    fields, colours = _fields(result, errors), _colours(errors)
     drawn = [
-        _draw(fig, [field for field in fields if field["limited"] is limited], limited) for limited in (False, True)
+        _draw(fig, [field for field in fields if field["limited"] is limited], colours, limited)
+        for limited in (False, True)
     ]
     tips = [("error", "@error"), ("margin", "@margin"), ("", "@what"), ("x", "@at_x"), ("y", "@at_y")]
     fig.hover[0].renderers = []
@@ -65,21 +71,30 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
         look: dict[str, Any] = {"size": 16, "fill_color": None, "line_color": RIG, "line_width": 3}
         fig.scatter([here[0]], [here[1]], legend_label="the case as it is", **look)
     place_legend(fig)
+    if np.isfinite(errors).any():
+        fig.add_layout(ColorBar(color_mapper=colours, title=scale_words(result), **BAR), "below")
     return fig
 
 
+def _colours(errors: np.ndarray) -> Any:
+    """Colours of errors by their logarithm, as in the picture; white where there is no error."""
+    from bokeh.models import LogColorMapper
+
+    known = errors[np.isfinite(errors)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
+    palette = [to_hex(colour) for colour in colormaps["viridis_r"](np.linspace(*SHADES, 64))]
+    return LogColorMapper(palette, low=low / EDGE, high=high * EDGE, nan_color="#FFFFFF")
+
+
 def _fields(result: Map, errors: np.ndarray) -> list[dict[str, Any]]:
-    """Borders, colour and words of every point."""
+    """Borders, error and words of every point."""
     columns, rows = edges(result.x) * shown_scale(result.x), edges(result.y) * shown_scale(result.y)
-    known = np.log(errors[np.isfinite(errors)])
-    low, width = (float(known.min()), float(np.ptp(known)) or 1.0) if known.size else (0.0, 1.0)
     fields = []
     for (i, j), error in np.ndenumerate(errors):
         point = result.points[i][j]
-        place = SHADES[0] + (SHADES[1] - SHADES[0]) * (np.log(error) - low) / width if np.isfinite(error) else None
         fields.append({
             "left": columns[j], "right": columns[j + 1], "bottom": rows[i], "top": rows[i + 1],
-            "fill": "#FFFFFF" if place is None else to_hex(colormaps["viridis_r"](place)),
+            "fill": float(error),
             "error": number(float(error), 3), "margin": number(point.modulus_margin, 3), "what": limiting_words(point),
             "at_x": f"{number(point.x * shown_scale(result.x), 4)} ({axis_words(result.x)})",
             "at_y": f"{number(point.y * shown_scale(result.y), 4)} ({axis_words(result.y)})",
@@ -88,14 +103,14 @@ def _fields(result: Map, errors: np.ndarray) -> list[dict[str, Any]]:
     return fields
 
 
-def _draw(fig: Any, fields: list[dict[str, Any]], limited: bool) -> Any:
+def _draw(fig: Any, fields: list[dict[str, Any]], colours: Any, limited: bool) -> Any:
     from bokeh.models import ColumnDataSource
 
     if not fields:
         return None
     columns = {key: [field[key] for field in fields] for key in fields[0] if key != "limited"}
-    look = {"hatch_pattern": PATTERNS["/"], "hatch_color": INK, "fill_alpha": 0.6} if limited else {}
+    look = {"hatch_pattern": PATTERNS["/"], "hatch_color": INK} if limited else {}
     return fig.quad(
-        "left", "right", "top", "bottom", source=ColumnDataSource(columns), fill_color="fill", line_color="white",
-        legend_label="limited" if limited else "matched", **look,
+        "left", "right", "top", "bottom", source=ColumnDataSource(columns), line_color="white",
+        fill_color={"field": "fill", "transform": colours}, legend_label="limited" if limited else "matched", **look,
     )  # fmt: skip

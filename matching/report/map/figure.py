@@ -79,7 +79,7 @@ def _errors(fig: Any, axes: Any, result: Map, errors: np.ndarray, columns: np.nd
         )
         if max(errors.shape) <= MOST_FIELDS:
             _write(axes, result, errors)
-        fig.colorbar(fields, ax=axes, format="%g", label=_scale(result))
+        fig.colorbar(fields, ax=axes, format="%g", label=scale_words(result))
         return
     levels = _levels(float(known.min()), float(known.max()))
     norm = BoundaryNorm([known.min() / 2, *levels, known.max() * 2], colours.N)
@@ -93,7 +93,7 @@ def _errors(fig: Any, axes: Any, result: Map, errors: np.ndarray, columns: np.nd
         if _hidden(axes, result, text):
             text.remove()
     axes.plot(*(values.ravel() for values in np.meshgrid(x, y)), ".", color=INK, markersize=2.5, zorder=3.2)
-    fig.colorbar(filled, ax=axes, format="%g", label=_scale(result), spacing="uniform")
+    fig.colorbar(filled, ax=axes, format="%g", label=scale_words(result), spacing="uniform")
 
 
 def _hidden(axes: Any, result: Map, text: Any) -> bool:
@@ -143,7 +143,8 @@ def _mark(axes: Any, result: Map) -> list[Any]:
     )  # fmt: skip
 
 
-def _scale(result: Map) -> str:
+def scale_words(result: Map) -> str:
+    """What the colours of a map mean: quantity and band."""
     return f"rms of |log(H_rig/H_vehicle)|, {number(result.band[0])}–{number(result.band[1])} Hz"
 
 

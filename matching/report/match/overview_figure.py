@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from matching.frequency.search.result import MatchResult, TargetResult
 from matching.report.common.line_styles import LINES, legend_above
+from matching.report.common.log_ticks import plain_ticks
 from matching.report.common.style import MATCHED, RIG, VEHICLE, figure, styled
 from matching.report.common.wording import hertz
 from matching.report.match.trace_figure import Signal, trace
@@ -104,9 +104,8 @@ def _targets(axes: Any, result: MatchResult) -> None:
         [value for target in result.targets for value in (target.vehicle, target.rig, target.matched) if value]
     )
     axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(everything.min() / 1.8, everything.max() * 1.8)
+    plain_ticks(axes.xaxis)
     axes.set_ylim(-0.9, 2.6)
     axes.set_yticks(list(places.values()), [LINES[name]["label"] for name in places])
     axes.grid(False, axis="y")

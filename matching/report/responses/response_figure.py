@@ -11,6 +11,7 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 from matching.frequency.case.case import Compared
 from matching.frequency.search.result import MatchResult
 from matching.report.common.line_styles import LINES, legend_above
+from matching.report.common.log_ticks import plain_ticks
 from matching.report.common.style import BAND, figure, styled
 from matching.report.common.wording import number, unit
 from modelling.units import SENSOR_UNITS
@@ -61,6 +62,7 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(f[0], f[-1])
+    plain_ticks(axes.xaxis)
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_locator(LogLocator(numticks=7))
     largest = max(np.abs(values).max() for values in curves.values())

@@ -1,4 +1,4 @@
-"""The drawing as an element of the page: its parts are picked by mouse, Enter or space."""
+"""The drawing as an element of the page: as wide as the page, larger on request; parts are picked by mouse or keys."""
 
 import param
 from panel.custom import JSComponent
@@ -12,17 +12,43 @@ class DrivetrainView(JSComponent):
 
     _esm = """
 export function render({ model, el }) {
+  const whole = document.createElement('div')
   const box = document.createElement('div')
+  let zoom = 1  // times the width of the page
+  const fit = () => {
+    for (const svg of box.querySelectorAll('svg')) {
+      svg.style.width = `${100 * zoom}%`
+      svg.style.maxWidth = `${zoom * svg.width.baseVal.valueInSpecifiedUnits}px`
+    }
+  }
+  const button = (text, label, factor) => {
+    const made = document.createElement('button')
+    made.type = 'button'
+    made.textContent = text
+    made.setAttribute('aria-label', label)
+    made.addEventListener('click', () => {
+      const before = zoom
+      const middle = box.scrollLeft + box.clientWidth / 2
+      zoom = Math.min(8, Math.max(1, zoom * factor))
+      fit()
+      box.scrollLeft = middle * zoom / before - box.clientWidth / 2
+    })
+    return made
+  }
+  const bar = document.createElement('div')
+  bar.className = 'zoom'
+  bar.append(button('+', 'Larger drawing', 1.5), button('−', 'Smaller drawing', 1 / 1.5))
   box.className = 'drawing'
   box.tabIndex = 0
   box.setAttribute('role', 'region')
-  box.setAttribute('aria-label', 'Drawing of the drivetrain, scrolls sideways')
+  box.setAttribute('aria-label', 'Drawing of the drivetrain, scrolls when larger')
   const still = window.matchMedia('(prefers-reduced-motion: reduce)')
   const draw = () => {
     const root = box.getRootNode()
     const held = root.activeElement && root.activeElement.dataset ? root.activeElement.dataset.part : null
     const left = box.scrollLeft
     box.innerHTML = model.svg
+    fit()
     box.scrollLeft = left
     for (const svg of box.querySelectorAll('svg')) {
       svg.setCurrentTime(performance.now() / 1000 % 2)
@@ -45,7 +71,8 @@ export function render({ model, el }) {
   box.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') pick(event) })
   model.on('svg', draw)
   draw()
-  return box
+  whole.append(bar, box)
+  return whole
 }
 """
 
@@ -53,7 +80,9 @@ export function render({ model, el }) {
         """
 .drawing { overflow-x: auto; border: 1px solid #ccc; background: #fff; padding: 4px; max-width: 100%; }
 .drawing:focus-visible { outline: 2px solid #0072B2; }
-.drawing svg { display: block; }
+.drawing svg { display: block; height: auto; }
+.zoom { display: flex; gap: 4px; justify-content: flex-end; padding: 2px 0; }
+.zoom button { width: 30px; height: 26px; border: 1px solid #888; border-radius: 4px; background: #fff; }
 .part[data-part] { cursor: pointer; }
 .part .box { stroke-width: 0.03; }
 .part[data-part]:hover .box { stroke: #888; }
