@@ -87,7 +87,8 @@ def test_bars_on_a_logarithmic_axis_begin_at_its_end_and_say_their_whole_length(
 def test_an_axis_linear_near_zero_is_drawn_with_its_ticks_its_band_and_its_values():
     with styled():
         fig = figure()
-        axes = fig.subplots()
+        beside, axes = fig.subplots(1, 2)
+        beside.plot([0.0, 1.0], [0.0, 1.0])
         axes.plot([0.0, 1.0, 2.0], [0.0, 10.0, 1000.0], label="residual")
         axes.axhspan(-2, 2, label="95 % of noise")
         axes.set_yscale("symlog", linthresh=10)

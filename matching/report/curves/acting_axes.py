@@ -24,8 +24,8 @@ MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "v": "
 def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
     """Scripts and elements by the figures' names (:func:`matching.report.curves.embedding.embedded_figures`).
 
-    Axes without curves or bars, or with scales that the browser's library does not have, are left out; so is
-    everything where that library is not installed.
+    Axes without curves or bars, or with scales that the browser's library does not have, are left out, and figures
+    that are linear near zero alone (pictures keep pages small); so is everything where that library is not installed.
     """
     if find_spec("bokeh") is None:
         return {}
@@ -36,6 +36,8 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 def _panels(fig: Figure) -> list[Any]:
     """Panels of a figure; where its axes stand in a grid, one layout that keeps its rows together."""
     shown = [axes for axes in fig.axes if _is_drawable(axes)]
+    if all(axes.get_yscale() == "symlog" for axes in shown):
+        return []
     rows: dict[int, list[Any]] = {}
     for axes in shown:
         place = axes.get_subplotspec()
