@@ -57,10 +57,11 @@ def draw_bars(fig: Any, axes: Any) -> None:
 
 def _within(bar: _Bar, axes: Any) -> _Bar:
     """A bar that begins at 0 of a logarithmic axis begins at the end of the axis: 0 has no place there."""
-    side, limits, scale = (
-        ("left", axes.get_xlim(), axes.get_xscale()) if bar.lies else ("bottom", axes.get_ylim(), axes.get_yscale())
-    )
-    return replace(bar, **{side: float(min(limits))}) if scale == "log" and getattr(bar, side) <= 0 else bar
+    if bar.lies and axes.get_xscale() == "log" and bar.left <= 0:
+        return replace(bar, left=float(min(axes.get_xlim())))
+    if not bar.lies and axes.get_yscale() == "log" and bar.bottom <= 0:
+        return replace(bar, bottom=float(min(axes.get_ylim())))
+    return bar
 
 
 def _quads(fig: Any, axes: Any, bars: list[_Bar], ticks: dict[float, str]) -> Any:
