@@ -10,7 +10,7 @@ SCALES = {"linear": "linear", "log": "log", "symlog": "linear"}  # others have n
 
 
 def placed(axis: Any, values: Any) -> np.ndarray:
-    """Where values stand on a figure that acts: themselves, but on an axis that is linear near zero."""
+    """Where values (t,) stand on a figure that acts, also (t,): themselves, but on an axis that is linear near zero."""
     values = np.asarray(values, float)
     return np.asarray(axis.get_transform().transform(values)) if axis.get_scale() == "symlog" else values
 

@@ -77,7 +77,7 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
 
 
 def _colours(errors: np.ndarray) -> Any:
-    """Colours of errors by their logarithm, as in the picture; white where there is no error."""
+    """Colours of errors (y, x) by their logarithm, as in the picture; white where there is no error."""
     from bokeh.models import LogColorMapper
 
     known = errors[np.isfinite(errors)]
