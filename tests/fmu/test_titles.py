@@ -39,7 +39,8 @@ def test_any_title_is_only_text(title):
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_sources_compile_without_a_warning_whatever_the_title(fmi):
     made = block([from_dict(DISC, "test")], "a ??/\n*/ int run(void) {\\", "disc")
-    flags = ("-Wall", "-Werror", "-Wno-unused-function", "-shared", "-fPIC", "-std=c11")
+    warnings = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-unused-function", "-Wno-unused-parameter")
+    flags = (*warnings, "-shared", "-fPIC", "-std=c11")
     assert compile_library(compiler(), flags, sources(made, "disc", fmi, "{0}"), FILES[fmi])
 
 

@@ -197,6 +197,9 @@ def test_files(tmp_path, content, words):
         ("log(" * 200 + "F" + ")" * 200, "nested more than 60 deep"),
         ("log(" * 90 + "F" + ")" * 90, "nested more than 60 deep"),
         ("F" + "^F" * 90, "nested more than 60 deep"),
+        ("F" + "+F" * 4000, "too many operations"),
+        ("-" * 9000 + "F", "too many operations"),
+        ("(" * 4000 + "F" + ")" * 4000, "is no formula"),
     ],
 )
 def test_a_formula_of_any_depth_is_read_or_refused_in_one_line(formula, words):

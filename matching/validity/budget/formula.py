@@ -59,7 +59,10 @@ def parse_formula(text: str, names: Iterable[str], where: str) -> Any:
     try:
         tree = ast.parse(text.replace("^", "**").strip(), mode="eval")
         return _Walker(symbols, where).visit(tree.body)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (RecursionError, MemoryError) as error:
+        wrong = f"'{text[:60]}' has too many operations one after the other, or in one another"
+        raise InputError(where, wrong, "write a shorter formula, or several measurands") from error
+    except (SyntaxError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(where, f"'{text[:60]}' is no formula", "write it like a*x + sqrt(b)") from error
