@@ -78,3 +78,34 @@ def test_imposed_angle_is_where_the_drivetrain_begins():
     assert by_name == pytest.approx({"motor": 3.0, "load": 1.5})
     assert list(state.values())[model.n + model.coordinates.index("motor")] == pytest.approx(4.0)
     assert not angles_without_reading(system, model)
+
+
+def start_of(system, readings, inputs=None):
+    """The first state by name, from readings of ten samples."""
+    model = compiled(system)
+    inputs = np.zeros((10, len(system.inputs))) if inputs is None else inputs
+    x = first_state(system, model, Segment(np.arange(10) * 0.01, inputs, np.tile(readings, (10, 1))))
+    return dict(zip(model.coordinates, zip(x[: model.n], x[model.n :])))
+
+
+def with_sensors(**sensors):
+    return chain(sensors={
+        name: {"measures": measures, "of": of, "uncertainty": 0.01} for name, (measures, of) in sensors.items()
+    })  # fmt: skip
+
+
+def test_measured_speeds_are_taken_and_others_are_their_mean() -> None:
+    found = start_of(with_sensors(a=("speed", "motor"), t=("torque", "link"), b=("speed", "load")), [30.0, 7.0, 10.0])
+    assert found == {"motor": (0.0, 30.0), "hub": (0.0, 20.0), "load": (0.0, 10.0)}
+
+
+def test_an_angle_gives_the_whole_part_its_angle_and_no_speed() -> None:
+    """The side shaft halves: where the motor stands at 0.6 rad the load stands at 0.3."""
+    found = start_of(with_sensors(a=("angle", "motor"), b=("angle", "load"), n=("speed", "hub")), [0.6, 5.0, 4.0])
+    assert {name: angle for name, (angle, _) in found.items()} == pytest.approx({"motor": 0.6, "hub": 0.6, "load": 0.3})
+    assert {speed for _, speed in found.values()} == {4.0}
+
+
+def test_readings_that_are_missing_leave_rest() -> None:
+    found = start_of(with_sensors(a=("angle", "motor"), n=("speed", "hub")), [np.nan, np.nan])
+    assert set(found.values()) == {(0.0, 0.0)}

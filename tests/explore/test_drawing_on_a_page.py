@@ -6,7 +6,7 @@ import pytest
 
 import rigmatch as rm
 from matching.report.drawing.drivetrain import drawing
-from matching.report.drawing.picture import picture
+from matching.report.drawing.picture import Label, picture
 from matching.report.drawing.svg import Marks, drivetrain_svg
 from modelling.model.files import from_dict
 
@@ -59,3 +59,12 @@ def test_texts_of_files_are_texts(system):
     assert "<script>" not in svg
     assert ElementTree.fromstring(svg).get("aria-label") == 'Drivetrain A <script>"drive" & more'
     assert not groups(svg)
+
+
+def test_a_part_is_labelled_line_by_line_by_name_value_and_sensor(system):
+    labels = [
+        shape.lines for part in picture(drawing(system)).parts for shape in part.shapes if isinstance(shape, Label)
+    ]
+    assert ("a",) in labels
+    assert ("1 kg·m²", "ω: w") in labels
+    assert ("100 N·m/rad",) in labels

@@ -178,3 +178,21 @@ def test_poles_at_the_origin_are_counted_as_such():
     # 1 + L = s·(s − 1)/(s + 2)²: one at 0, one in the right half plane
     found = count(lambda s: (s * (s - 1) / (s + 2) ** 2)[:, None, None], 0, 0, 0.0, np.zeros(0))
     assert (found.resting, found.unstable, found.clear) == (1, 1, True)
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_an_approximation_states_its_largest_phase_error_over_the_band(reference, order):
+    """Padé's denominator by its coefficients (2n − k)!·n!/((2n)!·k!·(n − k)!); the error grows with frequency."""
+    delay, top = 0.02, reference.band[1]
+    parts = parts_of(reference)
+    (found,) = approximations(parts, delay, (order,))
+    weights = [
+        factorial(2 * order - k) * factorial(order) / (factorial(2 * order) * factorial(k) * factorial(order - k))
+        for k in range(order + 1)
+    ]
+    omega = 2 * np.pi * np.linspace(0, top, 2000)
+    phase = np.unwrap(np.angle(np.polyval(weights[::-1], 1j * omega * delay)))
+    error = np.abs(omega * delay - 2 * phase)
+    assert found.phase_error == pytest.approx(error[-1], rel=1e-9)
+    wanted = np.interp(np.radians(1), error, omega / (2 * np.pi))
+    assert wanted <= found.good_up_to < wanted + order / delay / 2000 + top / 2000  # on a grid

@@ -2,10 +2,12 @@
 
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from matching.report.common.wording import number, practical
 from matching.report.controller.diagram import EnteredNumber, block_diagram
+from matching.report.controller.margin_figure import _continuous
 from modelling.bed.blocks import OF_BED
 from modelling.bed.loop import HARDWARE, Loop
 from modelling.bed.structures import STRUCTURES
@@ -48,3 +50,14 @@ def test_names_of_files_are_text_not_markup():
     drawing = block_diagram(loop_of(structure), [EnteredNumber("<script>", "1 & 2")])
     assert "<script>" not in drawing
     assert "&lt;script&gt;" in drawing
+
+
+def test_loci_that_cross_are_drawn_as_continuous_curves():
+    """Two circles passed at different speeds, sorted by magnitude at each frequency as eigenvalues may come."""
+    t = np.linspace(0, 2, 200)
+    curves = np.stack([np.exp(-1j * t) * (1 - 0.4 * t), 0.4 * np.exp(1j * t) * (1 + 0.5 * t)], axis=1)
+    mixed = np.take_along_axis(curves, np.argsort(np.abs(curves), axis=1), axis=1)
+    drawn = _continuous(mixed)
+    assert np.abs(mixed - mixed[:, ::-1])[:, 0].min() < 0.9  # they come near, so the order matters
+    first = 0 if drawn[0, 0] == curves[0, 0] else 1
+    np.testing.assert_array_equal(drawn[:, [first, 1 - first]], curves)

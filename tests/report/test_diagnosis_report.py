@@ -98,6 +98,9 @@ def test_terminal_and_page_lead_with_the_same_sentence(folder: Path, said: str, 
     assert after < 1.1
     page = (folder / "out" / "report.html").read_text()
     assert page.index(first) < page.index("<h2")
+    error = result["errors"]["wheel_speed"]
+    in_times_the_noise = float(re.search(r"wheel_speed</code>.*?([\d.]+)</td></tr>", page, re.DOTALL).group(1))
+    assert in_times_the_noise == pytest.approx(error["after_holdout"] / error["noise"], rel=5e-3)
 
 
 def test_result_holds_the_contract_and_the_gain_in_fidelity(result: dict) -> None:

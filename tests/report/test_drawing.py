@@ -5,6 +5,7 @@ from itertools import pairwise
 from xml.etree import ElementTree
 
 import pytest
+from matplotlib.patches import FancyBboxPatch
 from structure.imports import ROOT
 
 import rigmatch as rm
@@ -99,6 +100,11 @@ def test_the_cut_the_dynamometers_and_what_is_emulated_are_marked(case):
     assert len(hatched) == len(case.vehicle.inertias) - 3
     assert not any(patch.get_hatch() for patch in rig.patches)
     assert "rotor left\n(dynamometer left)" in texts(figure)
+    housings = [patch.get_bbox() for patch in rig.patches if isinstance(patch, FancyBboxPatch)]
+    rotors = {3.5 * layout(case.rig).column[f"rotor_{side}"] for side in ("left", "right")}
+    assert len(housings) == 2
+    assert {round((box.x0 + box.x1) / 2, 6) for box in housings} == {round(place, 6) for place in rotors}
+    assert not any(isinstance(patch, FancyBboxPatch) for patch in vehicle.patches)
     assert any("10920 N·m/rad" in text for text in texts(figure))
 
 

@@ -228,6 +228,8 @@ def test_cut_and_resampled():
     assert np.isnan(finer["motor_speed"][100])
     assert "resampled to 200 Hz" in finer.notes[0]
     assert "frequencies above 10 Hz alias" in recording.resampled(20.0).notes[1]
+    assert len(recording.resampled(99.5).notes) == 1  # half a percent below the recorded rate: nothing to speak of
+    assert "frequencies above 49 Hz alias" in recording.resampled(98.0).notes[1]
     part = recording.cut(0.2, 0.4)
     assert part.time[0] == pytest.approx(0.2)
     assert len(part.time) == 20
