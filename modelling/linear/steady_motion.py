@@ -191,7 +191,7 @@ def _jacobian(problem: _Problem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def _least_norm(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Least-squares solution of least norm, rows and columns brought to size one first; NaN where an entry is not finite."""
+    """Least-squares solution of least norm, rows and columns of size one first; NaN where an entry is not finite."""
     if not (np.isfinite(jacobian).all() and np.isfinite(right).all()):
         return np.full(jacobian.shape[1], np.nan)
     rows = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-12)
