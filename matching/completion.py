@@ -15,8 +15,8 @@ SPEED_CONTROLLER = (
     "proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward", "lead_time",
 )  # fmt: skip
 OBSERVER = (
-    "torque_drift", "dynamometer_drift", "dynamometer_noise", "command_weight", "command_change_weight",
-    "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
+    "torque_drift", "dynamometer_drift", "dynamometer_swing", "dynamometer_noise", "shaft_noise", "command_weight",
+    "command_change_weight", "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
 )  # fmt: skip
 STRUCTURES = {"pi": SPEED_CONTROLLER, "model_based": SPEED_CONTROLLER, "observer": OBSERVER}
 

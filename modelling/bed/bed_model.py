@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import Interface, ResidualVehicle
 from modelling.linear.state_space import StateSpace, state_space
-from modelling.model.components import Sensor
+from modelling.model.components import Input, Sensor, Shaft
 from modelling.model.system import System
 
 
@@ -30,12 +30,15 @@ class BedModel:
     rig_states : int
         The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
         follow.
+    shaft_torques : ndarray (x, k)
+        What a torque beside that of each cut shaft's spring and damper does, like columns of B.
     """
 
     space: StateSpace
     speed_error: np.ndarray
     measured: tuple[str, ...]
     rig_states: int
+    shaft_torques: np.ndarray
 
     @property
     def rotor_torques(self) -> np.ndarray:
@@ -56,7 +59,7 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
     parts = [state_space(part) for part in residual.parts]
     interface_torques = {cut.torque for cut in residual.interfaces}
     dynamometer_inputs = [dynamometer.torque_input for dynamometer in loop.dynamometers]
-    on_rig = tuple(name for name in rig_space.inputs if name not in dynamometer_inputs)
+    on_rig = tuple(part.name for part in rig.inputs if part.name not in dynamometer_inputs)
     in_vehicle = [(i, name) for i, part in enumerate(parts) for name in part.inputs if name not in interface_torques]
     k, n = len(loop.dynamometers), len(rig_space.A)
     A = block_diag(
@@ -67,7 +70,7 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
     )
     starts = np.cumsum([n + 2 * k, *(len(part.A) for part in parts)])
     B = np.zeros((len(A), k + len(on_rig) + len(in_vehicle)))
-    error = np.zeros((k, len(A)))
+    error, shaft_torques = np.zeros((k, len(A))), np.zeros((len(A), k))
     for j, dynamometer in enumerate(loop.dynamometers):
         cut = next(cut for cut in residual.interfaces if cut.shaft == dynamometer.follows)
         A[:n, n + j] = rig_space.input(dynamometer.torque_input)
@@ -76,6 +79,9 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
         at = next(i for i, part in enumerate(parts) if cut.torque in part.inputs)
         rows = slice(starts[at], starts[at + 1])
         A[rows, :n] += np.outer(parts[at].input(cut.torque), cut.factor * rig_space.output(_torque(cut)))
+        first, second = (rig_space.input(name) for name in _ends(cut))
+        shaft_torques[:n, j] = second - first / _ratio(rig, cut)
+        shaft_torques[rows, j] = cut.factor * parts[at].input(cut.torque)
         error[j, :n] = rig_space.output(_speed(cut))
         error[j, rows] = -parts[at].output(cut.speed)
     for j, name in enumerate(on_rig, k):
@@ -84,7 +90,8 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
         B[starts[at] : starts[at + 1], j] = parts[at].input(name)
     C, D, outputs = _readings(rig_space, loop, len(A), B.shape[1], on_rig)
     measured = (*on_rig, *(name for _, name in in_vehicle))
-    return BedModel(StateSpace(A, B, C, D, (*dynamometer_inputs, *measured), outputs), error, measured, n)
+    space = StateSpace(A, B, C, D, (*dynamometer_inputs, *measured), outputs)
+    return BedModel(space, error, measured, n, shaft_torques)
 
 
 def _readings(
@@ -112,11 +119,30 @@ def _speed(cut: Interface) -> str:
     return f"interface_speed_{cut.shaft}"
 
 
+def _ends(cut: Interface) -> tuple[str, str]:
+    """Names of torques on the first and the second end of a cut shaft."""
+    return f"first_end_torque_{cut.shaft}", f"second_end_torque_{cut.shaft}"
+
+
+def _shaft(rig: System, cut: Interface) -> Shaft:
+    return next(shaft for shaft in rig.shafts if shaft.name == cut.shaft)
+
+
+def _ratio(rig: System, cut: Interface) -> float:
+    ratio = _shaft(rig, cut).ratio
+    return 1.0 if ratio is None else ratio.value
+
+
 def _with_interfaces(rig: System, residual: ResidualVehicle) -> System:
-    """The rig with sensors of torque and speed at its interfaces."""
+    """The rig with sensors of torque and speed at its interfaces, and with torques on both ends of the cut shafts."""
     sensors = tuple(
         sensor
         for cut in residual.interfaces
         for sensor in (Sensor(_torque(cut), "torque", cut.shaft), Sensor(_speed(cut), "speed", cut.rig_end))
     )
-    return replace(rig, sensors=rig.sensors + sensors)
+    torques = tuple(
+        Input(name, end, "torque")
+        for cut in residual.interfaces
+        for name, end in zip(_ends(cut), _shaft(rig, cut).between, strict=True)
+    )
+    return replace(rig, sensors=rig.sensors + sensors, inputs=rig.inputs + torques)

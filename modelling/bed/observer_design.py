@@ -1,7 +1,10 @@
 """Design of the observer-based controller: Kalman filter, prediction across the dead time, optimal state feedback.
 
 The model is that of :mod:`modelling.bed.bed_model`, with a torque that wanders (a random walk) at every input of the
-rig and at every dynamometer's rotor: what nobody measures is estimated from what it does. The filter corrects rig,
+rig and at every dynamometer's rotor: what nobody measures is estimated from what it does. What a dynamometer gives
+wrong (gain, lag, dead time) swings with the emulated modes, so at every rotor a torque that swings with them is
+estimated as well, and predicted in phase across the dead time (internal model principle: Francis and Wonham,
+Automatica 12 (1976) 457). Noise in the cut shafts says that their torque is not the model's. The filter corrects rig,
 lags and these torques; the residual vehicle, whose rigid motion is not observable from the rig, is corrected by its
 covariance with their errors. Commands on their way are known, so the prediction across the dead time is exact
 (Kwakernaak and Sivan, Linear Optimal Control Systems, 1972). Such a loop has no margin of its own accord (Doyle, IEEE
@@ -18,17 +21,16 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_model import ObserverModel
+from modelling.bed.observer_model import FORGETTING_PER_SAMPLE, ObserverModel
 from modelling.common.errors import InputError
 
 FREE_COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)², of commands that known torques ask for: practically free
 # A known torque is a sample of a continuous one. Over the sample that begins it counts with its value half a sample on,
 # by the line through it and the last one, 1.5·w − 0.5·w(last): held as it is, it would come half a sample late.
 NOW = 1.5
-FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
 STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
 STATE_NOISE = 1e-12  # variance on every state of the rig, so that none counts as known exactly
-DOUBLINGS = 40  # of the time over which a covariance is summed: 2⁴⁰ samples are for ever
+DOUBLINGS = 40  # of the time over which a sum runs: 2⁴⁰ samples are for ever
 
 
 def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> ObserverController:
@@ -145,13 +147,13 @@ def _shifting(model: ObserverModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     A[:x, x + fifo :] = bed.torques[:, :e]
     A[x + k : x + fifo, x : x + fifo - k] = np.eye(fifo - k)
     B[x : x + k] = np.eye(k)
-    A[x + fifo :, x + fifo :] = (1 - FORGETTING_PER_SAMPLE) * np.eye(e)
+    A[x + fifo :, x + fifo :] = model.wandering
     W = np.vstack([bed.torques[:, e:], np.zeros((fifo + e, len(model.known)))])
     return A, B, W
 
 
 def _feedback(model: ObserverModel, command_weight: float, change: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (k, x + k) on [x; commands of the last step] and (k, e + w) on torques held from there on.
+    """Gains (k, x + k) on [x; commands of the last step] and (k, e + w) on torques that go on as they do by themselves.
 
     Minimises the squared speed errors at the cuts, the squared commands and their squared changes. Torques stay out
     of the Riccati equation: what they add to the cost's gradient solves a linear equation.
@@ -165,10 +167,25 @@ def _feedback(model: ObserverModel, command_weight: float, change: float) -> tup
     X = _riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
     weight = B.T @ X @ B + R
     F = np.linalg.solve(weight, B.T @ X @ A + S.T)
-    stay, closed = 1 - FORGETTING_PER_SAMPLE, A - B @ F
+    on, closed = _torques_on(model), A - B @ F
     push = np.vstack([model.bed.torques, np.zeros((k, model.bed.torques.shape[1]))])
-    gradient = np.linalg.solve(np.eye(x + k) - stay * closed.T, closed.T @ X @ push)
-    return F, np.linalg.solve(weight, B.T @ (X @ push + stay * gradient))
+    gradient = _summed(closed.T, on, closed.T @ X @ push)
+    return F, np.linalg.solve(weight, B.T @ (X @ push + gradient @ on))
+
+
+def _torques_on(model: ObserverModel) -> np.ndarray:
+    """Estimated and known torques from sample to sample (e + w, e + w)."""
+    return block_diag(model.wandering, (1 - FORGETTING_PER_SAMPLE) * np.eye(len(model.known)))
+
+
+def _summed(left: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """The solution of M = left·M·right + drive, summed by doubling; left (a, a) or right (b, b) has to decay."""
+    M = drive
+    for _ in range(DOUBLINGS):
+        M, left, right = M + left @ M @ right, left @ left, right @ right
+        if min(np.abs(left).max(), np.abs(right).max()) < 1e-20:
+            break
+    return M
 
 
 def state_feedback(model: ObserverModel, command_weight: float, change: float) -> np.ndarray:
@@ -181,7 +198,7 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
     """
     feedback, of_torques = _feedback(model, command_weight, change)
     bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
-    fifo, stay = k * (bed.delay + 1), 1 - FORGETTING_PER_SAMPLE
+    fifo, step, on = k * (bed.delay + 1), _torques_on(model), np.eye(bed.torques.shape[1])
     now = np.zeros((x, x + fifo + bed.torques.shape[1]))
     now[:, :x] = np.eye(x)
     for j in range(bed.delay):  # commands of delay − j and delay − j + 1 samples ago arrive
@@ -189,12 +206,12 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
         newest = x + k * (bed.delay - j - 1)
         ahead[:, newest : newest + k] += bed.new
         ahead[:, newest + k : newest + 2 * k] += bed.old
-        ahead[:, x + fifo :] += stay**j * bed.torques
-        now = ahead
+        ahead[:, x + fifo :] += bed.torques @ on
+        now, on = ahead, step @ on
     last = np.zeros((k, now.shape[1]))
     last[:, x : x + k] = np.eye(k)
     gains = feedback @ np.vstack([now, last])
-    gains[:, x + fifo :] += stay**bed.delay * of_torques
+    gains[:, x + fifo :] += of_torques @ on
     return gains
 
 
@@ -206,13 +223,12 @@ def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray
     InputError
         If the filter's Riccati equation has no stabilising solution.
     """
-    bed, n, e, k = model.bed, model.states, model.estimated, len(model.dynamometers)
-    root = np.sqrt(model.sample_time)
+    bed, n, e, root = model.bed, model.states, model.estimated, np.sqrt(model.sample_time)
     push = bed.torques[:n, :e]
-    A = np.block([[bed.whole[:n, :n], push], [np.zeros((e, n)), (1 - FORGETTING_PER_SAMPLE) * np.eye(e)]])
+    A = np.block([[bed.whole[:n, :n], push], [np.zeros((e, n)), model.wandering]])
     C = np.hstack([model.readings.rows, np.zeros((len(model.readings.rows), e))])
-    drift = np.r_[[weights["torque_drift"]] * model.inputs, [weights["dynamometer_drift"]] * k] * root
-    white = bed.torques[:, model.inputs : e] * (weights["dynamometer_noise"] / root)
+    drift = np.array([weights[name] for name in model.drifts]) * root
+    white = np.hstack([columns * (weights[name] / root) for name, columns in model.noises.items()])
     Q = np.zeros((n + e, n + e))
     Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
     Q[n:, n:] = np.diag(drift**2)
@@ -222,16 +238,11 @@ def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray
     innovation = C @ P @ C.T + R
     L = np.linalg.solve(innovation, C @ P).T
     left = np.eye(n + e) - L @ C
-    # covariance of the residual vehicle with rig and torques: M = V·M·(A·left)ᵀ + drive, summed by doubling
-    V = bed.whole[n:, n:]
+    # covariance of the residual vehicle with rig and torques: M = V·M·(A·left)ᵀ + drive
     from_rig = np.hstack([bed.whole[n:, :n], bed.torques[n:, :e]])
     M = from_rig @ left @ P @ A.T
     M[:, :n] += white[n:] @ white[:n].T
-    G = (A @ left).T
-    for _ in range(DOUBLINGS):
-        M, V, G = M + V @ M @ G, V @ V, G @ G
-        if np.abs(G).max() < 1e-20:
-            break
+    M = _summed(bed.whole[n:, n:], (A @ left).T, M)
     return np.vstack([L, np.linalg.solve(innovation, C @ M.T).T])
 
 

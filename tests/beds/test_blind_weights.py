@@ -1,10 +1,11 @@
-"""Where every start of the structure's is stuck with a requirement missed, weights are sought over all bounds."""
+"""What a search does where a start is stuck, or beds with opened cut shafts ask too much, on made-up costs."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from matching.frequency.beds import tune
 from matching.frequency.beds.design_point import Judged
 from matching.frequency.beds.tune import TuningEffort, tuned_weights
 
@@ -19,6 +20,7 @@ class Search:
         structure = SimpleNamespace(quantities=quantities, further_starts=())
         self.case = SimpleNamespace(loop=SimpleNamespace(structure=structure, values=dict.fromkeys(NAMES, 1.0)))
         self.gains, self.missed, self.known = SimpleNamespace(names=NAMES), missed, {}
+        self.positions = np.zeros((5, 1))
 
     def guard(self, logarithms):
         self.known.clear()
@@ -46,3 +48,40 @@ def test_settings_are_drawn_where_every_start_misses_a_requirement(missed, weigh
     weights, reached = tuned_weights(Search(missed), TuningEffort(rounds=9, scenarios=0))
     assert reached == pytest.approx(cost, abs=1e-3)
     assert weights["command_weight"] == pytest.approx(weight, rel=0.1)
+
+
+class Opened(Search):
+    """One minimum, at 10² of the first weight; with beds added to the first five it costs more or is out of reach."""
+
+    def __init__(self, missed, price):
+        super().__init__(missed)
+        self.price = price
+
+    def keep_first(self, count):
+        self.positions = self.positions[:count]
+        self.known.clear()
+
+    def add(self, positions, *_):
+        self.positions = np.vstack([self.positions, positions])
+        self.known.clear()
+
+    def minimum(self, logarithms):
+        added = len(self.positions) > 5
+        return 2.0, 0.3 + added * self.price, -self.missed if added else 1.0
+
+
+@pytest.mark.parametrize(
+    ("missed", "price", "kept"),
+    [(-1.0, 0.05, 8), (-1.0, 0.3, 7), (-1.0, 0.4, 0), (2.0, 0.0, 0), (0.05, 0.0, 0)],
+    ids=["both", "the bed as planned", "too dear", "not stable anywhere", "a requirement missed"],
+)
+def test_beds_with_opened_cut_shafts_stay_where_they_cost_little(monkeypatch, missed, price, kept):
+    """Of the cost of 0.3 at most 1.2 times for the bed as planned, seven shares; then a quarter for a drawn one."""
+    monkeypatch.setattr(tune, "least_stable_opened", lambda *_: {0.2: np.ones((1, 1))})
+    monkeypatch.setattr(tune, "add_scenarios", lambda *_: False)
+    search = Opened(missed, price)
+    if kept == 7:  # the drawn one costs as much again
+        search.minimum = lambda at: (2.0, 0.3 + price * np.ceil((len(search.positions) - 5) / 7), 1.0)
+    _, reached = tuned_weights(search, TuningEffort(rounds=9))
+    assert len(search.positions) == 5 + kept
+    assert reached == pytest.approx(0.3 + (kept > 0) * price, abs=1e-3)

@@ -62,13 +62,15 @@ def test_the_correction_is_where_the_filters_recursion_ends_residual_vehicle_inc
     weights, n, e = small_case.loop.values, model.states, model.estimated
     x, k = model.speed_error.shape[1], 1
     root = np.sqrt(model.sample_time)
-    A = np.block([[model.bed.whole, model.bed.torques[:, :e]], [np.zeros((e, x)), STAY * np.eye(e)]])
+    A = np.block([[model.bed.whole, model.bed.torques[:, :e]], [np.zeros((e, x)), model.wandering]])
     C = np.hstack([model.readings.rows, np.zeros((len(model.readings.rows), x - n + e))])
-    white = model.bed.torques[:, [1]] * weights["dynamometer_noise"] / root
+    white = np.hstack([model.bed.torques[:, [1]], model.noises["shaft_noise"]])
+    white = white * [weights["dynamometer_noise"], weights["shaft_noise"]] / root
     Q = np.zeros((x + e, x + e))
     Q[:x, :x] = white @ white.T
     Q[:n, :n] += STATE_NOISE * np.eye(n)
-    Q[x:, x:] = np.diag([weights["torque_drift"], weights["dynamometer_drift"]]) ** 2 * model.sample_time
+    drifts = [weights["torque_drift"], weights["dynamometer_drift"], *[weights["dynamometer_swing"]] * (e - 2)]
+    Q[x:, x:] = np.diag(drifts) ** 2 * model.sample_time
     trust = [weights[f"{name}_noise"] for name in ("torque_sensor", "rotor_speed", "further_sensor")]
     R = np.diag((model.readings.noise * trust) ** 2)
     P = np.eye(x + e)
@@ -96,7 +98,8 @@ def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small
     def polynomial(poles):
         return np.array([np.prod(at - poles[np.abs(poles) > 1e-4]) / at ** np.sum(np.abs(poles) > 1e-4) for at in z])
 
-    forgotten = ((z - STAY) / z) ** model.estimated  # not controllable from the commands, and not on the bed
+    by_themselves = np.linalg.eigvals(model.wandering)  # not controllable from the commands, and not on the bed
+    forgotten = np.prod((z[:, None] - by_themselves) / z[:, None], axis=1)
     both = polynomial(of_regulator) * polynomial(of_filter) / forgotten
     vehicle = polynomial(np.linalg.eigvals(model.bed.whole[model.states :, model.states :]))
     assert polynomial(closed) == pytest.approx(both / vehicle, rel=1e-6)

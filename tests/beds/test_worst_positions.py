@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from matching.frequency.beds.closed_loop import closed_matrices, damping, sampled_beds
-from matching.frequency.beds.tune import WORST_BED_SHARE, TuningEffort, TuningEnd, add_scenarios
-from matching.frequency.beds.tuner import DAMPING_RESERVE
+from matching.frequency.beds.tune import TuningEffort, TuningEnd, add_scenarios
+from matching.frequency.beds.tuner import DAMPING_RESERVE, STABLE_SHARE
 from matching.frequency.beds.worst import worst_positions
 
 
@@ -46,7 +46,7 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
     poles = np.linalg.eigvals(closed_matrices(search.sampled_pool, search.gains.controller(start)))
     least = damping(poles, search.model.sample_time)[1].min()
     # a reserve as large as the least damped bed of the pool has
-    needed = least / (WORST_BED_SHARE * (1 + DAMPING_RESERVE))
+    needed = least / (STABLE_SHARE * (1 + DAMPING_RESERVE))
     search.required = replace(search.required, damping_ratio=needed)
     assert add_scenarios(search, TuningEnd(start, replace(search.judged(start), least=-np.ones(4))), effort)
     added = search.positions[6:]
@@ -58,7 +58,7 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
     assert set(range(6, 6 + len(added))) <= set(search.guarded)
     room = search.judged(start).least[: len(search.guarded)]
     of_added = room[np.array(search.guarded) >= 6]
-    np.testing.assert_allclose(np.sort(of_added), np.sort(ratios / least - 1), rtol=1e-6)
+    np.testing.assert_allclose(np.sort(of_added), np.sort(STABLE_SHARE * (ratios / least - 1)), rtol=1e-6)
     _, slopes = search.slopes(start)
     assert np.isfinite(slopes).all()
 

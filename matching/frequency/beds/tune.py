@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,8 @@ import scipy
 
 from matching.frequency.beds.closed_loop import SampledBeds, sampled_beds
 from matching.frequency.beds.design_point import Judged
-from matching.frequency.beds.tuner import DAMPING_RESERVE, RESERVE, Tuner
+from matching.frequency.beds.softened import SHARES, damping_left, softened
+from matching.frequency.beds.tuner import DAMPING_RESERVE, RESERVE, STABLE_SHARE, Tuner
 from matching.frequency.beds.worst import worst_positions
 from modelling.common.errors import InputError
 
@@ -18,9 +20,14 @@ WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
 WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are far below it
 SETTLED = 1e-4  # change of the cost at which a round ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
-WORST_BED_SHARE = 0.1  # of the damping that drawn beds need, for the worst of the box: stable, with a reserve
 BEYOND_POOL = 5.4  # times the pool: beds that are looked through once for what the pool has missed
 MOST_ADDED = 12  # of those, the least damped ones
+OPENED = 16  # drawn beds, each looked at with all shares of its cut shafts left
+PLANNED_ROUNDS, PLANNED_PRICE = 2, 1.2  # for the bed as planned with opened cut shafts; relative cost that it may add
+DRAWN_ROUNDS, DRAWN_PRICE = 1, 0.25  # for drawn beds with them
+OUT_OF_REACH = 50.0  # merit after a round of these, several requirements missed by all of them: no other round follows
+STARTS = 2  # that are followed at most
+NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
 BLIND = 64  # settings over the whole bounds, where every start of the structure's ends with a requirement missed
 
 
@@ -83,52 +90,131 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
     The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance. The search
     begins at the better one of the case's weights and the structure's further starts, and at the next one where it ends
     with a requirement missed; where all do by more than the reserve, at the best of settings drawn over the bounds.
+    Then the bed as planned has to be stable with opened cut shafts as well, and after it drawn beds, where that keeps
+    all else and adds no more than :data:`PLANNED_PRICE` and :data:`DRAWN_PRICE` to the cost.
     """
-    effort, structure = effort or TuningEffort(), search.case.loop.structure
-    starts = [
-        np.log10([values[name] for name in search.gains.names])
-        for values in (search.case.loop.values, *structure.further_starts)
-    ]
-    ends: list[TuningEnd] = []
-    for begin in sorted((_end(search, start) for start in starts), key=lambda end: end.merit):
-        ends.append(_rounds(search, begin, effort, effort.most_steps // len(starts)))
-        if ends[-1].keeps_all:
-            break
-    if all(end.misses for end in ends):
-        ends.append(_rounds(search, _blind(search), effort, effort.most_steps // len(starts)))
-    best, used = min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
+    effort = effort or TuningEffort()
+    best, used = _from_starts(search, effort)
+    if effort.scenarios:
+        planned = {left: np.zeros((1, search.positions.shape[1])) for left in SHARES}
+        best, used, kept = _with_opened(search, best, effort, used, planned, (PLANNED_ROUNDS, PLANNED_PRICE))
+        if kept:
+            drawn = least_stable_opened(search, best.logarithms)
+            best, used, _ = _with_opened(search, best, effort, used, drawn, (DRAWN_ROUNDS, DRAWN_PRICE))
     for _ in range(effort.scenarios):
         if not add_scenarios(search, _end(search, best.logarithms), effort):
             break
-        begin = _end(search, best.logarithms)
-        best = _rounds(search, begin, replace(effort, rounds=1), max(effort.most_steps - used, effort.steps))
-        used += best.steps
+        best, used = _further_round(search, best, effort, used)
     return dict(zip(search.gains.names, (10.0**best.logarithms).tolist(), strict=True)), best.judged.cost
 
 
+def _from_starts(search: Tuner, effort: TuningEffort) -> tuple[TuningEnd, int]:
+    """The best end, and the steps of all."""
+    begins, ends = _ranked([_anew(search, start) for start in _starts(search)]), []
+    search.guarded = ()
+    for begin in begins[:STARTS]:
+        ends.append(_rounds(search, _end(search, begin.logarithms), effort, effort.most_steps // 4))
+        if ends[-1].keeps_all:
+            break
+    if all(end.misses for end in ends):
+        ends.append(_rounds(search, _blind(search), effort, effort.most_steps // 4))
+    return min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
+
+
+def _starts(search: Tuner) -> list[np.ndarray]:
+    loop, names = search.case.loop, search.gains.names
+    return [np.log10([values[name] for name in names]) for values in (loop.values, *loop.structure.further_starts)]
+
+
+def _anew(search: Tuner, logarithms: np.ndarray) -> TuningEnd:
+    """A start judged with the beds alone that are least damped there."""
+    search.guarded = ()
+    return _end(search, logarithms)
+
+
+def _ranked(begins: list[TuningEnd]) -> list[TuningEnd]:
+    """First those nearly as cheap as the cheapest one, then the others, each by what they miss."""
+    cheap = NEARLY_AS_CHEAP * min(begin.judged.cost for begin in begins)
+    return sorted(begins, key=lambda begin: (begin.judged.cost > cheap, begin.merit))
+
+
 def add_scenarios(search: Tuner, at: TuningEnd, effort: TuningEffort) -> bool:
-    """Whether beds miss their damping there that the search did not see; it sees the least damped from now on."""
+    """Whether beds miss their damping there that the search did not see; it sees the least damped from now on.
+
+    Looked at are the worst beds of the box and further beds that fill it.
+    """
     logarithms, box = at.logarithms, search.case.uncertainty
     try:
         worst = worst_positions(
             lambda positions: search.rooms_of(_beds(search, positions), logarithms),
             search.positions[list(search.guarded)],
         )
-        unstable = worst[search.rooms_of(_beds(search, worst), logarithms) < WORST_BED_SHARE - 1]
+        unstable = worst[search.rooms_of(_beds(search, worst), logarithms) < STABLE_SHARE - 1]
         count = 0 if at.misses else round(BEYOND_POOL * effort.pool)  # what beds miss anyway, more beds do not cure
         further = box.spread(effort.pool + count)[effort.pool :]
         room = search.rooms_of(_beds(search, further), logarithms) if count else np.zeros(0)
     except InputError:
         return False
     missed = further[np.argsort(room)[: min(MOST_ADDED, int((room < -DAMPING_RESERVE / 2).sum()))]]
-    for positions, share in ((unstable, WORST_BED_SHARE), (missed, 1.0)):
+    for positions, share in ((unstable, STABLE_SHARE), (missed, 1.0)):
         if len(positions):
             search.add(positions, share)
     return bool(len(unstable) or len(missed))
 
 
-def _beds(search: Tuner, positions: np.ndarray) -> SampledBeds:
-    return sampled_beds(search.case, [search.case.uncertainty.at(position) for position in positions])
+def _further_round(search: Tuner, best: TuningEnd, effort: TuningEffort, used: int) -> tuple[TuningEnd, int]:
+    """One more round with beds that were added, and the steps that all rounds took."""
+    left = max(effort.most_steps - used, effort.steps)
+    end = _rounds(search, _end(search, best.logarithms), replace(effort, rounds=1), left)
+    return end, used + end.steps
+
+
+def _with_opened(
+    search: Tuner, best: TuningEnd, effort: TuningEffort, used: int, beds: Mapping[float, np.ndarray],
+    allowed: tuple[int, float],
+) -> tuple[TuningEnd, int, bool]:  # fmt: skip
+    """Rounds in which beds with opened cut shafts have to be stable, positions (n, p) by the share that is left.
+
+    They begin at the best end so far and, where several rounds do not lead from there to what is ``allowed`` (rounds,
+    and the relative rise of the cost), at the start that misses least with them. Last returned is whether the beds
+    stay.
+    """
+    rounds, price = allowed
+    count = len(search.positions)
+    if not best.keeps_all or not beds:
+        return best, used, best.keeps_all
+    for left, positions in beds.items():
+        search.add(positions, STABLE_SHARE, left)
+    end, guarded = best, search.guarded
+    for attempt in range(min(rounds, 2)):
+        if attempt:
+            search.guarded = guarded
+            end = min((_end(search, start) for start in _starts(search)), key=lambda begin: begin.merit)
+        for _ in range(rounds):
+            end, used = _further_round(search, end, effort, used)
+            if end.merit > OUT_OF_REACH:
+                break
+        if end.keeps_all and end.judged.cost <= (1 + price) * best.judged.cost:
+            return end, used, True
+        if end.merit > OUT_OF_REACH:
+            break
+    search.keep_first(count)
+    return best, used, False
+
+
+def least_stable_opened(search: Tuner, logarithms: np.ndarray) -> dict[float, np.ndarray]:
+    """Position (1, p) of the least stable of some beds with opened cut shafts, by the share left, if it is unstable."""
+    positions, least = search.case.uncertainty.spread(OPENED), {}
+    for left in SHARES:
+        room = search.rooms_of(_beds(search, positions, left), logarithms)
+        if room.min() < STABLE_SHARE * damping_left(left) - 1:
+            least[left] = positions[[int(room.argmin())]]
+    return least
+
+
+def _beds(search: Tuner, positions: np.ndarray, left: float = 1.0) -> SampledBeds:
+    case = search.case
+    return sampled_beds(case, [softened(case, case.uncertainty.at(position), left) for position in positions])
 
 
 def _end(search: Tuner, logarithms: np.ndarray) -> TuningEnd:

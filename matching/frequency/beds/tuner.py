@@ -33,6 +33,7 @@ from matching.frequency.beds.gains import Gains
 from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
+from matching.frequency.beds.softened import damping_left, softened
 from matching.frequency.case.case import Case
 from modelling.bed.observer_design import runs_ahead
 from modelling.bed.observer_model import ObserverModel, observer_model
@@ -44,6 +45,7 @@ DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
 LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
+STABLE_SHARE = 0.1  # of the damping that drawn beds need, for beds that only have to be stable, with a reserve
 GUARDS = 12  # of the pool's beds, the least damped ones, that the search comes to see at a time
 
 
@@ -59,7 +61,8 @@ class Tuner:
         All that have to stay damped, and where in the case's box they are. The search sees those that ``guarded``
         numbers: the least damped ones, see :meth:`guard`, and those that were added.
     shares : mapping of int to float
-        What part of the damping that drawn beds need a bed has to keep, by number, where it is not all of it.
+        What part of the damping that drawn beds need a bed has to keep, by number, where it is not all of it: the worst
+        of the box, and those with opened cut shafts.
     gains : Gains
         Its w weights are the variables of the search, as decimal logarithms.
     """
@@ -118,15 +121,28 @@ class Tuner:
         """
         return self._damping_room(np.linalg.eigvals(closed_matrices(beds, self.gains.controller(logarithms))))
 
-    def add(self, positions: np.ndarray, share: float = 1.0) -> None:
-        """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need."""
+    def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> None:
+        """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need.
+
+        Of stiffness and damping of their cut shafts ``left`` is left; where they open, the share falls with it.
+        """
         count, box = len(self.positions), self.case.uncertainty
         self.positions = np.vstack([self.positions, positions])
-        self.pool = (*self.pool, *(bed_of(self.case, box.at(position)) for position in positions))
-        self.__dict__.pop("sampled_pool", None)
+        values = [softened(self.case, box.at(position), left) for position in positions]
+        self.pool = (*self.pool, *(bed_of(self.case, of_bed) for of_bed in values))
         added = range(count, len(self.positions))
-        self.shares = {**self.shares, **dict.fromkeys(added, share)}
+        self.shares = {**self.shares, **dict.fromkeys(added, share * damping_left(left))}
         self.guarded = (*self.guarded, *added)
+        self._forget_pool()
+
+    def keep_first(self, count: int) -> None:
+        """Leave out the beds that were added after the first ``count``."""
+        self.positions, self.pool = self.positions[:count], self.pool[:count]
+        self.guarded = tuple(number for number in self.guarded if number < count)
+        self._forget_pool()
+
+    def _forget_pool(self) -> None:
+        self.__dict__.pop("sampled_pool", None)
         self.known.clear()
         self._last = None
 
@@ -193,24 +209,15 @@ class Tuner:
         (margin, rolled_off), allowed = self._counted, self.required.command_noise
         noise = command_noise(at.curves, self.plan.every.frequencies)
         return (
-            (1 + self._damping_room(at.poles)) / self._shares - 1,
+            1 + self._damping_room(at.poles) - np.array([self.shares.get(number, 1.0) for number in self.guarded]),
             np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
             1 - (1 + RESERVE) * at.curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
-            at.curves.margin[margin] / self._margin - 1,
+            at.curves.margin[margin] / (self.required.modulus_margin * (1 + RESERVE)) - 1,
         )
-
-    @property
-    def _shares(self) -> np.ndarray:
-        """What part (b,) of the damping that drawn beds need each of the guarded ones has to keep."""
-        return np.array([self.shares.get(number, 1.0) for number in self.guarded])
 
     @property
     def _damping(self) -> float:
         return self.required.damping_ratio * (1 + DAMPING_RESERVE)
-
-    @property
-    def _margin(self) -> float:
-        return self.required.modulus_margin * (1 + RESERVE)
 
     def _damping_room(self, poles: np.ndarray) -> np.ndarray:
         """What is left (b,) of the damping that beds with poles (b, x) need."""
@@ -232,10 +239,10 @@ class Tuner:
         margin, closed, noise = loop_slopes(self.plan, at.curves, changes.at(self._of(self.plan.every)))
         where, allowed = self._counted, self.required.command_noise
         rooms = [
-            self._damping_slopes(at, gains) / (self._damping * self._shares),
+            self._damping_slopes(at, gains) / self._damping,
             np.zeros_like(noise) if allowed is None else -(1 + RESERVE) * noise / allowed,
             -(1 + RESERVE) * closed[:, where[1]] / LARGEST_ROLLED_OFF,
-            margin[:, where[0]] / self._margin,
+            margin[:, where[0]] / (self.required.modulus_margin * (1 + RESERVE)),
         ]
         steering = (judged.room < LARGEST_ROOM)[:, None]
         return self._cost_slopes(at, changes), np.where(steering, np.concatenate(rooms, axis=1).T, 0.0)

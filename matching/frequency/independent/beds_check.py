@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
+from matching.frequency.independent.opened_shafts import SHARES_LEFT, with_opened_shafts
 from matching.frequency.independent.worst_bed import LargestError, WorstBed, largest_error, worst_bed
 from modelling.controller.law import ControlLaw
 
@@ -47,6 +48,10 @@ class BedsCheck:
         The least damped bed of the box that a descent from the worst of the drawn ones finds.
     largest_error : LargestError or None
         The bed with the largest error to unmeasured torques that an ascent from the worst of the drawn ones finds.
+    opened : mapping of float to float
+        Least damping ratio of the bed as planned, by the share that is left of its cut shafts' stiffness and damping;
+        −1 where it grows without swinging. In ``result.json``: ``opened_cut_shafts``, a list with ``share_left``,
+        ``damping_ratio`` and ``stable``.
     """
 
     drawn: int
@@ -59,6 +64,7 @@ class BedsCheck:
     worst: WorstBed | None = None
     largest_error: LargestError | None = None
     not_covered: str = ""
+    opened: Mapping[float, float] = field(default_factory=dict)
 
     @property
     def holds(self) -> bool:
@@ -75,6 +81,10 @@ class BedsCheck:
             "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
             "worst": None if self.worst is None else self.worst.to_dict(),
             "largest_error": None if self.largest_error is None else self.largest_error.to_dict(),
+            "opened_cut_shafts": [
+                {"share_left": share, "damping_ratio": ratio, "stable": ratio > 0}
+                for share, ratio in self.opened.items()
+            ],
             "not_covered": self.not_covered,
         }  # fmt: skip
 
@@ -207,6 +217,7 @@ def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int,
         order = np.argsort([verdict.damping_ratio for verdict in verdicts])
         worst = worst_bed(judge.damping, case.uncertainty, positions[order])
         largest = _largest_error(judge, positions, verdicts)
+        opened = {share: judge.damping(with_opened_shafts(case, share)) for share in SHARES_LEFT}
     except NotCovered as reason:
         return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, None, str(reason))
     stable = [verdict for verdict in verdicts if verdict.stable]
@@ -214,7 +225,7 @@ def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int,
         count, len(stable), sum(verdict.damping_ratio >= required_damping for verdict in stable),
         min(verdict.damping_ratio for verdict in verdicts), required_damping,
         tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
-        worst, largest,
+        worst, largest, opened=opened,
     )  # fmt: skip
 
 

@@ -35,6 +35,8 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
             f"{worst.damping_ratio / required:.0%} of the {required:.4f} that drawn beds need; it depends most on "
             f"{', '.join(worst.named)}"
         )
+    if case.loop.structure.is_observer:
+        sentences += _opened(robust)
     return sentences
 
 
@@ -72,6 +74,16 @@ def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
     return [
         f"the worst bed within [uncertainty] is not stable (damping ratio {worst.damping_ratio:.4f}); it depends most "
         f"on {', '.join(worst.named)}"
+    ]
+
+
+def _opened(robust: RobustVerification) -> list[str]:
+    unstable = [f"{share:.3g}" for share, ratio in robust.beds.opened.items() if ratio <= 0]
+    if not unstable:
+        return []
+    return [
+        f"the bed as planned is not stable with {', '.join(unstable)} times the stiffness and damping of its cut "
+        "shafts, as a lash that opens in them lets it appear: it may swing on there"
     ]
 
 

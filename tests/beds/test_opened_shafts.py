@@ -1,0 +1,79 @@
+"""Beds whose cut shafts have opened, which the search keeps stable; judged by the independent assembly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.frequency.beds.softened import SHARES, softened
+from matching.frequency.beds.tune import least_stable_opened
+from matching.frequency.beds.tuner import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE
+from matching.frequency.independent.beds_check import Judge, check_beds
+from modelling.controller.law import law_of_observer
+
+
+@pytest.fixture
+def begun(small_search, small_case):
+    """The search on the small bed, where it begins, and a judge of the controller there."""
+    search = replace(small_search, known={})
+    start = np.log10([small_case.loop.values[name] for name in search.gains.names])
+    search.guard(start, 0)
+    return search, start, Judge(small_case, law_of_observer(search.gains.controller(start)))
+
+
+def test_only_the_cut_shaft_opens_and_other_values_of_the_bed_stay(small_case):
+    drawn = {"rig.shafts.side.stiffness": 3800.0, "loop.dead_time": 0.0029}
+    damping = small_case.rig.parameters["shafts.side.damping"].value
+    assert softened(small_case, drawn, 0.2) == pytest.approx(
+        {"rig.shafts.side.stiffness": 760.0, "rig.shafts.side.damping": 0.2 * damping, "loop.dead_time": 0.0029}
+    )
+
+
+def test_the_search_sees_what_the_independent_assembly_says_of_opened_shafts(begun, small_case):
+    """Damping over what drawn beds need, less the part of it that is asked: 0.1 times the root of what is left."""
+    search, start, judge = begun
+    for left in SHARES:
+        search.add(np.zeros((1, search.positions.shape[1])), STABLE_SHARE, left)
+    needed = search.required.damping_ratio * (1 + DAMPING_RESERVE)
+    opened = [judge.damping(softened(small_case, {}, left)) for left in SHARES]
+    wanted = [ratio / needed - STABLE_SHARE * left**0.5 for ratio, left in zip(opened, SHARES, strict=True)]
+    assert search.guarded[-len(SHARES) :] == tuple(range(6, 6 + len(SHARES)))
+    room = search.judged(start).least[: len(search.guarded)][-len(SHARES) :]
+    np.testing.assert_allclose(room, np.minimum(wanted, LARGEST_ROOM), rtol=1e-5, atol=1e-7)
+
+
+def test_of_drawn_beds_with_opened_shafts_the_least_stable_are_named(begun, small_case):
+    """With a demand that some of 16 drawn beds miss with every share: for each share the least damped one."""
+    search, start, judge = begun
+    assert len(least_stable_opened(search, start)) < len(SHARES)
+    search.required = replace(search.required, damping_ratio=1.0)
+    named = least_stable_opened(search, start)
+    assert tuple(named) == SHARES
+    drawn = [small_case.uncertainty.at(position) for position in small_case.uncertainty.spread(16)]
+    for left, (position,) in named.items():
+        ratios = [judge.damping(softened(small_case, of_bed, left)) for of_bed in drawn]
+        least = judge.damping(softened(small_case, small_case.uncertainty.at(position), left))
+        assert least == pytest.approx(min(ratios), rel=1e-6, abs=1e-9)
+
+
+def test_beds_that_are_left_out_again_leave_no_trace(begun):
+    """Judged as before they were added."""
+    search, start, _ = begun
+    before, positions, pool = search.judged(start), search.positions, len(search.pool)
+    search.add(np.full((2, search.positions.shape[1]), 0.5), STABLE_SHARE, 0.2)
+    assert len(search.judged(start).least) == len(before.least) + 2
+    search.keep_first(pool)
+    np.testing.assert_array_equal(search.judged(start).room, before.room)
+    np.testing.assert_array_equal(search.positions, positions)
+    assert len(search.sampled_pool.A) == len(search.pool) == pool
+
+
+def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
+    _, _, judge = begun
+    checked = check_beds(small_case, judge.law, 0.01, 2, 0)
+    for left in SHARES:
+        assert checked.opened[left] == judge.damping(softened(small_case, {}, left))
+    for entry, left in zip(checked.to_dict()["opened_cut_shafts"], SHARES, strict=True):
+        ratio = checked.opened[left]
+        assert entry == {"share_left": left, "damping_ratio": ratio, "stable": ratio > 0}
+    assert {ratio > 0 for ratio in checked.opened.values()} == {True, False}
