@@ -69,8 +69,9 @@ class Circle:
     """
 
     def __init__(self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None):
-        if not bed.exists():
-            raise InputError(str(bed), "does not exist", "give the FMU of a bed, or a folder for its recordings")
+        if not (bed.is_file() or bed.is_dir()):
+            wrong = "is no regular file and no folder" if bed.exists() else "does not exist"
+            raise InputError(str(bed), wrong, "give the FMU of a bed, or a folder for its recordings")
         self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
         self._stages = Stages(folder)
         self._by_hand = ByHand(bed, order.follow, tell)

@@ -10,6 +10,7 @@ from typing import Any
 
 from matching.records import append, rows
 from modelling.common.errors import InputError
+from modelling.common.tables import no_pipe
 from modelling.writing.output import write_all
 
 Files = Mapping[str, str | bytes]
@@ -64,9 +65,16 @@ class Stages:
         return True
 
     def of_files(self, *paths: Path) -> str:
-        """Checksum of the contents of files."""
+        """Checksum of the contents of files.
+
+        Raises
+        ------
+        InputError
+            If one is a pipe or a device, which may never end.
+        """
         total = hashlib.sha256()
         for path in paths:
+            no_pipe(path, str(path))
             total.update(hashlib.sha256(path.read_bytes()).digest())
         return total.hexdigest()[:32]
 

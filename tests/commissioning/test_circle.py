@@ -3,6 +3,7 @@
 import json
 import shutil
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 from needs import compiles
@@ -14,6 +15,7 @@ from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 from matching.cli import main
 from matching.commissioning import circle
 from matching.excitation import proof
+from modelling.common.errors import InputError
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
 LIMITS = """
@@ -109,6 +111,16 @@ def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, ca
     shutil.copy(proven[1] / "1_verify" / "recording.csv", folder / "1_verify.csv")
     assert main(command) == 0
     assert capsys.readouterr().out.startswith("as_predicted")
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device")
+def test_a_device_is_no_bed_and_no_recording(tmp_path):
+    """It never ends, and was read until no memory was left."""
+    endless = Path("/dev/zero")
+    with pytest.raises(InputError, match="/dev/zero: is no regular file and no folder"):
+        circle.Circle(tmp_path, endless, circle.CommissionOrder())
+    with pytest.raises(InputError, match="/dev/zero is no regular file"):
+        circle.Stages(tmp_path).of_files(endless)
 
 
 @pytest.mark.parametrize(("content", "wrong"), [(None, "does not exist"), (b"no archive", "cannot be read as an FMU")])

@@ -19,6 +19,7 @@ from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes
 from matching.frequency.studies.distribution import Regressors, quantile_intervals, spread
+from matching.frequency.studies.drawn_loops import _Minima
 from matching.frequency.studies.draws import Prepared, draw
 from matching.frequency.studies.map import Axis
 from matching.frequency.studies.tolerance import tolerance, tuned, varied_of, yields
@@ -133,6 +134,13 @@ def test_a_study_says_how_many_draws_and_what_an_exact_check_gave(case):
         singly = tolerance(case, 100, executor, seed=2, added={**ADDED, "loop.lead_time": 0.1})
     assert "worked out exactly as well; largest relative difference: modulus margin" in as_text(study)
     assert "response_error" not in singly.differences  # those are exact
+
+
+def test_places_that_have_come_together_are_no_complaint_of_a_worker():
+    """Three places about a minimum, two of them the same by rounding: between them, and nothing on standard error."""
+    minima = _Minima(np.array([[0.0], [0.0], [1.0]]), np.array([[2.0], [1.0], [3.0]]), np.array([0]))
+    with np.errstate(all="raise"):
+        assert 0 <= minima.bottom()[0] <= 1
 
 
 def test_unstable_draws_are_seen(prepared):

@@ -188,7 +188,7 @@ class _Minima:
             falls, rises = np.diff(self.squares, axis=0) / np.diff(self.places, axis=0)
             down, up = np.diff(self.places, axis=0)
             bends = (rises - falls) / (down + up)
-        return falls + bends * down, bends
+            return falls + bends * down, bends
 
     def bottom(self) -> np.ndarray:
         """Where the parabolas have their lowest points, (n,), within the three places."""
