@@ -12,7 +12,7 @@ from matching.frequency.independent.loop_check import check_loop
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.match import match
-from matching.frequency.verification.feedback_gains import feedback_tuner
+from matching.frequency.verification.feedback_gains import drawn_beds, feedback_tuner
 
 GAINS = """
 [move]
@@ -34,10 +34,25 @@ def feedback_cases(tmp_path_factory):
     }
 
 
+def test_beds_depend_on_neither_gains_nor_the_residual_vehicle(feedback_cases):
+    """So a search that begins at several of them draws its beds once; another sample time makes other beds."""
+    case = feedback_cases["pi"]
+    part = case.residual_vehicle.parts[0]
+    name = next(name for name in part.parameters if name.endswith(".J"))
+    inertia = {f"residual_vehicle.{name}": 1.3 * part.parameters[name].value}
+    moved = drawn_beds(apply(case, {**inertia, "loop.proportional_gain": 17.0}))
+    drawn, slower = drawn_beds(case), drawn_beds(apply(case, {"loop.sample_time": 2 * case.loop["sample_time"]}))
+    for what in ("A", "B", "C"):
+        np.testing.assert_array_equal(getattr(moved.pool, what), getattr(drawn.pool, what))
+    for what in ("held", "read", "answered", "commanded", "vehicle"):
+        np.testing.assert_array_equal(getattr(moved.beds, what), getattr(drawn.beds, what))
+    assert not np.allclose(slower.beds.commanded, drawn.beds.commanded)
+
+
 @pytest.mark.parametrize("structure", ["pi", "model_based"])
 def test_errors_damping_margin_and_noise_are_those_of_the_independent_method(structure, feedback_cases):
     case = feedback_cases[structure]
-    search = feedback_tuner(case, case.moves)
+    search = feedback_tuner(case, case.moves, drawn_beds(case))
     at = np.array([0.6, 0.5, 0.6, 0.3, 0.2])
     tuned = apply(case, search.values(at))
     law = control_law(parts_of(tuned))

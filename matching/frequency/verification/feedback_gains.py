@@ -160,37 +160,62 @@ def _closed(beds: SampledBeds, feedback: StateSpace, signs: np.ndarray) -> np.nd
     return np.concatenate([top, below], axis=1)
 
 
-def feedback_tuner(case: Case, moves: Sequence[Move]) -> FeedbackTuner:
+@dataclass(frozen=True)
+class DrawnBeds:
+    """Beds that a feedback law is tuned on: those with errors, and the pool of those that stay damped."""
+
+    beds: BedSet
+    pool: SampledBeds
+
+
+def drawn_beds(case: Case) -> DrawnBeds:
+    """Beds from the box of a case, as they are without a controller: neither gains nor residual vehicle change them.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear.
+    """
+    positions = case.uncertainty.spread(max(DRAWN, POOL))
+    values = [case.uncertainty.at(position) for position in positions]
+    of_errors = bed_set(case, values[:DRAWN], np.geomspace(*case.band, BED_POINTS))
+    return DrawnBeds(of_errors, sampled_beds(case, [{}, *values[:POOL]]))
+
+
+def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> FeedbackTuner:
     """Prepare the search for the gains of a case whose residual vehicle and adapters stay.
+
+    Parameters
+    ----------
+    drawn : DrawnBeds
+        Those of the case, or of one with other gains or another residual vehicle.
 
     Raises
     ------
     InputError
         If a model cannot be made linear or the feed-forward has no solution.
     """
-    positions = case.uncertainty.spread(max(DRAWN, POOL))
-    values = [case.uncertainty.at(position) for position in positions]
     parts, by_name = parts_of(case), {sensor.name: sensor for sensor in case.rig.sensors}
     sensors = [by_name[name] for name in case.loop.controller_sensors]
     noise = np.array([sensor.uncertainty or NOISE[sensor.measures] for sensor in sensors])
     return FeedbackTuner(
         case, tuple(moves), parts,
         case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop),
-        requirements(case), planned(case, noise),
-        bed_set(case, values[:DRAWN], np.geomspace(*case.band, BED_POINTS)),
-        sampled_beds(case, [{}, *values[:POOL]]),
+        requirements(case), planned(case, noise), drawn.beds, drawn.pool,
     )  # fmt: skip
 
 
-def tuned_over_beds(case: Case, moves: Sequence[Move]) -> tuple[Mapping[str, float], Judged]:
-    """Values of the loop's quantities from those of a case on, SI, and how they are judged.
+def tuned_over_beds(
+    case: Case, moves: Sequence[Move], drawn: DrawnBeds
+) -> tuple[Mapping[str, float], Judged]:  # fmt: skip
+    """Values of the loop's quantities from those of a case on, SI, and how they are judged on drawn beds.
 
     Raises
     ------
     InputError
         As :func:`feedback_tuner`.
     """
-    search = feedback_tuner(case, moves)
+    search = feedback_tuner(case, moves, drawn)
     best = np.array([np.clip(scaled(case.loop[move.name.removeprefix("loop.")], move), 0, 1) for move in moves])
     last = np.inf
     for _ in range(ROUNDS):

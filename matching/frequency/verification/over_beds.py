@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.tuned import apply
 from matching.frequency.verification.drawn_beds import on_drawn_beds
-from matching.frequency.verification.feedback_gains import tuned_over_beds
+from matching.frequency.verification.feedback_gains import DrawnBeds, drawn_beds, tuned_over_beds
 from matching.frequency.verification.observed import RobustVerification
 from matching.frequency.verification.peaks import Violation
 from matching.frequency.verification.verify import Verification, verify
+from modelling.bed.loop import HARDWARE
 from modelling.common.errors import InputError
 from modelling.model.system import System
 
@@ -64,11 +65,15 @@ def over_beds(
     planned = {name: move.planned for move in residual for name in move.together}
     middle = {move.name: _middle(move) for move in gains}
     begins = [({}, not residual), (planned, True), ({**planned, **middle}, True)]
+    known: dict[tuple[float, ...], DrawnBeds] = {}
     ends = []
     for values, as_cut in begins:
         case = apply(tuned, values)
+        hardware = tuple(case.loop[name] for name in HARDWARE)  # beside the rig all that the beds depend on
         try:
-            of_gains, judged = tuned_over_beds(case, gains)
+            if hardware not in known:
+                known[hardware] = drawn_beds(case)
+            of_gains, judged = tuned_over_beds(case, gains, known[hardware])
         except InputError:
             continue
         ends.append((judged.merit, {**values, **of_gains}, as_cut))
