@@ -19,6 +19,7 @@ CLASSES = {
             "MatchResult", "TargetResult", "ParameterResult", "ResponseError", "AdapterTrade",
         ],
         "matching.frequency.verification.verify": ["Verification"],
+        "matching.frequency.independent.beds_check": ["BedsCheck"],
     },
     "Map and tolerance study": {
         "matching.frequency.studies.map": ["Map"],
