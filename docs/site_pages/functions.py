@@ -1,6 +1,7 @@
 """The reference of functions and of the results that they return, by autodoc from the docstrings."""
 
 import rigmatch
+from site_pages.result_keys import result_keys_tables
 
 FUNCTIONS = """# Functions
 
@@ -56,6 +57,7 @@ def results_page() -> str:
     for title, modules in CLASSES.items():
         classes = [f".. autoclass:: {module}.{name}()\n" for module, names in modules.items() for name in names]
         parts.append(_page(f"## {title}\n", classes))
+    parts.append(result_keys_tables())
     return "\n".join(parts)
 
 

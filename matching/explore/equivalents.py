@@ -47,10 +47,10 @@ def diagnose(model: str, recordings: Sequence[str], channels: str, out: str) -> 
     return _made(words, f"diagnosis = rm.diagnose({_text(model)}, [{files}]{also})\nprint(diagnosis)")
 
 
-def uncertainty(budget: str, out: str) -> Equivalent:
+def uncertainty(budget: str, out: str, draws: int) -> Equivalent:
     """A budget."""
-    python = f"result = rm.uncertainty({_text(budget)})\nprint(result)"
-    return _made(("uncertainty", budget, "--out", out), python)
+    python = f"result = rm.uncertainty({_text(budget)}, draws={draws})\nprint(result)"
+    return _made(("uncertainty", budget, "--draws", str(draws), "--out", out), python)
 
 
 def fidelity(case: str, out: str) -> Equivalent:

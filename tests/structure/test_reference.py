@@ -1,5 +1,9 @@
 """What the reference pages are written from is complete: a new effect or key cannot be forgotten."""
 
+import importlib
+import inspect
+import json
+import re
 import sys
 from pathlib import Path
 
@@ -8,6 +12,14 @@ import pytest
 from modelling.effects import EFFECTS
 
 DOCS = Path(__file__).parents[2] / "docs"
+KEPT = Path(__file__).parents[1] / "kept" / "keys.json"
+BY_NAME = {  # tables whose keys are names of components, quantities, checks, levels or files of the user
+    "alone", "asked", "by_origin", "checks", "command_noise", "dimensions", "domains", "errors", "integration_error",
+    "kinetic",
+    "largest_difference", "limits_used", "measured", "misfit", "operating_point", "operating_torques", "parameters",
+    "potential", "seconds", "speed_hold",
+    "states", "together", "torque_gains", "uncertainty", "unmeasured", "yield",
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -47,3 +59,24 @@ def test_every_effect_and_every_parameter_stands_on_its_page():
     for kind, effect in EFFECTS.items():
         section = page.partition(f"\n## {kind}\n")[2].partition("\n## ")[0]
         assert all(f"| `{key}` |" in section for key in effect.parameters), kind
+
+
+@pytest.mark.usefixtures("site_pages")
+def test_every_key_of_every_result_file_is_described():
+    """By the docstring of a class on the page of the results, or in the tables below them."""
+    from site_pages.functions import CLASSES
+    from site_pages.result_keys import RESULT_KEYS
+
+    classes = [(module, name) for modules in CLASSES.values() for module, names in modules.items() for name in names]
+    texts = [inspect.getdoc(getattr(importlib.import_module(module), name)) for module, name in classes]
+    described = set(re.findall(r"\w+", " ".join(texts))) | {key for keys in RESULT_KEYS.values() for key in keys}
+    for module, name in classes:
+        kind = getattr(importlib.import_module(module), name)
+        described |= set(getattr(kind, "__dataclass_fields__", ())) | set(vars(kind))
+    missing = set()
+    for file, paths in json.loads(KEPT.read_text(encoding="utf-8")).items():
+        for path in paths:
+            *_, table, key = ["", *path.replace("[]", "").split("/")]
+            if key and "." not in key and table not in BY_NAME and key not in described:
+                missing.add(f"{file}: {path}")
+    assert not missing, "; ".join(sorted(missing))

@@ -31,7 +31,7 @@ class DrivetrainTab:
         self.workspace, self._changed = workspace, changed
         self._role, self._part = next(iter(workspace.models)), ""
         self._pictures: dict[str, Picture] = {}
-        self.views = {role: DrivetrainView(sizing_mode=WIDE) for role in workspace.models}
+        self.views = {role: DrivetrainView(label=f"the {spaced(role)}", sizing_mode=WIDE) for role in workspace.models}
         self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
         self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
         self.values = pn.Column(sizing_mode=WIDE)

@@ -26,7 +26,8 @@ def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
     caption = "What to order (errors for unmeasured torques, the rest tuned for each)"
     order = table(HEAD, rows, caption) if rows else "<p>No quantity of an adapter was allowed to move.</p>"
     figures = "".join(
-        f'<figure><img src="{html(address_of(folder / "figures" / f"{name}.svg", out))}" alt="{html(words)}">'
+        f'<figure class="picture" tabindex="0">'
+        f'<img src="{html(address_of(folder / "figures" / f"{name}.svg", out))}" alt="{html(words)}">'
         f"<figcaption>{html(words)}</figcaption></figure>"
         for name, words in FIGURES.items()
         if name != "trade" or rows

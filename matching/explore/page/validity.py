@@ -27,6 +27,7 @@ from matching.validity.uncertainty.evaluate import evaluate
 from modelling.common.escape import html
 
 DRAWS, SEED = 20_000, 1  # of the fidelity's uncertainty, as its command has them
+BUDGET_DRAWS = 200_000  # 10⁴/(1 − 0.95) (JCGM 101, 7.2.2); to decide a check as well takes many seconds
 
 
 class EditedTable:
@@ -60,7 +61,8 @@ class EditedTable:
         text, picture = self._judged_once(self.document.content)
         self.answer.object = (
             f'<pre tabindex="0" aria-label="Result">{html(text)}</pre>'
-            f'<img src="{embedded(image(picture))}" alt="Figure of the result">'
+            f'<div class="picture" tabindex="0" role="region" aria-label="Figure of {html(self.title)}">'
+            f'<img src="{embedded(image(picture))}" alt="Figure of the result"></div>'
         )
         form = fields(self.document)
         by_table: dict[str, list[Any]] = {}
@@ -94,10 +96,11 @@ def validity(workspace: Workspace) -> Any:
     """The tab's content."""
     parts = []
     if workspace.budget is not None:
-        path, same = workspace.budget.path, uncertainty(str(workspace.budget.path), str(workspace.out / "uncertainty"))
+        path = workspace.budget.path
+        same = uncertainty(str(path), str(workspace.out / "uncertainty"), BUDGET_DRAWS)
 
         def judge_budget(content: dict[str, Any]) -> Any:
-            evaluated = evaluate(budget_from_tables(content, str(path)))
+            evaluated = evaluate(budget_from_tables(content, str(path)), draws=BUDGET_DRAWS)
             return uncertainty_text(evaluated), uncertainty_figure(evaluated)
 
         parts.append(EditedTable("Uncertainty budget", workspace.budget, same, judge_budget).panel())

@@ -7,6 +7,7 @@ from panel.custom import JSComponent
 class DrivetrainView(JSComponent):
     """An SVG whose parts (``data-part``) can be picked; ``picked`` is the last, with a count that makes it new."""
 
+    label = param.String(default="the drivetrain")
     svg = param.String(default="")
     picked = param.String(default="")
 
@@ -41,7 +42,7 @@ export function render({ model, el }) {
   box.className = 'drawing'
   box.tabIndex = 0
   box.setAttribute('role', 'region')
-  box.setAttribute('aria-label', 'Drawing of the drivetrain, scrolls when larger')
+  box.setAttribute('aria-label', `Drawing of ${model.label}, scrolls when larger`)
   const still = window.matchMedia('(prefers-reduced-motion: reduce)')
   const draw = () => {
     const root = box.getRootNode()

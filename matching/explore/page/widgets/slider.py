@@ -36,7 +36,7 @@ export function render({ model }) {
 
     _stylesheets = [
         """
-label { display: flex; flex-direction: column; font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; }
+label { display: flex; flex-direction: column; padding: 0 5px; font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; }
 input { width: 100%; accent-color: #0072B2; }
 """
     ]
