@@ -95,6 +95,7 @@ class Circle:
         InputError
             If a file is not what it has to be, or the bed's controller gives up.
         """
+        plan_speed(_case_at(path), self._order)  # an error now, not after a match
         rounds: list[dict[str, Any]] = []
         waiting = end = vehicle = None
         if self._order.vehicle:
@@ -119,7 +120,7 @@ class Circle:
     def _vehicle_known(self, path: Path) -> dict[str, Any]:
         """Diagnose the recordings of the vehicle; what became of it."""
         self._tell("vehicle: diagnose")
-        case = tuned_case(path).tuned if path.is_dir() else load_case(path)
+        case = _case_at(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
             vehicle = vehicle_from_recordings(
@@ -268,6 +269,11 @@ class Circle:
 def plan_speed(case: Case, order: CommissionOrder) -> float:
     """Steady speed of the rotors, rad/s, of both kinds of run."""
     return steady_speed(case) if order.excitation.speed is None else order.excitation.speed
+
+
+def _case_at(path: Path) -> Case:
+    """The case of a case file, or of a match's directory as tuned."""
+    return tuned_case(path).tuned if path.is_dir() else load_case(path)
 
 
 def _of_case(case: Case) -> str:

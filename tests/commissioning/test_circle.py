@@ -113,6 +113,14 @@ def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, ca
     assert capsys.readouterr().out.startswith("as_predicted")
 
 
+def test_a_case_without_a_steady_speed_is_told_before_its_match(tmp_path, monkeypatch):
+    monkeypatch.setattr(circle, "match", None)
+    (tmp_path / "bed").mkdir()
+    begun = circle.Circle(tmp_path / "out", tmp_path / "bed", circle.CommissionOrder())
+    with pytest.raises(InputError, match=r"limits\.dynamometer_speed: is missing"):
+        begun.run(write(tmp_path))
+
+
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device")
 def test_a_device_is_no_bed_and_no_recording(tmp_path):
     """It never ends, and was read until no memory was left."""
