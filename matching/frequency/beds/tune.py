@@ -95,7 +95,7 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
     """
     effort = effort or TuningEffort()
     best, used = _from_starts(search, effort)
-    if effort.scenarios:
+    if effort.scenarios and best.judged.cost <= 1:  # beyond their tolerance the errors limit the match anyway
         planned = {left: np.zeros((1, search.positions.shape[1])) for left in SHARES}
         best, used, kept = _with_opened(search, best, effort, used, planned, (PLANNED_ROUNDS, PLANNED_PRICE))
         if kept:
