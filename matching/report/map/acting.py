@@ -68,8 +68,9 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
     fig.add_tools(HoverTool(tooltips=tips, renderers=[fields for fields in drawn if fields is not None]))
     here = (result.x.here * shown_scale(result.x), result.y.here * shown_scale(result.y))
     if all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y)):
-        look: dict[str, Any] = {"size": 16, "fill_color": None, "line_color": RIG, "line_width": 3}
-        fig.scatter([here[0]], [here[1]], legend_label="the case as it is", **look)
+        look: dict[str, Any] = {"size": 16, "fill_color": None}
+        fig.scatter([here[0]], [here[1]], line_color="white", line_width=8, **look)  # so that it is seen in grey, too
+        fig.scatter([here[0]], [here[1]], legend_label="the case as it is", line_color=RIG, line_width=3, **look)
     place_legend(fig)
     if np.isfinite(errors).any():
         fig.add_layout(ColorBar(color_mapper=colours, title=scale_words(result), **BAR), "below")
