@@ -38,6 +38,7 @@ TOLERANCE = 1e-4  # of each reading's range
 VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with
 IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to 10 measured
 FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
+FASTEST = 8 * MAX_STEPS_PER_SECOND  # mean steps a second of a refined run: some seconds of processor time a second
 CALMER = 4  # refinement where a state is not finite
 SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
 CALIBRATED_SHARE = 1 / 16  # of the local errors that are left before two runs show what they do: halved steps
@@ -178,8 +179,9 @@ def run_to_tolerance(
 ) -> Controlled:
     """Simulate with steps divided until every reading's estimated error is at most ``tolerance`` of its range.
 
-    Where that takes more than :data:`FINEST` times the first steps the finest run is returned, with its error. Where a
-    torque may jump, two runs have to agree; else the sum of the local errors may do.
+    Where that takes more than :data:`FINEST` times the first steps, or more than :data:`FASTEST` steps a second, the
+    finest run is returned, with its error. Where a torque may jump, two runs have to agree; else the sum of the local
+    errors may do.
 
     Raises
     ------
@@ -191,7 +193,7 @@ def run_to_tolerance(
     order = KINKED_ORDER if rough else SMOOTH_ORDER
     first, local = _fitting_first_run(problem, tolerance, order, rough, compiled)
     stepping, done = first.stepping, first.trajectories
-    most = FINEST * stepping.count(time)
+    most = min(FINEST * stepping.count(time), max(FASTEST * float(np.ptp(time)), stepping.count(time)))
     error = np.full(max(1, len(model.sensors)), np.inf if rough and local.any() else local.sum())
     allowed = _first_allowed(local, tolerance)
     for _ in range(ROUNDS):
