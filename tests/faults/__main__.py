@@ -21,6 +21,7 @@ from tests.faults.inputs import written
 
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)
 PROMPT_SECONDS = 1.0
+DAY = 0  # s since 1970: of every result, whatever midnight passes
 SERVED_SECONDS = 8.0  # until the page is served, at most
 Trial = Callable[[], None]
 BROKEN = {
@@ -62,7 +63,8 @@ class Trials:
         out.parent.mkdir(exist_ok=True)
         temporary = self.folder / f"temporary {number}"
         temporary.mkdir()
-        changed = {"TMPDIR": str(temporary), "RIGMATCH_CACHE": self.cache} | how.pop("changed", {})  # type: ignore
+        same = {"TMPDIR": str(temporary), "RIGMATCH_CACHE": self.cache, "SOURCE_DATE_EPOCH": str(DAY)}
+        changed = same | how.pop("changed", {})  # type: ignore
         shown = Path(out.name) if name in IN_STEPS else out  # it stands in results of steps
         words = words_of((self.commands | SERVED)[name], shown, self.inputs)
         end = run(words, changed, out.parent, **how)  # type: ignore
