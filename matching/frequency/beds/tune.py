@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -254,10 +255,16 @@ def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: i
 
 def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> int:
     """The steps that were taken; what was judged on the way is known to the search."""
+
+    @lru_cache(maxsize=1)  # cost and requirements ask for their slopes one after the other, at the same point
+    def slopes(logarithms: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        return search.slopes(np.array(logarithms))
+
     result = scipy.optimize.minimize(
-        lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP", jac=lambda at: search.slopes(at)[0],
+        lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP",
+        jac=lambda at: slopes(tuple(at.tolist()))[0],
         constraints={
-            "type": "ineq", "fun": lambda at: search.judged(at).room, "jac": lambda at: search.slopes(at)[1],
+            "type": "ineq", "fun": lambda at: search.judged(at).room, "jac": lambda at: slopes(tuple(at.tolist()))[1],
         },
         options={"maxiter": steps, "ftol": SETTLED},
     )  # fmt: skip
