@@ -25,8 +25,8 @@ PALETTE = (
     256  # colours of a picture in a notebook: a quarter of the bytes of true colours, and no difference to the eye
 )
 MAP_AXES = (
-    "loop.dead_time=0.5 ms,1 ms,2 ms,3 ms,4 ms,5 ms,6 ms,7 ms,8 ms",
-    "rig.shafts.flange_left.stiffness=2e4:2e6:9",
+    "loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms",
+    "rig.shafts.flange_left.stiffness=4e4,2e5,1e6",
 )
 HEADER = """# Generated files of this repository
 
@@ -45,6 +45,7 @@ def generators() -> dict[str, Callable[[str], None]]:
         "examples/road_to_rig/overview.png": make_overview,
         "examples/road_to_rig/map.png": make_map,
         "examples/road_to_rig/on_the_bed.png": make_circle,
+        "examples/road_to_rig/variants.json": make_variants,
         "tests/campaign/latest.png": keep_campaign,
     }
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
@@ -55,8 +56,9 @@ def generators() -> dict[str, Callable[[str], None]]:
 COMMANDS = {
     "examples/road_to_rig/drivetrain.png": "`rigmatch show`",
     "examples/road_to_rig/overview.png": "`rm.match(case).plot()`, seed 0",
-    "examples/road_to_rig/map.png": "`rigmatch map`, one start a point",
+    "examples/road_to_rig/map.png": "`rigmatch map`, `observer`",
     "examples/road_to_rig/on_the_bed.png": "`python -m tests.virtual_bed.reference_circle`",
+    "examples/road_to_rig/variants.json": "`python -m tests.benchmarks.observer_variants`",
     "tests/campaign/latest.png": "`make campaign`",
 }
 
@@ -82,12 +84,12 @@ def make_overview(commit: str) -> None:
 
 
 def make_map(commit: str) -> None:
-    """The map of the reference case over dead time and flange stiffness: a quarter of an hour."""
+    """The map of the reference case over dead time and flange stiffness: some minutes."""
     import rigmatch as rm
     from matching.report.common.style import image
 
     folder = ROOT / "examples" / "road_to_rig"
-    figure = rm.map(folder / "case.toml", *MAP_AXES, starts=1).plot()
+    figure = rm.map(folder / "observer.toml", *MAP_AXES).plot()
     (folder / "map.png").write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
 
 
@@ -100,6 +102,16 @@ def make_circle(commit: str) -> None:
     figure = picture(measure(ROOT / "out" / "reference_circle"))
     target = ROOT / "examples" / "road_to_rig" / "on_the_bed.png"
     target.write_bytes(image(figure, "png", {"Source": f"rigmatch {commit}"}))
+
+
+def make_variants(commit: str) -> None:
+    """What each part of the reference match contributes, for notebook 03: two to three minutes of one core."""
+    sys.path.insert(0, str(ROOT))
+    from tests.benchmarks.observer_variants import BEDS, table
+
+    kept = {"made_by": f"rigmatch {commit}", "fresh_beds": BEDS, "rows": table([])}
+    text = json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
+    (ROOT / "examples" / "road_to_rig" / "variants.json").write_text(text, encoding="utf-8")
 
 
 def keep_campaign(commit: str) -> None:
@@ -173,8 +185,8 @@ def row(name: str, commit: str, date: str) -> str:
 
 def unknown(name: str) -> str:
     """A row for a file that was made before commits were recorded."""
-    stored, date = _git("log", "-1", "--format=%h %ad", "--date=short", "--", name).split()
-    return row(name, f"unknown; last changed in {stored}", date)
+    last = _git("log", "-1", "--format=%h %ad", "--date=short", "--", name).split() or ["no commit", ""]
+    return row(name, f"unknown; last changed in {last[0]}", last[1])
 
 
 def _git(*words: str) -> str:

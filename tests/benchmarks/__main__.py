@@ -14,7 +14,8 @@ from pathlib import Path
 from tests.benchmarks.row import HEAD
 
 HERE = Path(__file__).parent
-APART = {"row", "dead_times", "delay_coverage", "diagnosis_growth", "observer_table"}  # no timings, or too long
+# no timings, or too long
+APART = {"row", "dead_times", "delay_coverage", "diagnosis_growth", "observer_table", "observer_variants"}
 
 
 def main() -> int:

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,12 +17,13 @@ from matching.cli import main
 from matching.frequency.case.load import load_case
 from matching.frequency.studies.map import Map, map_case
 from matching.frequency.studies.map_axis import Axis, axis, quantities
-from matching.frequency.studies.map_point import Point, held_at
+from matching.frequency.studies.map_point import Point, held_at, improved_at, match_at
 from matching.report.common.style import image
 from matching.report.map.figure import map_figure
 from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
+OBSERVER = CASE.with_name("observer.toml")
 STIFFNESS = "rig.shafts.flange_left.stiffness"
 
 
@@ -99,6 +101,53 @@ def test_mirror_images_are_set_alike_and_stay(case):
         held_at(only, STIFFNESS, 2e5)
 
 
+def test_beds_vary_about_the_values_of_the_map():
+    """An observer needs no [move]; its beds are drawn about what the map holds, as if the files said so."""
+    observed = load_case(OBSERVER)
+    assert observed.moves == ()
+    held = held_at(held_at(observed, STIFFNESS, 1e5), "loop.dead_time", 0.008)
+    before, box = ({own.name: own for own in each.uncertainty.uncertain} for each in (observed, held))
+    for side in ("left", "right"):
+        flange = box[f"rig.shafts.flange_{side}.stiffness"]
+        assert (flange.value, flange.half_width) == pytest.approx((1e5, 5e3))
+    assert (box["loop.dead_time"].value, box["loop.dead_time"].half_width) == pytest.approx((0.008, 5e-4))
+    moved = {"rig.shafts.flange_left.stiffness", "rig.shafts.flange_right.stiffness", "loop.dead_time"}
+    assert {name for name in box if box[name] != before[name]} == moved
+
+
+def test_the_share_of_stable_beds_has_a_panel_where_beds_judge(case):
+    plain = drawn_up(case, (1e-3, 8e-3), (1e5, 2e5), lambda i, j: 0)
+    shares = ((1.0, 0.995), (0.5, None))
+    rows = zip(plain.points, shares, strict=True)
+    judged = [[replace(p, stable_beds=s) for p, s in zip(*row, strict=True)] for row in rows]
+    drawn = map_figure(replace(plain, points=tuple(map(tuple, judged))))
+    panels = [own for own in drawn.axes if own.get_xlabel()]
+    assert len(panels) == 3
+    assert [text.get_text() for text in panels[2].texts] == ["100 %", "99.5 %", "50 %"]
+    assert len([own for own in map_figure(plain).axes if own.get_xlabel()]) == 2
+
+
+def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
+    """The match is made up; none of it is solved again from a neighbour, since its search has one start."""
+    observed = load_case(OBSERVER)
+    error = SimpleNamespace(after=0.02, unmeasured=0.4, bound=0.01)
+    worst = SimpleNamespace(damping_ratio=0.01)
+    beds = SimpleNamespace(stable=150, drawn=200, holds=False, worst=worst)
+    verification = SimpleNamespace(stable=True, modulus_margin=0.5, violations=())
+    made = SimpleNamespace(
+        case=observed, tuned=observed, status="limited", response_error=error, verification=verification, targets=(),
+        robust=SimpleNamespace(beds=beds), limits=("so",), objective=1.0, parameters=(), pairs=(),
+    )  # fmt: skip
+    monkeypatch.setattr("matching.frequency.studies.map_point.match", lambda *given, **options: made)
+    places = ("loop.dead_time", 5e-3), (STIFFNESS, 1e5)
+    point = match_at(observed, *places, 0, 1)
+    assert (point.stable_beds, point.limited_by) == (0.75, ("response_error", "beds"))
+    assert improved_at(observed, *places, None) is None
+    beds.stable, beds.holds, error.unmeasured = 200, True, 0.01
+    point = match_at(observed, *places, 0, 1)
+    assert (point.stable_beds, point.limited_by) == (1.0, ())
+
+
 def test_a_quantity_is_on_one_axis_only(case):
     with pytest.raises(InputError, match="both axes"):
         map_case(case, STIFFNESS, "rig.shafts.flange_right.stiffness")
@@ -172,7 +221,9 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
 
     def match_at(case, x, y, seed, starts):
         asked.append((x, y, seed, starts))
-        return Point(x[1], y[1], "matched", x[1] * y[1], 3.0, 0.01, True, 0.5, (), objective=1.0, first=1.0)
+        return Point(
+            x[1], y[1], "matched", x[1] * y[1], 3.0, 0.01, True, 0.5, (), objective=1.0, first=1.0, stable_beds=1.0
+        )
 
     monkeypatch.setattr("matching.executors.executor_of", in_this_process)
     monkeypatch.setattr("matching.frequency.studies.map.match_at", match_at)

@@ -74,6 +74,17 @@ class Box:
         """The same box with what begins with one of ``kinds`` known exactly."""
         return Box(tuple(quantity for quantity in self.uncertain if not quantity.name.startswith(kinds)))
 
+    def about(self, values: Mapping[str, float]) -> Box:
+        """The same box about other values by name: half-widths keep their share of it, the dead time's is kept."""
+        return Box(tuple(_about(quantity, values) for quantity in self.uncertain))
+
+
+def _about(quantity: Uncertain, values: Mapping[str, float]) -> Uncertain:
+    value = values.get(quantity.name, quantity.value)
+    kept = quantity.name == "loop.dead_time" or not quantity.value
+    width = quantity.half_width if kept else quantity.half_width * abs(value / quantity.value)
+    return Uncertain(quantity.name, value, width)
+
 
 def of_system(values: Mapping[str, float], system: System) -> dict[str, float]:
     """Quantities of a rig or a vehicle among values by their names in a box; what both have is there under ``rig.``."""

@@ -15,6 +15,7 @@ from matching.frequency.search.match import match
 from matching.frequency.search.result import MatchResult
 from matching.frequency.solver.task import Near, NoBetter
 from matching.frequency.studies.map_axis import quantities
+from matching.frequency.verification.observed import RobustVerification
 from modelling.common.errors import InputError, unknown
 
 
@@ -36,6 +37,8 @@ class Point:
         neighbours were tried; None where no setting kept the constraints.
     values : dict of str to float
         Tuned values by name, SI.
+    stable_beds : float or None
+        Share of the drawn beds that are stable; None where no beds judge the match.
     pairs : tuple of float
         The goals' eigenpairs, see :class:`matching.frequency.solver.task.Solution`: what a neighbour starts from
         beside them.
@@ -54,6 +57,7 @@ class Point:
     objective: float | None = None
     first: float | None = None
     values: Mapping[str, float] = field(default_factory=dict)
+    stable_beds: float | None = None
     pairs: tuple[float, ...] = ()
 
     @classmethod
@@ -79,7 +83,7 @@ class Point:
 
 
 def held_at(case: Case, name: str, value: float) -> Case:
-    """The case with a quantity at a value where it stays, whether it might move before or not.
+    """The case with a quantity at a value where it stays, whether it might move before or not; beds vary about it.
 
     Raises
     ------
@@ -89,11 +93,12 @@ def held_at(case: Case, name: str, value: float) -> Case:
     known = quantities(case)
     if name not in known:
         raise unknown(name, list(known), "")
-    moved = apply(case, dict.fromkeys(known[name][2], value))
+    values = dict.fromkeys(known[name][2], value)
+    moved = apply(case, values)
     left = tuple(move for move in case.moves if name not in move.together)
-    if not left:
+    if not left and not case.loop.structure.is_observer:
         raise InputError(name, "is all that may move", "let the case move something else as well")
-    return replace(moved, moves=left)
+    return replace(moved, moves=left, uncertainty=case.uncertainty.about(values))
 
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
@@ -106,7 +111,12 @@ def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, 
 
 
 def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Near) -> Point | None:
-    """The same point from its neighbours' solutions; None where that leads to nothing better."""
+    """The same point from its neighbours' solutions; None where that leads to nothing better.
+
+    An observer's search always starts from the same weights, so a neighbour's leads to nothing else.
+    """
+    if case.loop.structure.is_observer:
+        return None
     try:
         return _point(x[1], y[1], match(held_at(held_at(case, *x), *y), near=near))
     except NoBetter:
@@ -128,6 +138,7 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         limited_by=_limited_by(result),
         objective=objective,
         first=objective,
+        stable_beds=_stable_share(result.robust),
         values={parameter.name: parameter.tuned for parameter in result.parameters},
         pairs=tuple(result.pairs),
     )
@@ -141,7 +152,23 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
     names = ["targets"] if any(not target.met for target in result.targets) else []
     names += [violation.limit for violation in result.verification.violations]
     names += [limit for _, limit, _, _ in demands(result.tuned).broken(rig)]
+    if result.robust is not None:
+        names += _not_kept_over_beds(result, result.robust)
     return tuple(dict.fromkeys(names))
+
+
+def _not_kept_over_beds(result: MatchResult, robust: RobustVerification) -> list[str]:
+    """Names of errors beyond their tolerance and of beds that are not stable or damped too little."""
+    case, error, names = result.case, result.response_error, []
+    if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
+        names.append("response_error")
+    if not robust.beds.holds or (robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0):
+        names.append("beds")
+    return names
+
+
+def _stable_share(robust: RobustVerification | None) -> float | None:
+    return robust.beds.stable / robust.beds.drawn if robust is not None and robust.beds.drawn else None
 
 
 def _finite(value: float | None) -> float | None:

@@ -15,6 +15,7 @@ from matching.frequency.studies.map_axis import Axis
 from matching.report.common.style import INK, RIG, figure, styled
 from matching.report.common.wording import number, unit
 from matching.report.map import marks as map_marks
+from matching.report.map.stable_beds import draw_stable_beds, stable_shares
 from modelling.common import escape
 
 MOST_FIELDS = 6  # values per axis up to which coloured fields with their errors are clearer than contours
@@ -29,21 +30,28 @@ MOST_TICKS = 10  # labels per axis
 def map_figure(result: Map) -> Figure:
     """Contours of the response error, fields hatched by what limits the match, the case's point marked.
 
-    Where measured and unmeasured torques have different errors, each has a panel. Small maps show fields with the
-    errors in numbers instead of contours.
+    Where measured and unmeasured torques have different errors, each has a panel; where drawn beds judge the matches,
+    the share of those that are stable has one as well. Small maps show fields with the errors in numbers instead of
+    contours.
     """
-    drawn = panels(result)
+    drawn, with_beds = panels(result), stable_shares(result) is not None
+    count, columns, rows = len(drawn) + with_beds, edges(result.x), edges(result.y)
     with styled():
-        fig = figure(1.2 + 5.4 * len(drawn), 5.6)
+        fig = figure(1.2 + 5.4 * count, 5.6)
         limiting: list[str] = []
         for place, (title, errors) in enumerate(drawn):
-            axes = fig.add_subplot(1, len(drawn), place + 1)
-            columns, rows = edges(result.x), edges(result.y)
+            axes = fig.add_subplot(1, count, place + 1)
             _label(axes, result)
             _errors(fig, axes, result, errors, columns, rows)
             limiting = map_marks.hatch(axes, result, columns, rows)
             mark = _mark(axes, result)
             axes.set_title(title, fontsize=10)
+            axes.grid(False)
+        if with_beds:
+            axes = fig.add_subplot(1, count, count)
+            _label(axes, result)
+            draw_stable_beds(axes, result, columns, rows)
+            _mark(axes, result)
             axes.grid(False)
         entries = [*map_marks.handles(limiting), *mark]
         if entries:

@@ -22,6 +22,8 @@ HATCHES = {
     "dynamometer_speed": ("++", "dynamometer speed above its limit"),
     "dynamometer_power": ("oo", "dynamometer power above its limit"),
     "modulus_margin": ("..", "modulus margin below its limit"),
+    "response_error": ("/-", "response error above its tolerance"),
+    "beds": ("\\|", "drawn beds not stable or damped too little"),
     "damping_ratio": ("OO", "damping ratio below its limit"),
 }
 

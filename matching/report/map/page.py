@@ -47,10 +47,19 @@ def point_data(result: Map) -> str:
     points = [point for row in result.points for point in row]
     names = list(dict.fromkeys(name for point in points for name in point.values))
     head = [f"{axis.name} [{axis.unit}]" for axis in (result.x, result.y)]
-    head += ["status", "error", "error, unmeasured torques", "bound", "modulus margin", "limited by", *names]
+    head += [
+        "status",
+        "error",
+        "error, unmeasured torques",
+        "bound",
+        "modulus margin",
+        "share of stable beds",
+        "limited by",
+        *names,
+    ]
     rows = [
         [point.x, point.y, point.status, point.error, point.unmeasured, point.bound, point.modulus_margin,
-         " ".join(point.limited_by), *(point.values.get(name) for name in names)]
+         point.stable_beds, " ".join(point.limited_by), *(point.values.get(name) for name in names)]
         for point in points
     ]  # fmt: skip
     return csv_table(head, rows)
