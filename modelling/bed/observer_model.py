@@ -87,6 +87,12 @@ class ObserverModel:
         """Number e of the estimated torques' states."""
         return len(self.wandering)
 
+    @property
+    def on_their_way(self) -> slice:
+        """Where the commands on their way stand among the states of the controller, newest first."""
+        x = len(self.bed.whole)
+        return slice(x, x + len(self.dynamometers) * (self.bed.delay + 1))
+
 
 def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverModel:
     """Put model, dead time and sensors together.

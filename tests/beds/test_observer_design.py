@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from matching.frequency.beds.closed_loop import closed_matrices, sampled_beds
+from matching.frequency.beds.closed_loop import closed_matrices, sampled_beds, shared_poles
 from modelling.bed.observer_design import (
     FORGETTING_PER_SAMPLE,
     FREE_COMMAND_WEIGHT,
@@ -103,6 +103,20 @@ def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small
     both = polynomial(of_regulator) * polynomial(of_filter) / forgotten
     vehicle = polynomial(np.linalg.eigvals(model.bed.whole[model.states :, model.states :]))
     assert polynomial(closed) == pytest.approx(both / vehicle, rel=1e-6)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.0023, 0.009])  # s: shorter than believed, as believed, longer
+def test_commands_that_bed_and_controller_hold_both_add_poles_at_0_alone(small_case, model, controller, dead_time):
+    beds = sampled_beds(small_case, [{"loop.dead_time": dead_time}, {"loop.dead_time": 0.6 * dead_time}])
+    closed, poles = closed_matrices(beds, controller), shared_poles(beds, controller, model.on_their_way)
+    twice = closed.shape[1] - poles.shape[1]
+    way = beds.A.shape[1] - beds.states
+    assert twice == min(way, len(model.dynamometers) * (model.bed.delay + 1)) > 0
+    z = 1.1 * np.exp(1j * np.linspace(0.1, np.pi, 9))[:, None]  # determinants there know nothing of eigenvalues
+    sign, size = np.linalg.slogdet(z[..., None, None] * np.eye(closed.shape[1]) - closed)
+    factors = z[..., None] - poles
+    assert np.log(np.abs(factors)).sum(axis=2) + twice * np.log(1.1) == pytest.approx(size, abs=1e-7)
+    assert np.prod(factors / np.abs(factors), axis=2) * (z / 1.1) ** twice == pytest.approx(sign, abs=1e-7)
 
 
 def test_a_bed_that_is_the_model_leaves_nothing_to_correct(small_case, model, controller):

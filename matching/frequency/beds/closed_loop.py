@@ -24,15 +24,18 @@ class SampledBeds:
     ----------
     A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
         Commands on their way stand newest first.
+    states : int
+        Of a bed itself, which the commands on their way follow.
     """
 
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
+    states: int
 
     def some(self, which: np.ndarray) -> SampledBeds:
         """The beds of these numbers (n,)."""
-        return SampledBeds(self.A[which], self.B[which], self.C[which])
+        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states)
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,8 @@ def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
     """Beds with as many commands on their way as the latest of them has."""
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
-    return SampledBeds(*(np.stack(parts) for parts in zip(*matrices, strict=True)))
+    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
+    return SampledBeds(A, B, C, len(beds[0].A))
 
 
 def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
@@ -157,6 +161,21 @@ def closed_matrices(beds: SampledBeds, controller: ObserverController) -> np.nda
     closed[:, x:, :x] = By @ beds.C
     closed[:, x:, x:] = space.A
     return closed
+
+
+def shared_poles(beds: SampledBeds, controller: ObserverController, on_their_way: slice) -> np.ndarray:
+    """Poles (b, p) of the closed loops without those at 0 that stand for commands known twice.
+
+    A bed and the controller, among whose states ``on_their_way`` are these commands, hold the same ones, and what tells
+    theirs apart is gone once they have passed. So the closed loop is worked out with the bed's alone, which takes a
+    fraction of the time where the dead time is many samples.
+    """
+    closed, x = closed_matrices(beds, controller), beds.A.shape[1]
+    both = np.arange(min(x - beds.states, on_their_way.stop - on_their_way.start))
+    twice = x + on_their_way.start + both
+    closed[:, :, beds.states + both] += closed[:, :, twice]
+    once = np.delete(np.arange(closed.shape[1]), twice)
+    return np.linalg.eigvals(closed[:, once[:, None], once])
 
 
 def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:

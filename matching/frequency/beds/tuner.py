@@ -18,6 +18,7 @@ from matching.frequency.beds.closed_loop import (
     closed_matrices,
     damping_ratios,
     errors,
+    shared_poles,
     side_by_side,
 )
 from matching.frequency.beds.design_point import DesignPoint, Judged
@@ -103,10 +104,9 @@ class Tuner:
     def guard(self, logarithms: np.ndarray, count: int = GUARDS) -> None:
         """Have the search see the least damped beds of the pool at a point (w,) as well."""
         try:
-            poles = np.linalg.eigvals(closed_matrices(self.sampled_pool, self.gains.controller(logarithms)))
+            room = self.rooms_of(self.sampled_pool, logarithms)
         except InputError:
             return
-        room = self._damping_room(poles)
         self.guarded = tuple(sorted({*self.guarded, *np.argsort(room)[:count].tolist()}))
         self.known.clear()
         self._last = None
@@ -119,7 +119,8 @@ class Tuner:
         InputError
             If the design has no solution there.
         """
-        return self._damping_room(np.linalg.eigvals(closed_matrices(beds, self.gains.controller(logarithms))))
+        controller = self.gains.controller(logarithms)
+        return self._damping_room(shared_poles(beds, controller, self.model.on_their_way))
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> None:
         """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need.
