@@ -15,7 +15,7 @@ from matching.frequency.studies.map_axis import Axis
 from matching.report.common.style import INK, RIG, figure, styled
 from matching.report.common.wording import number, unit
 from matching.report.map import marks as map_marks
-from matching.report.map.stable_beds import draw_stable_beds, stable_shares
+from matching.report.map.stable_beds import beside_ring, draw_stable_beds, stable_shares
 from modelling.common import escape
 
 MOST_FIELDS = 6  # values per axis up to which coloured fields with their errors are clearer than contours
@@ -131,7 +131,7 @@ def _write(axes: Any, result: Map, errors: np.ndarray) -> None:
         for x, error in zip(result.x.values, row, strict=True):
             if np.isfinite(error):
                 look: Any = {"ha": "center", "va": "center", "fontsize": 8, "bbox": box, "zorder": 4}
-                axes.annotate(number(float(error), 2), (x, y), **look)
+                axes.annotate(number(float(error), 2), (x, y), **beside_ring(result, x, y), **look)
 
 
 def _mark(axes: Any, result: Map) -> list[Any]:

@@ -13,6 +13,7 @@ from matching.report.common.wording import number
 
 TITLE = "Share of drawn beds that are stable"
 MOST_WRITTEN = 6  # values per axis up to which every field has its share in numbers
+RING_CLEARANCE = 17  # points from the middle of the ring to that of a number below it
 SHADES = (0.04, 0.66)  # part of the colour map: light enough for black numbers everywhere
 
 
@@ -36,4 +37,11 @@ def draw_stable_beds(axes: Any, result: Map, columns: np.ndarray, rows: np.ndarr
     for y, line in zip(result.y.values, shares, strict=True):
         for x, share in zip(result.x.values, line, strict=True):
             if np.isfinite(share):
-                axes.annotate(f"{number(float(share), 4)} %", (x, y), ha="center", va="center", fontsize=8)
+                look: Any = {"ha": "center", "va": "center", "fontsize": 8, **beside_ring(result, x, y)}
+                axes.annotate(f"{number(float(share), 4)} %", (x, y), **look)
+
+
+def beside_ring(result: Map, x: float, y: float) -> dict[str, Any]:
+    """Where the number of a field stands: below the ring where the case is, in the middle elsewhere."""
+    ring = (x, y) == (result.x.here, result.y.here)
+    return {"xytext": (0, -RING_CLEARANCE if ring else 0), "textcoords": "offset points"}
