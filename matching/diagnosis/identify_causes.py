@@ -15,7 +15,7 @@ from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
-from matching.diagnosis.search.refinement import search_is_over, with_sharpest_friction
+from matching.diagnosis.search.refinement import FIT_ERRORS, search_is_over, with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.remembered import RememberedHoldout
 from matching.diagnosis.search.search_window import first_readings, search_window
@@ -120,7 +120,10 @@ def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Prog
 def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
     """Drop each cause, the last first, without which unseen data are met as well: it fitted what does not repeat."""
     for index in reversed(range(len(state.best.causes))):
-        rest = with_balanced_sensors(best_without(state, index))
+        rest = _others(state, index)
+        if rest is None:
+            continue
+        rest = with_balanced_sensors(rest)
         if not unseen.earns_place(state.best, rest):
             state.best = rest
             del state.rivals[index : index + 1]
@@ -133,8 +136,11 @@ def _drop_not_needed(state: SearchState) -> None:
     """Drop causes of several without which the final fit is as good, e.g. backlash of no width."""
     index = 0
     while len(state.best.causes) > 1 and index < len(state.best.causes):
-        rest = final_fit(best_without(state, index))
-        fit = state.best.fit
+        rest = _others(state, index)
+        if rest is None:
+            index += 1
+            continue
+        rest, fit = final_fit(rest), state.best.fit
         price = len(state.best.causes[index].keys) * float(np.log(fit.problem.data.readings_count))
         if rest.fit.cost < fit.cost + max(state.noise_threshold, price) * chi_square_inflation(state.best):
             state.best = rest
@@ -144,8 +150,17 @@ def _drop_not_needed(state: SearchState) -> None:
 
 
 def best_without(state: SearchState, index: int) -> Hypothesis:
-    """The best hypothesis without one of its causes."""
+    """The best hypothesis without one of its causes; the base model where the others alone do not simulate."""
+    return _others(state, index) or state.base
+
+
+def _others(state: SearchState, index: int) -> Hypothesis | None:
+    """All causes of the best hypothesis but one, fitted; None where they do not simulate without it."""
     if len(state.best.causes) == 1:
         return state.base
     model = state.best.model.without_cause(index, state.best.fit)
-    return with_sharpest_friction(Hypothesis(model, fit_extended(model, state.best.fit)))
+    try:
+        fit = fit_extended(model, state.best.fit)
+    except FIT_ERRORS:
+        return None
+    return with_sharpest_friction(Hypothesis(model, fit))
