@@ -106,7 +106,8 @@ class Trials:
         end, out = self.run(name, what, number=number, after=after)
         if number != signal.SIGKILL:
             # a signal before Python has come to the program's first line ends Python, in its own way
-            early = end.code == -number and str(ROOT) not in end.said
+            early = str(ROOT) not in end.said
+            early &= end.code == -number or (end.code == 1 and "Could not import runpy" in end.said)
             self.check(early or end.code in (0, 128 + number), what, f"ends with {end.code}: {end.said[:300]!r}")
             self.check(end.code == 0 or end.seconds < PROMPT_SECONDS, what, f"ends {end.seconds:.1f} s later")
         marked = out.exists() and any(out.glob("unfinished-*"))
