@@ -20,7 +20,6 @@ from matching.frequency.case.case import Case
 FOLDER = Path(__file__).parents[2] / "examples" / "road_to_rig"
 BEDS = 200  # fresh ones that judge a variant
 PROCESSES = 2
-FIXED = "residual vehicle and adapters fixed"
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,10 @@ STIFFNESS = '"rig.shafts.*.stiffness" = 0.05'
 PI = ("case.toml", 'structure = "model_based"', 'structure = "pi"')
 VARIANTS = (
     Variant("pi", "case.toml", (PI,)),
-    Variant(f"model_based, {FIXED}", "case.toml", (moved_alone("loop"),)),
-    Variant("model_based", "case.toml"),
+    Variant("model_based, gains tuned alone", "case.toml", (moved_alone("loop"),)),
+    Variant("model_based, gains and residual vehicle", "case.toml", (moved_alone("loop", "residual_vehicle"),)),
+    Variant("model_based, gains and adapters", "case.toml", (moved_alone("loop", "rig"),)),
+    Variant("model_based, everything tuned", "case.toml"),
     Variant("observer", "observer.toml"),
     observed("dead time 1 ms", "dead_time = 0.003 ", "dead_time = 0.001 "),
     observed("motor speed not measured", 'measures = ["motor_speed"]', "measures = []"),
