@@ -103,6 +103,15 @@ def test_text_is_short(hand_made):
     assert summary(json.loads(strict_json(result))) == summary(result)  # what is written is enough to say it again
 
 
+def test_an_error_below_the_bound_of_stepping_torques_is_said_to_be(hand_made):
+    """The bound is the best over all frequencies; within a band a controller can be below it."""
+    told = "of torques that step; the match is below it within its band"
+    result = content(hand_made)
+    for after, said in ((0.98, True), (1.0, False), (1.5, False)):
+        result["response_error"] |= {"after": after * 0.02, "bound": 0.02}
+        assert (told in summary(result)) is said
+
+
 def test_json_has_the_agreed_shape(hand_made):
     result = json.loads(strict_json(content(hand_made)))
     assert result["status"] in ("matched", "limited")

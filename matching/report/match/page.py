@@ -35,7 +35,8 @@ from modelling.model.system import System
 DEAD_TIME = (
     "A command acts one dead time after it is given, so a controller can only act on what it predicts for that time; a "
     "torque that steps at an unforeseeable moment is always answered late. The lower bound is the error of the best "
-    "command that knows every state and every measured torque but nothing of the future."
+    "command that knows every state and every measured torque but nothing of the future. It is the best over all "
+    "frequencies, for torques that step; within a band alone a controller can be below it."
 )
 NEAR_BEST = 0.01  # relative: starts that end this near to the best objective count as agreeing
 

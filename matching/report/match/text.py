@@ -15,6 +15,8 @@ from modelling.bed.structures import STRUCTURES
 
 MOST_LINES, MOST_TARGETS, MOST_NEEDS, MOST_NAMES = 19, 4, 4, 3  # of the summary for a terminal
 
+BELOW = 0.99  # of the lower bound: an error below it by more than rounding
+
 
 def content(result: MatchResult) -> dict[str, Any]:
     """The content of ``result.json``: the result, what was ``asked`` for, what the manoeuvre ``needs``."""
@@ -70,9 +72,11 @@ def _errors(result: Mapping[str, Any]) -> str:
     structure = STRUCTURES[result["structure"]]
     if not structure.has_feed_forward and not structure.is_observer:  # the same for all torques
         unmeasured = ""
+    below = " (of torques that step; the match is below it within its band)" if error["after"] < BELOW * error["bound"] else ""
     return (
         f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
-        f"the dead time {number(error['bound'], 2)} as sampled, {number(error['bound_unsampled'], 2)} without sampling"
+        f"the dead time{below} {number(error['bound'], 2)} as sampled, {number(error['bound_unsampled'], 2)} without "
+        "sampling"
     )
 
 
