@@ -72,7 +72,9 @@ def _errors(result: Mapping[str, Any]) -> str:
     structure = STRUCTURES[result["structure"]]
     if not structure.has_feed_forward and not structure.is_observer:  # the same for all torques
         unmeasured = ""
-    below = " (of torques that step; the match is below it within its band)" if error["after"] < BELOW * error["bound"] else ""
+    below = ""
+    if error["after"] < BELOW * error["bound"]:
+        below = " (of torques that step; the match is below it within its band)"
     return (
         f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
         f"the dead time{below} {number(error['bound'], 2)} as sampled, {number(error['bound_unsampled'], 2)} without "
