@@ -11,10 +11,11 @@ SHARES_LEFT = (0.001, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
 
 def with_opened_shafts(case: Case, share: float) -> dict[str, float]:
     """Values (SI) of the bed, by name, whose followed shafts have ``share`` of their stiffness and damping."""
-    follows = {dynamometer.follows for dynamometer in case.loop.dynamometers}
+    quantities = {
+        f"shafts.{dynamometer.follows}.{quantity}"
+        for dynamometer in case.loop.dynamometers
+        for quantity in ("stiffness", "damping")
+    }
     return {
-        f"rig.{name}": share * parameter.value
-        for name, parameter in case.rig.parameters.items()
-        if name.rsplit(".", 1)[0] in {f"shafts.{shaft}" for shaft in follows}
-        and name.rsplit(".", 1)[1] in ("stiffness", "damping")
+        f"rig.{name}": share * parameter.value for name, parameter in case.rig.parameters.items() if name in quantities
     }

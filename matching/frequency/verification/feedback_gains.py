@@ -205,9 +205,7 @@ def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> Feedb
     )  # fmt: skip
 
 
-def tuned_over_beds(
-    case: Case, moves: Sequence[Move], drawn: DrawnBeds
-) -> tuple[Mapping[str, float], Judged]:  # fmt: skip
+def tuned_over_beds(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> tuple[Mapping[str, float], Judged]:
     """Values of the loop's quantities from those of a case on, SI, and how they are judged on drawn beds.
 
     Raises
