@@ -57,6 +57,9 @@ def test_a_limit_that_binds_releases_a_quantity(stiff):
         demands(tight).broken({f"rig.{name}": part.value for name, part in result.tuned.rig.parameters.items()}) == []
     )
     assert any(FLANGE in note and TWIST in note for note in result.notes)
+    (body,) = (part for part in result.parameters if part.name == "residual_vehicle.inertias.body.J")
+    named = f"is a compensation, not the car: inertias.body.J {body.tuned / body.start - 1:+.1%} "
+    assert any(named in note for note in result.notes)
 
     held = replace(tight, moves=tuple(move for move in tight.moves if move.name != FLANGE))
     beyond = match(held, starts=1)

@@ -15,7 +15,6 @@ from matching.frequency.beds.closed_loop import (
     action,
     ahead_states,
     bed_set,
-    closed_matrices,
     damping_ratios,
     errors,
     shared_poles,
@@ -192,7 +191,7 @@ class Tuner:
             errors_of = [errors(beds, acting.at(self._of(beds)), ()) for beds in (self.beds, self.plan.band)]
             self._last = key, DesignPoint(
                 controller, acting, loop_curves(self.plan, acting.at(self._of(self.plan.every))),
-                np.linalg.eigvals(closed_matrices(self._guards, controller)),
+                shared_poles(self._guards, controller, self.model.on_their_way),
                 np.sqrt(np.concatenate([each.mean(axis=1) for each in errors_of])) / self.case.unmeasured_tolerance,
             )  # fmt: skip
         return self._last[1]

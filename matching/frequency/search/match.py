@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +35,7 @@ from matching.frequency.verification.robust_limits import not_kept, noted
 from modelling.modal.damped_modes import damped_modes
 
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
+RESIDUAL = "residual_vehicle."
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 
@@ -190,17 +191,30 @@ def _result(
 
 
 def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
-    """That nothing had to move, and what moves for a limit's sake only."""
+    """That nothing had to move, that a moved residual vehicle is not the car, and what moves for a limit's sake only."""
     notes = []
     ends = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
     if not limited and all(abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends):
         notes.append(NOTHING_MOVED)
+    notes += _compensation([(move, end) for move, end in ends if move.name.startswith(RESIDUAL)])
     notes += [
         f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "
         f"and moves for the limit {limit} alone"
         for name, limit in released.items()
     ]
     return notes
+
+
+def _compensation(ends: Sequence[tuple[Move, float]]) -> list[str]:
+    """That a residual vehicle that was cut from the vehicle and moved is no longer the car, and by how much."""
+    moved = [
+        f"{move.name.removeprefix(RESIDUAL)} {end / move.planned - 1:+.1%}"
+        for move, end in ends
+        if move.planned and abs(end - move.planned) > LARGEST_UNMOVED * (move.upper - move.lower)
+    ]
+    if not moved:
+        return []
+    return [f"the moved residual vehicle is a compensation, not the car: {', '.join(moved)} of what was cut from it"]
 
 
 def _parameter(move: Move, part: float, solution: Solution, free: bool) -> ParameterResult:
