@@ -57,13 +57,11 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
 
 def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ObserverController:
     """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y)."""
-    bed, n = model.bed, model.states
-    x, e, fifo = len(bed.whole), model.estimated, len(model.dynamometers) * (bed.delay + 1)
     A, B, W = _shifting(model)
-    size, y, m, more = len(A), len(model.readings.rows), x + fifo, len(ahead.A)
-    L, C = np.zeros((size + more, y)), np.zeros((y, size + more))
-    L[:n], L[n:x], L[m:size] = corrected[:n], corrected[n + e :], corrected[n : n + e]
-    C[:, :n] = model.readings.rows
+    size, y, more = len(A), len(model.readings.rows), len(ahead.A)
+    m = size - model.estimated
+    L, C = np.vstack([laid_out(model, corrected), np.zeros((more, y))]), np.zeros((y, size + more))
+    C[:, : model.states] = model.readings.rows
     whole = block_diag(A, ahead.A)
     whole[:size, size + m :] = (1 - NOW) * W
     difference = ahead.F.copy()
@@ -73,6 +71,13 @@ def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.n
         np.hstack([F[:, :size], difference]), ahead.G,
         model.readings.sensors, model.known, model.dynamometers, model.sample_time, size,
     )  # fmt: skip
+
+
+def laid_out(model: ObserverModel, corrected: np.ndarray) -> np.ndarray:
+    """A correction (n + e + v, y) by state of the observer (o, y): [rig, lags, vehicle; commands; torques]."""
+    n, e = model.states, model.estimated
+    commands = np.zeros((len(model.dynamometers) * (model.bed.delay + 1), corrected.shape[1]))
+    return np.vstack([corrected[:n], corrected[n + e :], commands, corrected[n : n + e]])
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT,
     InputError
         If the design's Riccati equation has no stabilising solution.
     """
-    feedback, _ = _feedback(model, command_weight, change)
+    feedback = feedback_on_all(model, command_weight, change).F
     A, B = _arriving(model)
     bed, k, w = model.bed, len(model.dynamometers), len(model.known)
     W = np.vstack([bed.torques[:, model.estimated :], np.zeros((k, w))])
@@ -152,16 +157,46 @@ def _shifting(model: ObserverModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return A, B, W
 
 
-def _feedback(model: ObserverModel, command_weight: float, change: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (k, x + k) on [x; commands of the last step] and (k, e + w) on torques that go on as they do by themselves.
+@dataclass(frozen=True)
+class Feedback:
+    """What the state feedback's Riccati equation gives, on [x; commands of the last step].
+
+    Attributes
+    ----------
+    F, of_torques : ndarray (k, x + k), (k, e + w)
+        Gains, the latter on torques that go on as they do by themselves.
+    B, X, weight, closed : ndarray (x + k, k), (x + k, x + k), (k, k), (x + k, x + k)
+        Of the commands, the equation's solution, BᵀXB + R, and A − B·F.
+    push, gradient, on : ndarray (x + k, e + w), (x + k, e + w), (e + w, e + w)
+        What torques do, what they add to the cost's gradient, and how they go on.
+    """
+
+    F: np.ndarray
+    of_torques: np.ndarray
+    B: np.ndarray
+    X: np.ndarray
+    weight: np.ndarray
+    closed: np.ndarray
+    push: np.ndarray
+    gradient: np.ndarray
+    on: np.ndarray
+
+
+def feedback_on_all(model: ObserverModel, command_weight: float, change: float) -> Feedback:
+    """Gains on all that is known when the commands arrive.
 
     Minimises the squared speed errors at the cuts, the squared commands and their squared changes. Torques stay out
     of the Riccati equation: what they add to the cost's gradient solves a linear equation.
+
+    Raises
+    ------
+    InputError
+        If the design's Riccati equation has no stabilising solution.
     """
     A, B = _arriving(model)
     k, x = len(model.dynamometers), len(model.bed.whole)
     E = np.hstack([model.speed_error, np.zeros((k, k))])
-    last = np.hstack([np.zeros((k, x)), np.eye(k)])
+    last = last_command(model)
     Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ last
     R, S = (command_weight + change) * np.eye(k), -change * last.T
     X = _riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
@@ -169,8 +204,15 @@ def _feedback(model: ObserverModel, command_weight: float, change: float) -> tup
     F = np.linalg.solve(weight, B.T @ X @ A + S.T)
     on, closed = _torques_on(model), A - B @ F
     push = np.vstack([model.bed.torques, np.zeros((k, model.bed.torques.shape[1]))])
-    gradient = _summed(closed.T, on, closed.T @ X @ push)
-    return F, np.linalg.solve(weight, B.T @ (X @ push + gradient @ on))
+    gradient = summed(closed.T, on, closed.T @ X @ push)
+    of_torques = np.linalg.solve(weight, B.T @ (X @ push + gradient @ on))
+    return Feedback(F, of_torques, B, X, weight, closed, push, gradient, on)
+
+
+def last_command(model: ObserverModel) -> np.ndarray:
+    """The commands of the last step (k, x + k) by state [x; commands of the last step]."""
+    k, x = len(model.dynamometers), len(model.bed.whole)
+    return np.hstack([np.zeros((k, x)), np.eye(k)])
 
 
 def _torques_on(model: ObserverModel) -> np.ndarray:
@@ -178,8 +220,8 @@ def _torques_on(model: ObserverModel) -> np.ndarray:
     return block_diag(model.wandering, (1 - FORGETTING_PER_SAMPLE) * np.eye(len(model.known)))
 
 
-def _summed(left: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """The solution of M = left·M·right + drive, summed by doubling; left (a, a) or right (b, b) has to decay."""
+def summed(left: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """The solution of M = left·M·right + drive (…, a, b), summed by doubling; left (a, a) or right has to decay."""
     M = drive
     for _ in range(DOUBLINGS):
         M, left, right = M + left @ M @ right, left @ left, right @ right
@@ -196,7 +238,15 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
     InputError
         If the design's Riccati equation has no stabilising solution.
     """
-    feedback, of_torques = _feedback(model, command_weight, change)
+    made = feedback_on_all(model, command_weight, change)
+    return predicted(model, made.F, made.of_torques)
+
+
+def predicted(model: ObserverModel, feedback: np.ndarray, of_torques: np.ndarray) -> np.ndarray:
+    """Gains (…, k, x + fifo + e + w) on what is known now, of those on what is known when the commands arrive.
+
+    ``feedback`` (…, k, x + k) is on [x; commands of the last step], ``of_torques`` (…, k, e + w) on the torques.
+    """
     bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
     fifo, step, on = k * (bed.delay + 1), _torques_on(model), np.eye(bed.torques.shape[1])
     now = np.zeros((x, x + fifo + bed.torques.shape[1]))
@@ -210,13 +260,45 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
         now, on = ahead, step @ on
     last = np.zeros((k, now.shape[1]))
     last[:, x : x + k] = np.eye(k)
-    gains = feedback @ np.vstack([now, last])
-    gains[:, x + fifo :] += of_torques @ on
+    gains: np.ndarray = feedback @ np.vstack([now, last])
+    gains[..., x + fifo :] += of_torques @ on
     return gains
 
 
-def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray:
-    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one.
+@dataclass(frozen=True)
+class Filter:
+    """What the filter's Riccati equation gives; o = n + e states of rig, lags and estimated torques.
+
+    Attributes
+    ----------
+    L, of_vehicle : ndarray (o, y), (v, y)
+        Correction of these states and of the residual vehicle for a reading off by one.
+    A, C, P, innovation : ndarray (o, o), (y, o), (o, o), (y, y)
+        The model, the covariance before a reading, and that of what a reading is off.
+    from_rig, shared : ndarray (v, o), (v, o)
+        What the states do to the residual vehicle, and its covariance with them.
+    """
+
+    L: np.ndarray
+    of_vehicle: np.ndarray
+    A: np.ndarray
+    C: np.ndarray
+    P: np.ndarray
+    innovation: np.ndarray
+    from_rig: np.ndarray
+    shared: np.ndarray
+
+    @property
+    def left(self) -> np.ndarray:
+        """What a reading leaves (o, o) of the states' error."""
+        return np.eye(len(self.L)) - self.L @ self.C
+
+
+TRUST = {"torque": "torque_sensor_noise", "speed": "rotor_speed_noise", "further": "further_sensor_noise"}
+
+
+def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
+    """The Kalman filter for given weights.
 
     Raises
     ------
@@ -232,8 +314,7 @@ def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray
     Q = np.zeros((n + e, n + e))
     Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
     Q[n:, n:] = np.diag(drift**2)
-    trust = {"torque": "torque_sensor_noise", "speed": "rotor_speed_noise", "further": "further_sensor_noise"}
-    R = np.diag((model.readings.noise * [weights[trust[kind]] for kind in model.readings.kinds]) ** 2)
+    R = np.diag((model.readings.noise * [weights[TRUST[kind]] for kind in model.readings.kinds]) ** 2)
     P = _riccati(A.T, C.T, Q, R, None, "estimate of the rig's state")
     innovation = C @ P @ C.T + R
     L = np.linalg.solve(innovation, C @ P).T
@@ -242,8 +323,20 @@ def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray
     from_rig = np.hstack([bed.whole[n:, :n], bed.torques[n:, :e]])
     M = from_rig @ left @ P @ A.T
     M[:, :n] += white[n:] @ white[:n].T
-    M = _summed(bed.whole[n:, n:], (A @ left).T, M)
-    return np.vstack([L, np.linalg.solve(innovation, C @ M.T).T])
+    M = summed(bed.whole[n:, n:], (A @ left).T, M)
+    return Filter(L, np.linalg.solve(innovation, C @ M.T).T, A, C, P, innovation, from_rig, M)
+
+
+def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray:
+    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one.
+
+    Raises
+    ------
+    InputError
+        If the filter's Riccati equation has no stabilising solution.
+    """
+    made = filter_of(model, weights)
+    return np.vstack([made.L, made.of_vehicle])
 
 
 def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, S: np.ndarray | None, what: str) -> np.ndarray:

@@ -17,6 +17,7 @@ from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import assembled
 
 HALF_STEP = 1e-6  # of the gains' relative change, either way
+HALF_DECADES = 1e-3  # of a weight, either way: Riccati equations are solved to 1e-6 or so
 
 
 @pytest.fixture(scope="module")
@@ -126,3 +127,16 @@ def test_the_search_sees_the_least_damped_beds_of_the_pool(search, start):
     search.guard(start, len(search.pool))
     assert len(search.guarded) == len(search.pool)
     np.testing.assert_allclose(np.sort(search.judged(start).least[:-3])[:2], np.sort(seen))
+
+
+def test_gains_change_with_the_weights_as_their_slopes_say(search, start):
+    """Every weight of filter and feedback, against differences of the whole design."""
+    slopes, o = search.gains.slopes(start), search.gains.controller(start).observed
+    for i, unit in enumerate(np.eye(len(start))):
+        ends = [search.gains.controller(start + side * HALF_DECADES * unit) for side in (1, -1)]
+        F, L = [end.F[:, :o] for end in ends], [end.L[:o] for end in ends]
+        for change, (there, back) in ((slopes.feedback[i], F), (slopes.correction[i], L)):
+            wanted = (there - back) / (2 * HALF_DECADES)
+            assert change == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max() + 1e-12), search.gains.names[i]
+    assert np.abs(slopes.feedback).max(axis=(1, 2)).astype(bool).sum() == 2
+    assert np.abs(slopes.correction).max(axis=(1, 2)).astype(bool).sum() == len(start) - 2

@@ -6,30 +6,41 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from matching.frequency.beds.gain_slopes import feedback_slopes, filter_slopes
 from matching.frequency.beds.slopes import GainSlopes
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_design import Ahead, assembled, correction, state_feedback
+from modelling.bed.observer_design import (
+    Ahead,
+    Feedback,
+    Filter,
+    assembled,
+    feedback_on_all,
+    filter_of,
+    laid_out,
+    predicted,
+)
 from modelling.bed.observer_model import ObserverModel
 
-STEP_DECADES = 1e-3  # of finite differences of the gains; Riccati equations are solved to 1e-6 or so
 SETS_KEPT = 40  # of the points last worked out
 REGULATOR = (
     "command_weight",
     "command_change_weight",
 )  # the weights of the state feedback; the others are the filter's
+PER_DECADE = float(np.log(10))
 
 
 @dataclass
 class Gains:
     """Of a model; w weights, given by their decimal logarithms in the order of ``names``.
 
-    ``_known`` holds gains (k, o) and corrections (n + e + v, y) worked out lately.
+    ``_regulators`` and ``_filters`` hold what was worked out lately.
     """
 
     model: ObserverModel
     ahead: Ahead
     names: tuple[str, ...]
-    _known: dict[tuple[bool, tuple[float, ...]], np.ndarray] = field(default_factory=dict)
+    _regulators: dict[tuple[float, ...], tuple[Feedback, np.ndarray]] = field(default_factory=dict)
+    _filters: dict[tuple[float, ...], Filter] = field(default_factory=dict)
 
     def controller(self, logarithms: np.ndarray) -> ObserverController:
         """The controller for weights (w,).
@@ -43,35 +54,48 @@ class Gains:
 
     def feedback(self, logarithms: np.ndarray) -> np.ndarray:
         """Gains (k, o) of the state feedback for logarithms (w,), see :mod:`modelling.bed.observer_design`."""
-        return self._gains(True, logarithms)
+        return self._regulator(logarithms)[1]
 
     def correction(self, logarithms: np.ndarray) -> np.ndarray:
         """Correction for logarithms (w,), (n + e + v, y); see :func:`modelling.bed.observer_design.correction`."""
-        return self._gains(False, logarithms)
+        made = self._filter(logarithms)
+        return np.vstack([made.L, made.of_vehicle])
 
-    def _gains(self, of_regulator: bool, logarithms: np.ndarray) -> np.ndarray:
-        weights = {
-            name: 10.0**value
-            for name, value in zip(self.names, logarithms.tolist(), strict=True)
-            if (name in REGULATOR) == of_regulator
-        }
-        key = of_regulator, tuple(weights.values())
-        if key not in self._known:
-            if len(self._known) > SETS_KEPT:
-                self._known.clear()
-            self._known[key] = (
-                state_feedback(self.model, *(weights[name] for name in REGULATOR))
-                if of_regulator
-                else correction(self.model, weights)
-            )
-        return self._known[key]
+    def _weights(self, logarithms: np.ndarray, of_regulator: bool) -> dict[str, float]:
+        named = zip(self.names, logarithms.tolist(), strict=True)
+        return {name: 10.0**value for name, value in named if (name in REGULATOR) == of_regulator}
+
+    def _regulator(self, logarithms: np.ndarray) -> tuple[Feedback, np.ndarray]:
+        weights = self._weights(logarithms, True)
+        key = tuple(weights.values())
+        if key not in self._regulators:
+            if len(self._regulators) > SETS_KEPT:
+                self._regulators.clear()
+            made = feedback_on_all(self.model, *(weights[name] for name in REGULATOR))
+            self._regulators[key] = made, predicted(self.model, made.F, made.of_torques)
+        return self._regulators[key]
+
+    def _filter(self, logarithms: np.ndarray) -> Filter:
+        weights = self._weights(logarithms, False)
+        key = tuple(weights.values())
+        if key not in self._filters:
+            if len(self._filters) > SETS_KEPT:
+                self._filters.clear()
+            self._filters[key] = filter_of(self.model, weights)
+        return self._filters[key]
 
     def slopes(self, logarithms: np.ndarray) -> GainSlopes:
-        """Forward differences of the gains at logarithms (w,): a weight changes feedback or correction alone."""
-        here = self.controller(logarithms)
-        there = [self.controller(logarithms + STEP_DECADES * unit) for unit in np.eye(len(logarithms))]
-        o = here.observed
-        return GainSlopes(
-            np.array([(each.F[:, :o] - here.F[:, :o]) / STEP_DECADES for each in there]),
-            np.array([(each.L[:o] - here.L[:o]) / STEP_DECADES for each in there]),
-        )
+        """Derivatives of the gains at logarithms (w,): a weight changes feedback or correction alone."""
+        priced, weights = self._weights(logarithms, True), self._weights(logarithms, False)
+        made, gains = self._regulator(logarithms)
+        model, x = self.model, len(self.model.bed.whole)
+        o = x + len(model.dynamometers) * (model.bed.delay + 1) + model.estimated
+        of_feedback = feedback_slopes(model, made, *(PER_DECADE * priced[name] for name in REGULATOR))
+        of_filter = filter_slopes(model, self._filter(logarithms), weights, tuple(weights))
+        feedback = np.zeros((len(self.names), *gains[:, :o].shape))
+        correction = np.zeros((len(self.names), o, of_filter.shape[2]))
+        for slopes, name in zip(of_feedback, REGULATOR, strict=True):
+            feedback[self.names.index(name)] = slopes[:, :o]
+        for slopes, name in zip(of_filter, weights, strict=True):
+            correction[self.names.index(name)] = laid_out(model, slopes)
+        return GainSlopes(feedback, correction)

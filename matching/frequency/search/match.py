@@ -191,7 +191,7 @@ def _result(
 
 
 def _notes(task: TuningTask, solution: Solution, released: Mapping[str, str], limited: bool) -> list[str]:
-    """That nothing had to move, that a moved residual vehicle is not the car, and what moves for a limit's sake only."""
+    """That nothing had to move, that a moved residual vehicle is no car, and what moves for a limit alone."""
     notes = []
     ends = [(move, solution.values.get(move.name, move.start)) for move in task.moves]
     if not limited and all(abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends):
