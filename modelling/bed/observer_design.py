@@ -245,7 +245,8 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
 def predicted(model: ObserverModel, feedback: np.ndarray, of_torques: np.ndarray) -> np.ndarray:
     """Gains (…, k, x + fifo + e + w) on what is known now, of those on what is known when the commands arrive.
 
-    ``feedback`` (…, k, x + k) is on [x; commands of the last step], ``of_torques`` (…, k, e + w) on the torques.
+    ``feedback`` (…, k, x + k) is on [x; commands of the last step], ``of_torques`` (…, k, e + w), N·m per N·m, on the
+    torques.
     """
     bed, k, x = model.bed, len(model.dynamometers), len(model.bed.whole)
     fifo, step, on = k * (bed.delay + 1), _torques_on(model), np.eye(bed.torques.shape[1])
