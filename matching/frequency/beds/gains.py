@@ -33,7 +33,7 @@ PER_DECADE = float(np.log(10))
 class Gains:
     """Of a model; w weights, given by their decimal logarithms in the order of ``names``.
 
-    ``_regulators`` and ``_filters`` hold what was worked out lately.
+    ``_regulators`` (with gains (k, o)) and ``_filters`` hold what was worked out lately.
     """
 
     model: ObserverModel
