@@ -9,9 +9,8 @@ import pytest
 
 from matching.frequency.beds.closed_loop import action, closed_matrices, errors
 from matching.frequency.beds.figures import command_noise, loop_curves
-from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.resolvent import resolvent
-from matching.frequency.beds.slopes import GainSlopes, action_slopes, error_slopes, pole_slopes
+from matching.frequency.beds.slopes import GainSlopes, action_slopes, error_slopes, loop_slopes, pole_slopes
 from matching.frequency.beds.tuner import Tuner
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.observer_design import assembled

@@ -30,9 +30,15 @@ from matching.frequency.beds.figures import (
     planned,
 )
 from matching.frequency.beds.gains import Gains
-from matching.frequency.beds.loop_slopes import loop_slopes
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
-from matching.frequency.beds.slopes import ActionSlopes, GainSlopes, action_slopes, error_slopes, pole_slopes
+from matching.frequency.beds.slopes import (
+    ActionSlopes,
+    GainSlopes,
+    action_slopes,
+    error_slopes,
+    loop_slopes,
+    pole_slopes,
+)
 from matching.frequency.beds.softened import damping_left, softened
 from matching.frequency.case.case import Case
 from modelling.bed.observer_design import runs_ahead
