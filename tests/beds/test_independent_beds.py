@@ -16,8 +16,8 @@ from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.poles import sampled_poles
 from matching.frequency.response.responses import ComparedBed
-from modelling.bed.observer_design import design
-from modelling.bed.observer_model import observer_model
+from modelling.bed.observer.design import design
+from modelling.bed.observer.model import observer_model
 from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures import STRUCTURES
 from modelling.controller.law import law_of_observer

@@ -5,16 +5,16 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from matching.frequency.beds.closed_loop import closed_matrices, sampled_beds, shared_poles
-from modelling.bed.observer_design import (
+from modelling.bed.observer.design import (
     FORGETTING_PER_SAMPLE,
     FREE_COMMAND_WEIGHT,
     NOW,
-    STATE_NOISE,
     STATE_WEIGHT,
     design,
     regulator,
 )
-from modelling.bed.observer_model import observer_model
+from modelling.bed.observer.filter import STATE_NOISE
+from modelling.bed.observer.model import observer_model
 
 STAY = 1 - FORGETTING_PER_SAMPLE
 

@@ -12,8 +12,8 @@ from matching.frequency.beds.figures import command_noise, loop_curves
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.beds.slopes import GainSlopes, action_slopes, error_slopes, loop_slopes, pole_slopes
 from matching.frequency.beds.tuner import Tuner
+from modelling.bed.observer.design import assembled
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_design import assembled
 
 HALF_STEP = 1e-6  # of the gains' relative change, either way
 HALF_DECADES = 1e-3  # of a weight, either way: Riccati equations are solved to 1e-6 or so

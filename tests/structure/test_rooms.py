@@ -21,6 +21,7 @@ FLOORS = [
     ["modelling.simulation"],
     ["modelling.bed.manoeuvres"],
     ["modelling.bed"],
+    ["modelling.bed.observer"],
     ["modelling.bed.structures"],
     ["modelling.controller"],
     ["modelling.fmu"],

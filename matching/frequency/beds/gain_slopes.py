@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from modelling.bed.observer_design import TRUST, Feedback, Filter, last_command, predicted, summed
-from modelling.bed.observer_model import ObserverModel
+from modelling.bed.observer.design import Feedback, last_command, predicted
+from modelling.bed.observer.filter import TRUST, Filter, summed
+from modelling.bed.observer.model import ObserverModel
 
 
 def feedback_slopes(model: ObserverModel, made: Feedback, by_command: float, by_change: float) -> np.ndarray:

@@ -8,18 +8,17 @@ import numpy as np
 
 from matching.frequency.beds.gain_slopes import feedback_slopes, filter_slopes
 from matching.frequency.beds.slopes import GainSlopes
-from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_design import (
+from modelling.bed.observer.design import (
     Ahead,
     Feedback,
-    Filter,
     assembled,
     feedback_on_all,
-    filter_of,
     laid_out,
     predicted,
 )
-from modelling.bed.observer_model import ObserverModel
+from modelling.bed.observer.filter import Filter, filter_of
+from modelling.bed.observer.model import ObserverModel
+from modelling.bed.observer_controller import ObserverController
 
 SETS_KEPT = 40  # of the points last worked out
 REGULATOR = (
@@ -53,13 +52,12 @@ class Gains:
         return assembled(self.model, self.ahead, self.feedback(logarithms), self.correction(logarithms))
 
     def feedback(self, logarithms: np.ndarray) -> np.ndarray:
-        """Gains (k, o) of the state feedback for logarithms (w,), see :mod:`modelling.bed.observer_design`."""
+        """Gains (k, o) of the state feedback for logarithms (w,), see :mod:`modelling.bed.observer.design`."""
         return self._regulator(logarithms)[1]
 
     def correction(self, logarithms: np.ndarray) -> np.ndarray:
-        """Correction for logarithms (w,), (n + e + v, y); see :func:`modelling.bed.observer_design.correction`."""
-        made = self._filter(logarithms)
-        return np.vstack([made.L, made.of_vehicle])
+        """Correction for logarithms (w,), (n + e + v, y); see :class:`modelling.bed.observer.filter.Filter`."""
+        return self._filter(logarithms).correction
 
     def _weights(self, logarithms: np.ndarray, of_regulator: bool) -> dict[str, float]:
         named = zip(self.names, logarithms.tolist(), strict=True)

@@ -41,8 +41,8 @@ from matching.frequency.beds.slopes import (
 )
 from matching.frequency.beds.softened import damping_left, softened
 from matching.frequency.case.case import Case
-from modelling.bed.observer_design import runs_ahead
-from modelling.bed.observer_model import ObserverModel, observer_model
+from modelling.bed.observer.design import runs_ahead
+from modelling.bed.observer.model import ObserverModel, observer_model
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelling.bed.observer_model import NOISE
+from modelling.bed.observer.model import NOISE
 from modelling.model.components import Sensor
 
 ANGLE_OF_A_COUNT = 2 * np.pi / 8192  # rad, of an encoder

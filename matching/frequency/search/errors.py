@@ -12,8 +12,8 @@ from matching.frequency.response.observed import ObservedBed
 from matching.frequency.response.response_error import ErrorFigures, error_figures, figures_of
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.result import Curves, ResponseError
-from modelling.bed.observer_design import FREE_COMMAND_WEIGHT, design
-from modelling.bed.observer_model import observer_model
+from modelling.bed.observer.design import FREE_COMMAND_WEIGHT, design
+from modelling.bed.observer.model import observer_model
 from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures.model_based import ModelBased
 from modelling.bed.structures.observer import Observer

@@ -13,7 +13,7 @@ from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.verification.observed import FRESH, RobustVerification
 from matching.frequency.verification.verify import Verification
-from modelling.bed.observer_model import NOISE
+from modelling.bed.observer.model import NOISE
 
 
 def on_drawn_beds(case: Case, checked: Verification, count: int, seed: int = 0) -> RobustVerification:

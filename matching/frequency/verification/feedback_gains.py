@@ -32,7 +32,7 @@ from matching.frequency.case.tuned import apply
 from matching.frequency.loop.parts import Parts, parts_of
 from matching.frequency.programme.scaling import scaled, unscaled
 from modelling.bed.feed_forward import FeedForward
-from modelling.bed.observer_model import NOISE
+from modelling.bed.observer.model import NOISE
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 from modelling.controller.law import law_of_feed_forward

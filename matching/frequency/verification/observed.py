@@ -22,9 +22,9 @@ from matching.frequency.verification.reading import IdentifiedMode, identified_m
 from matching.frequency.verification.robustness import Deviation
 from matching.frequency.verification.simulation import Traces, simulate_case
 from matching.frequency.verification.verify import Verification, inside, target_modes_of
+from modelling.bed.observer.design import regulator
+from modelling.bed.observer.model import observer_model
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_design import regulator
-from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.common.errors import InputError
 from modelling.controller.law import law_of_observer

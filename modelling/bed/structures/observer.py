@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from modelling.bed.blocks import ControllerBlock
 from modelling.bed.loop import ControlStructure, Loop, LoopQuantity
+from modelling.bed.observer.design import design
+from modelling.bed.observer.model import observer_model
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_design import design
-from modelling.bed.observer_model import observer_model
 from modelling.bed.residual_vehicle import ResidualVehicle
 from modelling.model.system import System
 

@@ -17,20 +17,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, solve_discrete_are
+from scipy.linalg import block_diag
 
 from modelling.bed.feed_forward import FeedForward
+from modelling.bed.observer.filter import filter_of, riccati, summed
+from modelling.bed.observer.model import FORGETTING_PER_SAMPLE, ObserverModel
 from modelling.bed.observer_controller import ObserverController
-from modelling.bed.observer_model import FORGETTING_PER_SAMPLE, ObserverModel
-from modelling.common.errors import InputError
 
 FREE_COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)², of commands that known torques ask for: practically free
 # A known torque is a sample of a continuous one. Over the sample that begins it counts with its value half a sample on,
 # by the line through it and the last one, 1.5·w − 0.5·w(last): held as it is, it would come half a sample late.
 NOW = 1.5
 STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
-STATE_NOISE = 1e-12  # variance on every state of the rig, so that none counts as known exactly
-DOUBLINGS = 40  # of the time over which a sum runs: 2⁴⁰ samples are for ever
 
 
 def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> ObserverController:
@@ -52,7 +50,7 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
     """
     ahead = runs_ahead(model) if ahead is None else ahead
     F = state_feedback(model, weights["command_weight"], weights["command_change_weight"])
-    return assembled(model, ahead, F, correction(model, weights))
+    return assembled(model, ahead, F, filter_of(model, weights).correction)
 
 
 def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ObserverController:
@@ -199,7 +197,7 @@ def feedback_on_all(model: ObserverModel, command_weight: float, change: float) 
     last = last_command(model)
     Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ last
     R, S = (command_weight + change) * np.eye(k), -change * last.T
-    X = _riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
+    X = riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
     weight = B.T @ X @ B + R
     F = np.linalg.solve(weight, B.T @ X @ A + S.T)
     on, closed = _torques_on(model), A - B @ F
@@ -218,16 +216,6 @@ def last_command(model: ObserverModel) -> np.ndarray:
 def _torques_on(model: ObserverModel) -> np.ndarray:
     """Estimated and known torques from sample to sample (e + w, e + w)."""
     return block_diag(model.wandering, (1 - FORGETTING_PER_SAMPLE) * np.eye(len(model.known)))
-
-
-def summed(left: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """The solution of M = left·M·right + drive (…, a, b), summed by doubling; left (a, a) or right has to decay."""
-    M = drive
-    for _ in range(DOUBLINGS):
-        M, left, right = M + left @ M @ right, left @ left, right @ right
-        if min(np.abs(left).max(), np.abs(right).max()) < 1e-20:
-            break
-    return M
 
 
 def state_feedback(model: ObserverModel, command_weight: float, change: float) -> np.ndarray:
@@ -264,88 +252,3 @@ def predicted(model: ObserverModel, feedback: np.ndarray, of_torques: np.ndarray
     gains: np.ndarray = feedback @ np.vstack([now, last])
     gains[..., x + fifo :] += of_torques @ on
     return gains
-
-
-@dataclass(frozen=True)
-class Filter:
-    """What the filter's Riccati equation gives; o = n + e states of rig, lags and estimated torques.
-
-    Attributes
-    ----------
-    L, of_vehicle : ndarray (o, y), (v, y)
-        Correction of these states and of the residual vehicle for a reading off by one.
-    A, C, P, innovation : ndarray (o, o), (y, o), (o, o), (y, y)
-        The model, the covariance before a reading, and that of what a reading is off.
-    from_rig, shared : ndarray (v, o), (v, o)
-        What the states do to the residual vehicle, and its covariance with them.
-    """
-
-    L: np.ndarray
-    of_vehicle: np.ndarray
-    A: np.ndarray
-    C: np.ndarray
-    P: np.ndarray
-    innovation: np.ndarray
-    from_rig: np.ndarray
-    shared: np.ndarray
-
-    @property
-    def left(self) -> np.ndarray:
-        """What a reading leaves (o, o) of the states' error."""
-        return np.eye(len(self.L)) - self.L @ self.C
-
-
-TRUST = {"torque": "torque_sensor_noise", "speed": "rotor_speed_noise", "further": "further_sensor_noise"}
-
-
-def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
-    """The Kalman filter for given weights.
-
-    Raises
-    ------
-    InputError
-        If the filter's Riccati equation has no stabilising solution.
-    """
-    bed, n, e, root = model.bed, model.states, model.estimated, np.sqrt(model.sample_time)
-    push = bed.torques[:n, :e]
-    A = np.block([[bed.whole[:n, :n], push], [np.zeros((e, n)), model.wandering]])
-    C = np.hstack([model.readings.rows, np.zeros((len(model.readings.rows), e))])
-    drift = np.array([weights[name] for name in model.drifts]) * root
-    white = np.hstack([columns * (weights[name] / root) for name, columns in model.noises.items()])
-    Q = np.zeros((n + e, n + e))
-    Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
-    Q[n:, n:] = np.diag(drift**2)
-    R = np.diag((model.readings.noise * [weights[TRUST[kind]] for kind in model.readings.kinds]) ** 2)
-    P = _riccati(A.T, C.T, Q, R, None, "estimate of the rig's state")
-    innovation = C @ P @ C.T + R
-    L = np.linalg.solve(innovation, C @ P).T
-    left = np.eye(n + e) - L @ C
-    # covariance of the residual vehicle with rig and torques: M = V·M·(A·left)ᵀ + drive
-    from_rig = np.hstack([bed.whole[n:, :n], bed.torques[n:, :e]])
-    M = from_rig @ left @ P @ A.T
-    M[:, :n] += white[n:] @ white[:n].T
-    M = summed(bed.whole[n:, n:], (A @ left).T, M)
-    return Filter(L, np.linalg.solve(innovation, C @ M.T).T, A, C, P, innovation, from_rig, M)
-
-
-def correction(model: ObserverModel, weights: Mapping[str, float]) -> np.ndarray:
-    """Correction (n + e + v, y) of rig and lags, estimated torques and residual vehicle for a reading off by one.
-
-    Raises
-    ------
-    InputError
-        If the filter's Riccati equation has no stabilising solution.
-    """
-    made = filter_of(model, weights)
-    return np.vstack([made.L, made.of_vehicle])
-
-
-def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, S: np.ndarray | None, what: str) -> np.ndarray:
-    try:
-        return solve_discrete_are(A, B, Q, R, s=S)
-    except (np.linalg.LinAlgError, ValueError) as fault:
-        raise InputError(
-            "loop",
-            f"there is no stable {what} ({fault})",
-            "check that each dynamometer reaches its cut and what the sensors see",
-        ) from None
