@@ -77,7 +77,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def steps(what: str) -> Iterator[Callable[[str], None]]:
     """The same for work whose end nobody knows; yields a function of a word on what was just done."""
-    with _bar(what) as bar:
+    with _bar(what, bar_format="{desc} [{elapsed}]") as bar:
 
         def tell(done: str) -> None:
             bar.set_description_str(f"{what}: {done}", refresh=False)
@@ -91,11 +91,11 @@ def watched() -> bool:
     return sys.stderr.isatty() or PROGRESS_ALWAYS in os.environ
 
 
-def _bar(what: str) -> Any:
+def _bar(what: str, **looks: str) -> Any:
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked
-    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, miniters=1)
+    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, miniters=1, **looks)
 
 
 def cores() -> int:

@@ -55,7 +55,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
     holdout = [read_loggers(paths, system, channels) for paths in arguments.holdout]
     tqdm.monitor_interval = 0  # no thread of its own, as for the copy below
-    with tqdm(disable=not watched(), bar_format="{desc} {n} [{elapsed}]", leave=False) as bar, beside(cores()) as aside:
+    looks = {"desc": "diagnose", "bar_format": "{desc} [{elapsed}]"}
+    with tqdm(disable=not watched(), leave=False, **looks) as bar, beside(cores()) as aside:
 
         def tell(step: str) -> None:
             bar.set_description_str(f"{step:50.50}")

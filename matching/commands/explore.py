@@ -41,6 +41,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     required_packages()
     workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
+    print("preparing the page …", file=sys.stderr, flush=True)
 
     from matching.explore.page.server import page, serve
 

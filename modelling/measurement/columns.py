@@ -29,6 +29,9 @@ def check_header(table: Table, source: str) -> None:
             raise InputError(f"{source}: line 1", f"column {name!r} is there twice", "names must differ")
     if len(table.values) < 2:
         rows = len(table.values)
+        if table.others and len(table.names) == 1:
+            there = f"has none of the channels that are asked for; there are {listed(list(table.others))}"
+            raise InputError(source, there, "a channel file (--channels) maps names")
         raise InputError(source, f"has {rows} row{'s' * (rows != 1)} of numbers", "at least two are needed")
 
 

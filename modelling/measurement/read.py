@@ -55,6 +55,8 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     InputError
         One line that names file, column or row.
     """
+    if table.names == ["time"]:  # a missing input says more than that nothing was read
+        _check_inputs(table, system, source)
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)

@@ -7,6 +7,7 @@ import pytest
 from structure.imports import ROOT
 
 import rigmatch as rm
+from matching.frequency.case.load import load_case
 from modelling.common.errors import InputError
 
 
@@ -47,6 +48,55 @@ def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     assert content[0] is not first
     bar.active = 0
     assert content[0] is first
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_tab_that_is_not_there_yet_says_so_and_is_not_put_over_another(tmp_path):
+    pytest.importorskip("panel")
+    from bokeh.document import Document
+    from panel.io.state import set_curdoc
+
+    from matching.explore.files.workspace import opened
+    from matching.explore.page.server import page
+
+    document = Document()
+    with set_curdoc(document):
+        _, bar, content = page(opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path))
+        bar.active = 3
+        assert "Measurement is being prepared" in content[0].object
+        (measurement,) = document.session_callbacks
+        bar.active = 4
+        measurement.callback()
+        assert "Validity is being prepared" in content[0].object
+        document.session_callbacks[-1].callback()
+        assert not hasattr(content[0], "object")
+        bar.active = 3
+        document.session_callbacks[-1].callback()
+        assert not hasattr(content[0], "object")
+        bar.active = 0
+        first = content[0]
+        bar.active = 3
+        assert content[0] is not first  # both are there: at once
+        assert not hasattr(content[0], "object")
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path):
+    pytest.importorskip("panel")
+    from matching.explore.files.workspace import opened, starter
+    from matching.explore.page.drivetrain import DrivetrainTab
+    from matching.explore.page.match import MatchTab
+
+    workspace = opened([starter(tmp_path)], tmp_path)
+    tab = DrivetrainTab(workspace, lambda: None)
+    match = MatchTab(workspace, workspace.case, lambda: None)
+    assert str(tmp_path / "case" / "case.toml") in match.same.object
+    tab.editing.do(lambda: tab._enter(("rig", "shafts.flange.stiffness"), "250 kN*m/rad"))
+    match.models_changed()
+    copy = tmp_path / "as_shown" / "case.toml"
+    for box in (tab.same, match.same, match.map.same):
+        assert str(copy) in box.object
+    assert load_case(copy).rig.parameters["shafts.flange.stiffness"].value == 250e3
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")

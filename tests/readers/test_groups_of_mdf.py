@@ -5,7 +5,7 @@ import pytest
 
 from modelling.common.errors import InputError
 from modelling.measurement.channels import Channel, read_channels
-from modelling.measurement.read import read_recording
+from modelling.measurement.read import read_recording, read_signals
 from modelling.model.files import from_dict
 
 asammdf = pytest.importorskip("asammdf")
@@ -33,6 +33,14 @@ def recorded(tmp_path, *signals, channels=None):
 
 
 INPUTS = [signal(TORQUE, "Nm", "motor_torque"), signal(BRAKE, "Nm", "brake")]
+
+
+def test_where_all_channels_have_other_names_the_input_is_named_and_what_is_there(tmp_path):
+    german = [signal(TORQUE, "Nm", "Drehmoment_EM"), signal(SPEED, "1/min", "Drehzahl_EM")]
+    with pytest.raises(InputError, match=r"'motor_torque' was not recorded.*Drehmoment_EM.*--channels"):
+        recorded(tmp_path, *german)
+    with pytest.raises(InputError, match=r"none of the channels that are asked for; there are .*Drehzahl_EM"):
+        read_signals(tmp_path / "run.mf4", ["motor_torque"])
 
 
 def test_a_status_text_among_numbers_is_a_missing_value(tmp_path):

@@ -29,7 +29,9 @@ def test_saved_curves_are_those_of_the_figures(hand_made, data):
     assert head[0] == "frequency [Hz]"
     assert numbers[:, 0] == pytest.approx(hand_made.curves.frequencies, rel=1e-6)
     pair = hand_made.case.compared[1]
-    column = head.index(f"{pair.sensor} / {pair.input} matched modulus [SI]")
+    units = {"speed": "rad/s", "torque": "N·m", "angle": "rad", "acceleration": "rad/s²"}
+    sensor = next(part for part in hand_made.case.vehicle.sensors if part.name == pair.sensor)
+    column = head.index(f"{pair.sensor} / {pair.input} matched modulus [{units[sensor.measures]} per N·m]")
     assert head[column + 1].endswith("phase [deg]")
     values = numbers[:, column] * np.exp(1j * np.radians(numbers[:, column + 1]))
     assert values == pytest.approx(hand_made.curves.matched[:, 1], rel=1e-5)

@@ -9,6 +9,7 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
+from matching.explore.files.as_shown import write_case, write_model
 from matching.explore.files.document import Document
 from matching.explore.files.model_document import part_of
 from matching.explore.files.workspace import Workspace
@@ -39,8 +40,7 @@ class DrivetrainTab:
         for role, view in self.views.items():
             view.param.watch(partial(self._picked, role), "picked")
         self.chooser.param.watch(lambda event: self.select(*event.new), "value")
-        file = workspace.case or workspace.models[self._role]
-        self.same = EquivalentBox(equivalents.show(str(file.path), str(workspace.out)))
+        self.same = EquivalentBox(self._equivalent())
         self.select(*self.chooser.value)
 
     def panel(self) -> Any:
@@ -86,6 +86,7 @@ class DrivetrainTab:
             for name, (before, after) in document.changes.items()
         ]
         listed = "".join(f"<li>{row}</li>" for row in rows)
+        self.same.set(self._equivalent())
         self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
 
     def after_change(self) -> None:
@@ -93,6 +94,11 @@ class DrivetrainTab:
         self._pictures.clear()
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
+
+    def _equivalent(self) -> equivalents.Equivalent:
+        has_case = self.workspace.case is not None
+        file = write_case(self.workspace) if has_case else write_model(self.workspace, self._role)
+        return equivalents.show(str(file), str(self.workspace.out))
 
     def _groups(self) -> dict[str, dict[str, tuple[str, str]]]:
         groups = {}

@@ -16,6 +16,7 @@ PANE_STYLE = """
 :host { font: 15px/1.45 system-ui, "Segoe UI", Arial, sans-serif; color: #1a1a1a; }
 p { max-width: 80ch; margin: .3em 0; } .wrong { color: #a00000; font-weight: 600; }
 pre { margin: .3em 0; padding: .4em .6em; background: #f4f4f4; overflow-x: auto; white-space: pre; }
+pre.words { white-space: pre-wrap; }
 .scrolls { overflow-x: auto; } table { border-collapse: collapse; font-size: .92rem; }
 caption { text-align: left; font-weight: 600; padding: .2em 0; }
 th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #ddd; vertical-align: top; }

@@ -52,7 +52,7 @@ class MapView:
         self.questions = pn.Column(sizing_mode=WIDE)
         self.same = EquivalentBox(self._equivalent())
         for chooser in (self.x, self.y, self.points):
-            chooser.param.watch(lambda _: self.same.set(self._equivalent()), "value")
+            chooser.param.watch(lambda _: self.refresh(), "value")
 
     def panel(self) -> Any:
         """Form, figure and questions."""
@@ -66,6 +66,10 @@ class MapView:
             self.same,
             sizing_mode=WIDE,
         )
+
+    def refresh(self) -> None:
+        """Name the files as the case is shown now."""
+        self.same.set(self._equivalent())
 
     def _words(self) -> list[str]:
         x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))

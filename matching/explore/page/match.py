@@ -10,7 +10,7 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
-from matching.explore.files.as_shown import case_path, case_tables, write_case
+from matching.explore.files.as_shown import case_tables, write_case
 from matching.explore.files.case_form import CaseForm, write_case_at
 from matching.explore.files.document import Keys
 from matching.explore.files.forms import Field
@@ -117,6 +117,7 @@ class MatchTab:
             {f"{spaced(key.replace('.', ' '))} [{unit(si) or '1'}]": key for key, si in self.form.statable.items()},
         )
         self.same.set(self._equivalent())
+        self.map.refresh()
         if self.result.object and self._texts() != self._ran:
             self.runner.message.say("The result below is of the case before the last change")
 
@@ -178,7 +179,7 @@ class MatchTab:
         return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
 
     def _equivalent(self) -> equivalents.Equivalent:
-        return equivalents.match(str(case_path(self.workspace)), str(self.out), self.starts.value, self.seed.value)
+        return equivalents.match(str(write_case(self.workspace)), str(self.out), self.starts.value, self.seed.value)
 
     def _words(self) -> list[str]:
         self.editing.all_taken()

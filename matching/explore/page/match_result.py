@@ -9,6 +9,7 @@ from typing import Any
 from matching.explore.page.elements import table
 from matching.explore.page.running import address_of
 from matching.report.common.wording import amount, component, number, unit
+from matching.report.match.first_screen import SAME_RELATIVE
 from matching.report.match.text import summary
 from modelling.common.escape import html
 
@@ -23,7 +24,12 @@ def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
     """The result of ``rigmatch match`` in ``folder``, which is served below ``out``."""
     report = address_of(folder / "report.html", out)
     rows = [_row(trade) for trade in result["adapters"]]
-    caption = "What to order (errors for unmeasured torques, the rest tuned for each)"
+    caption = "What to order (errors for unmeasured torques, the rest tuned for each"
+    unmeasured = result["response_error"]["unmeasured_after"]
+    ordered = [trade["error_as_ordered"] for trade in result["adapters"]]
+    if any(abs(error - unmeasured) > SAME_RELATIVE * unmeasured for error in ordered):
+        caption += f"; gains tuned over drawn beds after that make it {number(unmeasured, 2)}"
+    caption += ")"
     order = table(HEAD, rows, caption) if rows else "<p>No quantity of an adapter was allowed to move.</p>"
     figures = "".join(
         f'<figure class="picture" tabindex="0">'
@@ -33,7 +39,7 @@ def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
         if name != "trade" or rows
     )
     return (
-        f'<pre tabindex="0" aria-label="Result">{html(summary(result))}</pre>{order}'
+        f'<pre class="words" tabindex="0" aria-label="Result">{html(summary(result))}</pre>{order}'
         f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>{figures}'
     )
 

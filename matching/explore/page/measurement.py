@@ -52,7 +52,8 @@ class MeasurementTab:
         self.diagnose = Runner("Diagnose", self._diagnose_words, self._show_diagnosis)
         self.keep_as = pn.widgets.TextInput(name="Keep the extended model as", width=340, visible=False)
         self.keep = pn.widgets.Button(name="Keep", width=100, visible=False)
-        self.same = EquivalentBox(equivalents.diagnose("MODEL", ["RECORDING"], "", str(workspace.out / "diagnosis")))
+        self.kept = Message()
+        self.same = EquivalentBox(self._equivalent("RECORDING", ""))
         self.drop.param.watch(self._dropped, "value")
         self.path.param.watch(self._named, "value")
         self.role.param.watch(self._other_model, "value")
@@ -76,6 +77,7 @@ class MeasurementTab:
             self.diagnose.panel(),
             self.result,
             pn.FlexBox(self.keep_as, self.keep, align_items="end"),
+            self.kept,
             self.same,
             sizing_mode=WIDE,
         )
@@ -99,6 +101,8 @@ class MeasurementTab:
             unit = pn.widgets.TextInput(
                 name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=150
             )
+            for chooser in (column, unit):
+                chooser.param.watch(lambda _: self._name_files(), "value")
             self._choosers[wanted.name] = column, unit
         self.channels[:] = [
             heading("Channels"),
@@ -110,10 +114,20 @@ class MeasurementTab:
         self.signals.visible = True
         names = list(file.columns)
         self.signal.param.update(options=names, value=names[0] if names else None)
-        model = str(self.workspace.models[self.role.value].path)
-        channels = str(self.workspace.out / "recordings" / f"{file_name(path.stem)}_channels.toml")
-        self.same.set(equivalents.diagnose(model, [str(path)], channels, str(self.workspace.out / "diagnosis")))
+        self._name_files()
         self.show_signal()
+
+    def _name_files(self) -> None:
+        """Write the channel file as chosen, so that the command shown finds it."""
+        assert self.file is not None
+        try:
+            self.same.set(self._equivalent(str(self.file.path), str(self._write_channels())))
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+
+    def _equivalent(self, recording: str, channels: str) -> equivalents.Equivalent:
+        model = str(write_model(self.workspace, self.role.value))
+        return equivalents.diagnose(model, [recording], channels, str(self.workspace.out / "diagnosis"))
 
     def show_signal(self) -> None:
         """Draw what is in sight of the chosen signal."""
@@ -200,7 +214,7 @@ class MeasurementTab:
         out = self.workspace.out / "diagnosis"
         report = address_of(out / "report.html", self.workspace.out)
         self.result.object = (
-            f'<pre tabindex="0" aria-label="Diagnosis">{html(summary(ended.result))}</pre>'
+            f'<pre class="words" tabindex="0" aria-label="Diagnosis">{html(summary(ended.result))}</pre>'
             f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>'
         )
         model = self.workspace.models[self.role.value].path
@@ -210,15 +224,15 @@ class MeasurementTab:
     def _keep(self) -> None:
         target = Path(self.keep_as.value)
         if target.exists():
-            self.message.say(f"{target} is there already; name another file", wrong=True)
+            self.kept.say(f"{target} is there already; name another file", wrong=True)
             return
         text = (self.workspace.out / "diagnosis" / "extended.toml").read_text(encoding="utf-8")
         try:
             write_all(target.parent, {target.name: text})
         except InputError as error:
-            self.message.say(str(error), wrong=True)
+            self.kept.say(str(error), wrong=True)
             return
-        self.message.say(f"written: {target}")
+        self.kept.say(f"written: {target}")
 
 
 def measurement_tab(workspace: Workspace) -> Any:

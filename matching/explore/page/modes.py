@@ -8,6 +8,7 @@ from typing import Any
 import panel as pn
 
 from matching.explore import equivalents
+from matching.explore.files.as_shown import write_model
 from matching.explore.files.workspace import Workspace
 from matching.explore.page.elements import PANE_STYLE, WIDE, EquivalentBox, Message, heading, offer, table
 from matching.explore.page.figures import EnergyBars, ResponseFigures
@@ -94,7 +95,7 @@ class ModesTab:
         offer(self.input, {part.name: part.name for part in document.system.inputs})
         offer(self.sensor, {part.name: part.name for part in document.system.sensors})
         self.measured = self._measured()
-        self.same.set(equivalents.modes(str(document.path), str(self.workspace.out)))
+        self.same.set(equivalents.modes(str(write_model(self.workspace, self.role.value)), str(self.workspace.out)))
         self._set_slider()
         self.show()
 

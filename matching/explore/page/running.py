@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import panel as pn
 
 from matching.explore.job import Ended, Job
-from matching.explore.page.elements import Message
+from matching.explore.page.elements import Message, paragraph
 
+TICK_MS = 1000  # between two times that a running command is said to be running for
 RESULTS = "results"  # part of the address below which the folder of results is served
 
 
@@ -30,15 +32,17 @@ class Runner:
     def __init__(self, name: str, words: Callable[[], Sequence[str]], done: Callable[[Ended], None]):
         self._words, self._done = words, done
         self.job: Job | None = None
+        self._end_ticks: Callable[[], None] = lambda: None
         self.run = pn.widgets.Button(name=name, button_type="primary", width=140)
         self.cancel = pn.widgets.Button(name="Cancel", width=100, disabled=True)
         self.message = Message()
+        self.clock = paragraph("")  # apart from the message, which is read out whenever it changes
         self.run.on_click(lambda _: self.start())
         self.cancel.on_click(lambda _: self.stop())
 
     def panel(self) -> Any:
         """Buttons and line."""
-        return pn.Column(pn.FlexBox(self.run, self.cancel), self.message, sizing_mode="stretch_width")
+        return pn.Column(pn.FlexBox(self.run, self.cancel), self.message, self.clock, sizing_mode="stretch_width")
 
     def start(self) -> None:
         """Run the command."""
@@ -49,7 +53,10 @@ class Runner:
             return
         self.run.disabled, self.cancel.disabled = True, False
         self.message.say(f"{words[0]} is running …")
-        page = pn.state.curdoc
+        page, begun = pn.state.curdoc, monotonic()
+        if page is not None:
+            ticks = page.add_periodic_callback(lambda: self._tick(begun), TICK_MS)
+            self._end_ticks = lambda: page.remove_periodic_callback(ticks)
         self.job = Job(words, lambda line: _in_page(page, self.message.say, line),
                        lambda ended: _in_page(page, self._ended, ended))  # fmt: skip
 
@@ -58,7 +65,12 @@ class Runner:
         if self.job is not None:
             self.job.cancel()
 
+    def _tick(self, begun: float) -> None:
+        self.clock.object = f"<p>running for {monotonic() - begun:.0f} s</p>"
+
     def _ended(self, ended: Ended) -> None:
+        self._end_ticks()
+        self._end_ticks, self.clock.object = lambda: None, ""
         self.run.disabled, self.cancel.disabled = False, True
         if ended.cancelled:
             self.message.say("cancelled; nothing was written")

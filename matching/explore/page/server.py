@@ -17,7 +17,7 @@ from tornado.web import RequestHandler
 
 from matching.explore.files.workspace import Workspace
 from matching.explore.page.drivetrain import DrivetrainTab
-from matching.explore.page.elements import WIDE, heading
+from matching.explore.page.elements import WIDE, heading, paragraph
 from matching.explore.page.match import MatchTab, without_case
 from matching.explore.page.measurement import measurement_tab
 from matching.explore.page.modes import ModesTab
@@ -30,6 +30,7 @@ HOST = "127.0.0.1"
 TOKEN_BYTES = 24
 BEGIN_SECONDS = 60.0  # at most, until the page can be opened
 FRAME_PX = 900  # height in a notebook
+SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
 
@@ -48,11 +49,21 @@ def page(workspace: Workspace) -> Any:
     bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
 
     def show(number: int) -> None:
-        """Put a tab's content on the page; it is made when it is first opened."""
+        """Put a tab's content on the page; it is made when it is first opened, and until then the page says so."""
+        name, server_page = names[number], pn.state.curdoc
+        if name in made or server_page is None or not made:
+            put(number)
+            return
+        content[:] = [paragraph(f"{name} is being prepared …")]
+        server_page.add_timeout_callback(partial(put, number), SHOWN_FIRST_MS)
+
+    def put(number: int) -> None:
+        """The content itself, unless another tab was opened meanwhile."""
         name = names[number]
-        if name not in made:
-            made[name] = makers[name]()
-        content[:] = [made[name]]
+        if number == bar.active:
+            if name not in made:
+                made[name] = makers[name]()
+            content[:] = [made[name]]
 
     bar.param.watch(lambda event: show(event.new), "active")
     show(0)

@@ -16,6 +16,12 @@ def adapters_of(result: MatchResult) -> list[ParameterResult]:
     return [row for row in result.parameters if row.name.startswith("rig.")]
 
 
+def traded_before_beds(result: MatchResult) -> bool:
+    """Whether the gains were tuned over drawn beds after the adapters: errors of the trade are then not the match's."""
+    after = result.response_error.unmeasured
+    return any(abs(trade.error_as_ordered - after) > SAME_RELATIVE * after for trade in result.adapters)
+
+
 def to_order(result: MatchResult) -> list[ScreenPoint]:
     """Adapters, and whether the dynamometers suffice."""
     adapters = adapters_of(result)
@@ -29,8 +35,7 @@ def to_order(result: MatchResult) -> list[ScreenPoint]:
     ]
     gain = next((trade for trade in result.adapters if trade.error_all_as_planned is not None), None)
     if changed and gain is not None and gain.error_all_as_planned is not None:
-        retuned = abs(gain.error_as_ordered / result.response_error.unmeasured - 1) > SAME_RELATIVE
-        before = ", before the gains were tuned over drawn beds" if retuned else ""
+        before = ", before the gains were tuned over drawn beds" if traded_before_beds(result) else ""
         reason = (
             f"for unmeasured torques the response error is then {number(gain.error_as_ordered, 2)} instead of "
             f"{number(gain.error_all_as_planned, 2)} with the bed as planned{before}"

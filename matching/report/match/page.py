@@ -24,6 +24,7 @@ from matching.report.match.first_screen import (
     to_enter,
     to_order,
     to_watch,
+    traded_before_beds,
     why_these_values,
 )
 from matching.report.match.modes_figure import nearest
@@ -101,6 +102,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "explanations": [*_explanations(result), DEAD_TIME],
         "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in adapters_of(result)],
         "trades": {trade.name: trade for trade in result.adapters},
+        "trades_before_beds": traded_before_beds(result),
         "to_order": to_order(result),
         "to_enter": to_enter(result),
         "why_these_values": why_these_values(result),
