@@ -6,6 +6,7 @@ import ctypes
 import functools
 import hashlib
 import platform
+import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -24,19 +25,34 @@ from modelling.simulation.integrator.functions import Functions
 from modelling.simulation.integrator.library_cache import keep, kept
 
 FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-fno-semantic-interposition", "-w")
-GENERATED, DRIVER = "-O1", "-O2"  # the generated part differs by model: here the compiler's own time counts
+# the generated part differs by model: here the compiler's own time counts
+GENERATED, DRIVER = "-O1 -fstrict-aliasing", "-O3"  # speed only
 SOURCE = "step.c"
 # one translation unit, in this order
 DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "errors.c", "run.c")
 
-# The C library's own are calls, and a lash takes ten of them. What is not a number gives way here too.
+# The C library's own are calls, and a lash takes ten of them. What is not a number gives way here too: of a comparison
+# that is false the second operand remains, so that a constant, which is a number, needs no further look.
 PRELUDE = """#include <math.h>
-static inline double larger(double x, double y) { double found = x > y ? x : y; return y == y ? found : x; }
-static inline double smaller(double x, double y) { double found = x < y ? x : y; return y == y ? found : x; }
+#define NUMBER(x) (__builtin_constant_p(x) && x == x)
+static inline double larger(double x, double y)
+{
+    if (NUMBER(x)) return y > x ? y : x;
+    double found = x > y ? x : y;
+    return NUMBER(y) || y == y ? found : x;
+}
+static inline double smaller(double x, double y)
+{
+    if (NUMBER(x)) return y < x ? y : x;
+    double found = x < y ? x : y;
+    return NUMBER(y) || y == y ? found : x;
+}
 #define fmax larger
 #define fmin smaller
 """
-
+HELPER = re.compile(r"^casadi_real (?=casadi_\w+\()", re.MULTILINE)  # CasADi's own functions of numbers, e.g. fmax
+# each input is looked up, and each result written, only where there is one
+INPUT, RESULT = re.compile(r"(arg\[\d+\])\? (\1\[\d+\]) : 0;"), re.compile(r"if \((res\[\d+\])!=0\) (?=\1\[)")
 
 _LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
 
@@ -47,7 +63,8 @@ def library(functions: Functions) -> ctypes.CDLL | None:
         return None
     kept = _LIBRARIES.get(id(functions))
     if kept is None:
-        made = library_of(generated(*functions.all), GENERATED, [function.name() for function in functions.all])
+        source = RESULT.sub("", INPUT.sub(r"\2;", generated(*functions.all)))  # the driver gives them all
+        made = library_of(source, GENERATED, [function.name() for function in functions.all])
         kept = _LIBRARIES[id(functions)] = (functions, made)
     return kept[1]
 
@@ -76,7 +93,7 @@ def generated(*functions: ca.Function) -> str:
     generator = ca.CodeGenerator("generated", {"with_header": False})
     for function in functions:
         generator.add(function)
-    return PRELUDE + str(generator.dump())
+    return PRELUDE + HELPER.sub("static inline casadi_real ", str(generator.dump()))  # calls cost more than they do
 
 
 def loaded(name: str, library: Path | None) -> ca.Function | None:

@@ -67,24 +67,36 @@ def _run_row(row: _Row, states: bool, readings: bool, errors: bool) -> Trajector
         samples = samples.copy()
         samples[:, bad[0][0] :] = np.nan
         y[bad[0][0] :] = np.nan
-    by_interval = (
-        _errors(row, samples[:x], np.add.reduceat(nodes.errors, first[:-1], axis=1)) if errors else np.empty(0)
-    )
+    by_interval = np.empty(0)
+    if errors:
+        undelayed = readings and task.group_delay.shape[1] == 1
+        by_interval = _errors(
+            row, samples[:x], np.add.reduceat(nodes.errors, first[:-1], axis=1), y if undelayed else None
+        )
     return Trajectories(samples[:x].T.copy() if states else np.empty(0), y, failed, derivatives, by_interval)
 
 
-def _errors(row: _Row, states: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Errors (t-1, y + x-n) of readings and states behind the angles, from states (x, t) and their errors (x, t-1)."""
+def _errors(row: _Row, states: np.ndarray, errors: np.ndarray, known: np.ndarray | None) -> np.ndarray:
+    """Errors (t-1, y + x-n) of readings and states behind the angles, from states (x, t) and their errors (x, t-1).
+
+    ``known`` (t, y) are the readings of the states, if at hand.
+    """
     task, time = row.task, row.task.time[1:]
-    constants = np.tile(row.constants[:, None], len(time))
     u = _inputs_at(task, row.b, time)[0].T
+    reading = _reading_of_many(row.made.reading, len(time))
 
     def readings(at: np.ndarray) -> np.ndarray:
-        outputs = row.made.reading.map(len(time))(at, u, constants, time[None])
-        return np.array(outputs[0] if row.made.parametric else outputs)
+        outputs = reading(at, u, row.constants, time[None])
+        return (outputs[0] if row.made.parametric else outputs).full()
 
-    of_readings = readings(states[:, 1:]) - readings(states[:, 1:] - errors)
+    of_readings = (readings(states[:, 1:]) if known is None else known[1:].T) - readings(states[:, 1:] - errors)
     return np.vstack([of_readings.reshape(-1, len(time)), errors[task.model.n :]]).T
+
+
+@functools.lru_cache(maxsize=16)
+def _reading_of_many(reading: ca.Function, points: int) -> ca.Function:
+    """(x, u, c, t) → y at so many points, with the same c."""
+    return reading.map("reading_of_many", "serial", points, [2], [])
 
 
 def mesh(time: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -118,19 +130,23 @@ def _explicit_nodes(row: _Row, node_times: np.ndarray) -> _Nodes:
     drive[:, :steps] = np.vstack([h, *(part.T for pair in stages for part in pair)])
     matrices = (row.selection, task.input_delay_derivative)
     fixed = np.concatenate([row.constants, *(part.ravel(order="F") for part in matrices)])
-    X = np.empty((x * (1 + s), drive.shape[1] + 1))
-    rates = np.empty_like(X)
-    X[:, 0] = np.concatenate([task.start[row.b], task.start_derivative.ravel(order="F")])
+    X, rates = (np.empty((drive.shape[1] + 1, x * (1 + s))) for _ in range(2))  # CasADi's columns are NumPy's rows
+    X[0] = np.concatenate([task.start[row.b], task.start_derivative.ravel(order="F")])
     u, du = _inputs_at(task, row.b, node_times[:1])
-    rates[:, 0] = np.array(_rates(row.made, s)(X[:, 0], u[0], du[0], row.constants, *matrices)).ravel()
-    chunk = _chunk(row.made, s)
-    for begin in range(0, drive.shape[1], CHUNK):
-        driven, after = drive[:, begin : begin + CHUNK], slice(begin + 1, begin + CHUNK + 1)
-        X[:, after], rates[:, after] = (part.full() for part in chunk(X[:, begin], rates[:, begin], driven, fixed))
-    at, rate = X[:x, : steps + 1], rates[:x, : steps + 1]
+    rates[0] = np.array(_rates(row.made, s)(X[0], u[0], du[0], row.constants, *matrices)).ravel()
+    drive = np.ascontiguousarray(drive.T)
+    buffer, evaluate = _chunk(row.made, s).buffer()  # without conversions, which take as long as the steps
+    for begin in range(0, len(drive), CHUNK):
+        driven, after = drive[begin : begin + CHUNK], slice(begin + 1, begin + CHUNK + 1)
+        for i, array in enumerate((X[begin], rates[begin], driven, fixed)):
+            buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type]
+        for i, array in enumerate((X[after], rates[after])):
+            buffer.set_res(i, memoryview(array))  # type: ignore[call-arg, arg-type]
+        evaluate()
+    at, rate = X[: steps + 1, :x].T, rates[: steps + 1, :x].T
     first = (np.arange(steps) - np.repeat(np.cumsum(task.steps) - task.steps, task.steps)) % 2 == 0
     begun = -at[:, :-1] - h / 3 * (rate[:, :-1] + 4 * rate[:, 1:])
-    return _Nodes(node_times, X[:, : steps + 1], np.where(first, begun, at[:, 1:] - h / 3 * rate[:, 1:]))
+    return _Nodes(node_times, X[: steps + 1].T, np.where(first, begun, at[:, 1:] - h / 3 * rate[:, 1:]))
 
 
 def _implicit_nodes(row: _Row, node_times: np.ndarray) -> _Nodes:
@@ -174,7 +190,7 @@ def _chunk(made: Functions, s: int) -> ca.Function:
     k3 = rate(X + h / 2 * k2, 0)
     k4 = rate(X + h * k3, 1)
     moved = X + h / 6 * (k1 + 2 * (k2 + k3) + k4)
-    step = ca.Function("step", [X, k1, drive, fixed], ca.cse([moved, rate(moved, 1)]))
+    step = ca.Function("step", [X, k1, drive, fixed], ca.cse([ca.densify(moved), ca.densify(rate(moved, 1))]))
     begin, begin_rate = (ca.MX.sym(name, X.shape[0]) for name in ("X", "dX"))
     driven, same = ca.MX.sym("drive", 1 + 4 * n, CHUNK), ca.MX.sym("f", fixed.shape[0])
     after = step.mapaccum("steps", CHUNK, 2)(begin, begin_rate, driven, ca.repmat(same, 1, CHUNK))
@@ -226,7 +242,7 @@ def _readings(row: _Row, nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
         X, dX = _states_at(row, nodes, at)
         u, du = _inputs_at(task, row.b, at)
         values, by_columns, rates = (
-            np.array(part)
+            part.full()
             for part in _reader(row.made, s)(
                 X, dX, u.T, du.T, row.constants, task.time[None], np.tile(row.selection, (1, t)),
                 np.tile(task.input_delay_derivative, (1, t)),

@@ -27,7 +27,8 @@ static void write_error(Work *k, integer b, integer j, const double *X) {
     double *res[4] = {out, k->C, k->D, k->Q};
     for (integer e = 0; e < x; e++) moved[e] = X[e] - k->step_error[e];
     set_inputs(k, r->time[j + 1]);
-    r->reading(arg, res, k->iw, k->w, 0);
+    if (r->out && r->groups == 1) memcpy(out, r->out + (b * r->samples + j + 1) * m, sizeof(double) * (size_t)m);
+    else r->reading(arg, res, k->iw, k->w, 0);
     arg[0] = moved, res[0] = k->y;
     r->reading(arg, res, k->iw, k->w, 0);
     for (integer i = 0; i < m; i++) out[i] -= k->y[i];

@@ -1,8 +1,9 @@
 /* One step from X with rate dX at time t to `next` at t + h: explicit, or implicit for stiff models. */
 
 /* classical Runge-Kutta, order 4 */
-static void explicit_step(Work *k, double t, double h, double end, const double *X, const double *dX, double *next) {
-    double *Y = k->stage[0], *K2 = k->stage[1], *K3 = k->stage[2], *K4 = k->stage[3];
+static void explicit_step(Work *k, double t, double h, double end, const double *restrict X,
+                          const double *restrict dX, double *restrict next) {
+    double *restrict Y = k->stage[0], *restrict K2 = k->stage[1], *restrict K3 = k->stage[2], *restrict K4 = k->stage[3];
     integer size = k->size;
     for (integer e = 0; e < size; e++) Y[e] = X[e] + h / 2 * dX[e];
     set_rate(k, t + h / 2, Y, K2);
