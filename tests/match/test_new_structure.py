@@ -10,6 +10,7 @@ from match import drawn
 from matching.frequency.case.load import load_case
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.parts import parts_of
+from matching.frequency.search.match import match
 from matching.frequency.verification.verify import verify
 from modelling.bed.loop import ControlStructure, LoopQuantity
 from modelling.bed.structures import STRUCTURES
@@ -90,3 +91,11 @@ def test_its_verification_is_that_of_a_pi_without_the_other_gains(beds):
     assert any(
         "proportional" in note for note in found.notes
     )  # its law is not written in matching/frequency/independent
+
+
+def test_it_is_matched_to_the_end_where_targets_are_missed(beds):
+    """A feed-forward beside the same feedback is tried then, which takes the quantities of ``pi``."""
+    strict = tuple(replace(target, frequency_tolerance=1e-6, damping_tolerance=1e-6) for target in beds[0].targets)
+    result = match(replace(beds[0], targets=strict), starts=1)
+    assert result.status == "limited"
+    assert all("model_based" not in sentence for sentence in result.limits)

@@ -78,7 +78,9 @@ def _with_dead_time(question: Question, solution: VerifiedSolution, dead_time: f
 
 
 def _with_feed_forward(question: Question, solution: VerifiedSolution) -> str:
-    """The structure with a feed-forward, if the same values meet the targets with it."""
+    """The structure with a feed-forward, if the same values meet the targets with it; its feedback has to take them."""
+    if not ModelBased.quantities.keys() <= solution.tuned.loop.values.keys():
+        return ""
     driven = {dynamometer.torque_input for dynamometer in question.case.loop.dynamometers}
     measured = tuple(part.name for part in question.case.rig.inputs if part.name not in driven)
     loop = replace(solution.tuned.loop, structure=ModelBased(), measured=measured)
