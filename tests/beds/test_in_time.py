@@ -163,6 +163,20 @@ def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     assert open_lash(vehicles[1:], beds[1:], [1], law.sample_time).cycling == 0
 
 
+def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, table):
+    """Without one the size of the friction and the lash were those of a bed at rest, or the match ended in a fault."""
+    vehicle, rig = (
+        replace(system, sensors=tuple(part for part in system.sensors if part.name != "side_torque"))
+        for system in (small_case.vehicle, small_case.rig)
+    )
+    compared = tuple(pair for pair in small_case.compared if pair.sensor != "side_torque")
+    blind = truth_in_time(replace(small_case, vehicle=vehicle, rig=rig, compared=compared), law, pulse(small_case, 600))
+    assert blind.lash == table.lash
+    assert [row.measured["motor_speed"] for row in blind.rows[:-1]] == pytest.approx(
+        [row.measured["motor_speed"] for row in table.rows[:-1]]
+    )
+
+
 def test_a_bed_that_cannot_be_simulated_says_why(small_case):
     loop = replace(small_case.loop, values={**small_case.loop.values, "command_weight": -1.0})
     assert truth_of(replace(small_case, loop=loop)).not_simulated

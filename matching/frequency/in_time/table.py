@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,11 @@ from matching.frequency.in_time.closed_loop import BedMotion, BedRun, bed_motion
 from matching.frequency.in_time.imperfection import EVERYTHING, Imperfection, imperfections
 from matching.frequency.in_time.open_lash import OpenLash, lash_runs, open_lash
 from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
+from matching.frequency.loop.parts import parts_of, shaft_torque
 from matching.frequency.verification.reading import manoeuvre_torques
 from modelling.common.errors import InputError
 from modelling.controller.law import ControlLaw
+from modelling.model.components import Sensor
 from modelling.simulation.result import SimulationError
 
 WATCHED_S = 3.0  # of the manoeuvre at most, from its beginning
@@ -124,13 +125,13 @@ def truth_in_time(
     count = min(len(next(iter(torques.values()))), lead + round(WATCHED_S / law.sample_time) + 1)
     torques = {name: torque[:count] for name, torque in torques.items()}
     sensors = tuple(dict.fromkeys(pair.sensor for pair in case.compared))
-    cuts = cut_torque_sensors(case)
+    case, cuts = with_cut_torques(case)
     alone = vehicle_motions(case, [BedRun(Imperfection(""), torques)], cuts)[0]
     rows = imperfections(case, float(np.abs(alone).max(initial=0.0)), seed)
     known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
     lashed = lash_runs(case, torques, known, seed)
     runs = [BedRun(row, torques, measured) for row in rows for measured in (known, ())]
-    read = (*sensors, *(name for name in cuts if name not in sensors))
+    read = (*sensors, *cuts)
     of_vehicles, of_beds = _simulated(case, law, [*runs, *lashed], read, seed)
     results = [
         TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
@@ -142,18 +143,18 @@ def truth_in_time(
     signals = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
     traces = None
     if len(signals) == 3:
-        traces = BedTraces(EVERYTHING, time, *(dict(zip(read, signal.T, strict=True)) for signal in signals))
+        traces = BedTraces(EVERYTHING, time, *(dict(zip(sensors, signal.T, strict=False)) for signal in signals))
     kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
     at, first = [read.index(name) for name in cuts], len(runs)
     lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
     return TruthInTime(sensors, tuple(kept), lash, float(time[-1]), "", traces)
 
 
-def cut_torque_sensors(case: Case) -> list[str]:
-    """Sensors that rig and vehicle have of the torques at the cuts."""
-    cuts = {interface.shaft for interface in case.residual_vehicle.interfaces}
-    on_rig = {part.name for part in case.rig.sensors if part.measures == "torque"}
-    return [part.name for part in case.vehicle.sensors if part.of in cuts and part.name in on_rig]
+def with_cut_torques(case: Case) -> tuple[Case, list[str]]:
+    """The case with a sensor of the torque at each cut in vehicle and rig, and their names: models may have none."""
+    added = [Sensor(shaft_torque(cut.shaft), "torque", cut.shaft) for cut in case.residual_vehicle.interfaces]
+    vehicle, rig = (replace(system, sensors=(*system.sensors, *added)) for system in (case.vehicle, case.rig))
+    return replace(case, vehicle=vehicle, rig=rig), [sensor.name for sensor in added]
 
 
 def _simulated(

@@ -24,16 +24,19 @@ UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost n
 
 
 def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
-    """Response errors of a tuned case, with the lower bounds set by its dead time."""
+    """Response errors of a tuned case, with the lower bounds set by its dead time; these emulate the whole vehicle."""
+    whole = tuned
+    if tuned.simple_vehicle is not None:
+        whole = dataclasses.replace(tuned, simple_vehicle=None, residual_vehicle=cut(tuned.vehicle, tuned.rig))
     return ResponseError(
         band=figures.band,
         before=figures.before,
         after=figures.after,
         after_like_before=figures.after_like_before,
         unmeasured=figures.unmeasured,
-        bound=lower_bound(tuned, 1),
-        bound_unsampled=lower_bound(tuned, UNSAMPLED_REFINEMENT),
-        unmeasured_bound=estimator_bound(tuned),
+        bound=lower_bound(whole, 1),
+        bound_unsampled=lower_bound(whole, UNSAMPLED_REFINEMENT),
+        unmeasured_bound=estimator_bound(whole),
         functions=figures.functions,
     )
 

@@ -92,9 +92,9 @@ def match(
         aside.start()
     if case.loop.structure.is_observer:
         effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
-        return _with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)
+        return with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)
     result = _match_with_feedback(question, SearchEffort(seed, starts, workers, tell, near, ordering), beds, aside)
-    return _with_simple_vehicle(replace(result, seconds=time.perf_counter() - begin), simple)
+    return with_simple_vehicle(replace(result, seconds=time.perf_counter() - begin), simple)
 
 
 def _match_with_feedback(
@@ -148,9 +148,12 @@ def _missed(question: Question, robust: RobustVerification) -> tuple[float, ...]
     return targets, missed, beds.drawn - beds.stable, beds.drawn - beds.damped, len(every), error
 
 
-def _with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> MatchResult:
+def with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> MatchResult:
+    """The result with what the case's own residual vehicle lacks: the first reason where that alone is too much."""
     if simple is None:
         return result
+    if result.limits and simple.fitted > result.case.tolerance:
+        return replace(result, simple_vehicle=simple, limits=(simple.sentence(), *result.limits))
     return replace(result, simple_vehicle=simple, notes=(simple.sentence(), *result.notes))
 
 

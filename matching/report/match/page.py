@@ -117,6 +117,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "has_feed_forward": tuned.loop.structure.has_feed_forward,
         **_loop(result),
         "residual": residual,
+        "own_residual": result.simple_vehicle is not None,
         "diagram": block_diagram(tuned.loop, _entries(residual)),
         "frozen": [row for row in result.parameters if row.frozen],
         "checks": checks(result),
@@ -172,14 +173,19 @@ def _loop(result: MatchResult) -> dict[str, Any]:
 
 
 def _residual(result: MatchResult) -> list[dict[str, Any]]:
+    """Rows of the residual vehicle; one of the case's own beside what its file says, else beside the vehicle."""
+    own = result.simple_vehicle
     rows = []
     for part in result.tuned.residual_vehicle.parts:
         for name, quantity in part.parameters.items():
-            in_vehicle = result.case.vehicle.parameters[name].value
-            if quantity.value == 0 and in_vehicle == 0:
+            if own is None:
+                before = result.case.vehicle.parameters[name].value
+            else:
+                before, _ = own.values.get(name, (quantity.value, quantity.value))
+            if quantity.value == 0 and before == 0:
                 continue
-            moved = abs(quantity.value - in_vehicle) > SAME_RELATIVE * abs(in_vehicle)
-            row = {"name": name, "value": quantity.value, "unit": part.units[name], "vehicle": in_vehicle}
+            moved = abs(quantity.value - before) > SAME_RELATIVE * abs(before)
+            row = {"name": name, "value": quantity.value, "unit": part.units[name], "before": before}
             rows.append(row | {"moved": moved})
     return rows
 
