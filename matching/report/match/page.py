@@ -174,14 +174,14 @@ def _loop(result: MatchResult) -> dict[str, Any]:
 
 def _residual(result: MatchResult) -> list[dict[str, Any]]:
     """Rows of the residual vehicle; one of the case's own beside what its file says, else beside the vehicle."""
-    own = result.simple_vehicle
+    simple = result.simple_vehicle
     rows = []
     for part in result.tuned.residual_vehicle.parts:
         for name, quantity in part.parameters.items():
-            if own is None:
+            if simple is None:
                 before = result.case.vehicle.parameters[name].value
             else:
-                before, _ = own.values.get(name, (quantity.value, quantity.value))
+                before, _ = simple.values.get(name, (quantity.value, quantity.value))
             if quantity.value == 0 and before == 0:
                 continue
             moved = abs(quantity.value - before) > SAME_RELATIVE * abs(before)
