@@ -14,7 +14,7 @@ from matching.diagnosis.fitting.holdout import Holdout, OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
-from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, with_balanced_sensors
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, scatters_only, with_balanced_sensors
 from matching.diagnosis.search.refinement import FIT_ERRORS, search_is_over, with_sharpest_friction
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.remembered import RememberedHoldout
@@ -56,7 +56,7 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
         return _identify(system, _balanced(system, base), holdout, progress)
     identified = _identify(system, base, holdout, progress)
     best = identified.state.best
-    if not several or at_noise(best) or _largest_error(best.fit) < LEFT_BY_MODEL or search_is_over():
+    if not several or scatters_only(best) or _largest_error(best.fit) < LEFT_BY_MODEL or search_is_over():
         return identified
     progress("sensors weighted by what the model leaves")
     balanced = _identify(system, _balanced(system, base), holdout, progress)

@@ -35,6 +35,10 @@ class FittedMotion:
         The inertias that a shaft joins.
     torque_gradient : dict of str to ndarray (t,)
         By inertia: −∂χ²/∂torque, how much a torque at that time would lower the misfit.
+    gear_torque : dict of str to ndarray (t,)
+        By rigid gear, on the second end's side, as far as it follows from both sides.
+    gear_ends : dict of str to (str, str)
+        The inertias that a rigid gear joins.
     recording : ndarray (t,)
         Number of the recording that a sample is of, from 1.
     """
@@ -53,6 +57,8 @@ class FittedMotion:
     value: Mapping[str, float]
     ends: Mapping[str, tuple[str, str]]
     torque_gradient: Mapping[str, np.ndarray] = field(default_factory=dict)
+    gear_torque: Mapping[str, np.ndarray] = field(default_factory=dict)
+    gear_ends: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     recording: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @property

@@ -14,11 +14,18 @@ from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Sym
 from modelling.effects.kind import Kind, Parameter
 from modelling.effects.place import members, shared_place
 from modelling.effects.recorded_range import RecordedRange
-from modelling.effects.torque_ripple import HIGHEST_ORDER, TorqueRipple, outstanding_orders, wave_parameters
+from modelling.effects.torque_ripple import (
+    HIGHEST_ORDER,
+    LOWEST_ORDER,
+    TorqueRipple,
+    outstanding_orders,
+    wave_parameters,
+)
 
 SUFFIXES = {1: "", 2: "_2", 3: "_3"}  # of the harmonics' parameters
 LEAST_LAG = 1.0  # rad of the ripple's phase, by which one angle has to leave a fixed ratio to the other; else a ripple
-# over its own angle is the same torque
+# over its own angle is the same torque, if that is one of an order that is looked for
+RIGID = 1e-6  # of an angle's range: what leaves a fixed ratio by less is joined by rigid gears
 
 
 class GearedRipple(Kind):
@@ -55,11 +62,11 @@ class GearedRipple(Kind):
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         first, second = (place.split(".")[1] for place in members(at))
         angle = motion.angle[second]
-        lag = _parting(angle, motion.angle[first])
-        if HIGHEST_ORDER * lag < LEAST_LAG:
+        ratio, lag = _parting(angle, motion.angle[first])
+        if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
             return
         for order, chosen_from in outstanding_orders(angle, motion.torque_gradient[first]):
-            if order * lag > LEAST_LAG:
+            if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:
                 yield _guess(members(at)[0], angle, order, (1,), chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
@@ -91,10 +98,11 @@ class GearedRipple(Kind):
         return (-math.inf, recorded.torque[first]) if key.startswith("amplitude") else (-math.inf, math.inf)
 
 
-def _parting(angle: np.ndarray, other: np.ndarray) -> float:
-    """Range (rad) of what is left of an angle (t,) by a fixed ratio to another."""
+def _parting(angle: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """The ratio of an angle (t,) to another (magnitude), and the range (rad) of what is left of it by that."""
     straight = np.column_stack([other, np.ones_like(other)])
-    return float(np.ptp(angle - straight @ np.linalg.lstsq(straight, angle, rcond=None)[0]))
+    line = np.linalg.lstsq(straight, angle, rcond=None)[0]
+    return abs(float(line[0])), float(np.ptp(angle - straight @ line))
 
 
 def _guess(place: str, angle: np.ndarray, order: float, harmonics: tuple[int, ...], chosen_from: float = 1.0) -> Guess:

@@ -194,6 +194,36 @@ class ShaftLaw:
         self.series, self.series_state = coefficient, state
 
 
+@dataclass(frozen=True)
+class GearLaw:
+    """What a rigid gear joins, reflected to its second end.
+
+    Attributes
+    ----------
+    place : str
+        ``gears.NAME``.
+    second : Motion
+        Of the second end.
+    first_torque, second_torque : Expr
+        All torques on the train on that side, N·m.
+    first_inertia, second_inertia : Expr
+        kg·m².
+    """
+
+    place: str
+    second: Motion
+    first_torque: sm.Expr
+    first_inertia: sm.Expr
+    second_torque: sm.Expr
+    second_inertia: sm.Expr
+
+    @property
+    def torque(self) -> sm.Expr:
+        """What the gear passes on where it loses nothing, N·m at the second end, positive when the first end leads."""
+        taken = self.second_inertia * self.first_torque - self.first_inertia * self.second_torque
+        return taken / (self.first_inertia + self.second_inertia)
+
+
 @dataclass
 class InputPath:
     """What happens to a recorded input before it acts: ``value`` (N·m) acts ``delay`` (s) later."""

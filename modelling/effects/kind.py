@@ -8,7 +8,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from modelling.effects.first_guess import FittedMotion, Guess
-from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, Motion, SensorPath, ShaftLaw, Symbols
+from modelling.effects.interface import (
+    Drivetrain,
+    EquationBuilder,
+    GearLaw,
+    InputPath,
+    Motion,
+    SensorPath,
+    ShaftLaw,
+    Symbols,
+)
 from modelling.effects.place import members, shared_place
 from modelling.effects.recorded_range import RecordedRange
 from modelling.units import QUANTITY_UNITS
@@ -126,6 +135,10 @@ class Kind:
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         """Change the torque law of a shaft."""
+        raise NotImplementedError
+
+    def gear(self, law: GearLaw, p: Symbols, assembly: EquationBuilder) -> None:
+        """Add a torque at the second end of a rigid gear."""
         raise NotImplementedError
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:

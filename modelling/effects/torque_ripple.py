@@ -16,7 +16,8 @@ from modelling.effects.kind import Kind, Parameter
 from modelling.effects.recorded_range import RecordedRange
 
 MOST_ORDERS = 4  # that are tried from one spectrum
-HIGHEST_ORDER = 24.0  # per turn, that is searched for: above those of cogging and joints
+LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
+HIGHEST_ORDER = 24.0  # the same: above those of cogging and joints
 
 
 class TorqueRipple(Kind):
@@ -47,7 +48,7 @@ class TorqueRipple(Kind):
                 yield _guess(at, angle, float(order))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        return (max(guess - 0.3, 0.01), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
+        return (max(guess - 0.3, LOWEST_ORDER), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
         shift = math.pi if parameters["amplitude"] < 0 else 0.0
@@ -87,7 +88,7 @@ def outstanding_orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tupl
     strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), gradient, length)))
     orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
     fine = orders[1]
-    used = (orders > max(0.4, 2 * fine)) & (orders <= highest)
+    used = (orders > max(LOWEST_ORDER, 2 * fine)) & (orders <= highest)
     if not used.any():
         return
     orders, strength = orders[used], strength[used]

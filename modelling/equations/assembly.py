@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import sympy as sm
 
 from modelling.common.errors import InputError
 from modelling.effects import Kind
-from modelling.effects.interface import InputPath, Motion, SensorPath, ShaftLaw, Spring
+from modelling.effects.interface import GearLaw, InputPath, Motion, SensorPath, ShaftLaw, Spring
 from modelling.effects.place import members
-from modelling.equations import shaft_law
+from modelling.equations import rigid_train, shaft_law
 from modelling.equations.constraints import eliminate
 from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.model.components import Gear
 from modelling.model.system import System
 
 STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
@@ -170,12 +171,41 @@ class Assembly:
                 self.add_torque(place, path.value, motion)
             else:
                 imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
+        self._close_gears(by_place)
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
             truth = self._truth(reading.measures, reading.of)
             sensor = self.sensors[reading.name] = SensorPath(place, truth, sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.sensor(sensor, p, self)
+
+    def _close_gears(self, by_place: Mapping[str, Sequence[tuple[Kind, dict[str, sm.Symbol]]]]) -> None:
+        """Effects of rigid gears, once all torques are known."""
+        for gear in self.system.gears:
+            acting = by_place.get(f"gears.{gear.name}", ())
+            if acting:
+                law = self.gear_law(gear)
+                for kind, p in acting:
+                    kind.gear(law, p, self)
+
+    def gear_law(self, gear: Gear) -> GearLaw:
+        """Torques and inertias on both sides of a rigid gear.
+
+        Raises
+        ------
+        InputError
+            As :func:`modelling.equations.rigid_train.check_loss`.
+        """
+        rigid_train.check_loss(self.system, gear)
+        on = {source.name: source.on for source in self.system.inputs}
+        inertia = {part.name: self.symbol(f"inertias.{part.name}.J") for part in self.system.inertias}
+        torques = [(rigid_train.acted_on(component, on), torque) for component, torque, _ in self.work]
+        for name, motion in self.motions.items():
+            torques.append((name, -self.symbol(f"inertias.{name}.drag") * motion.speed))
+        for shaft in self.system.shafts:
+            ratio = self.symbol(f"shafts.{shaft.name}.ratio") if shaft.ratio is not None else sm.S.One
+            torques += rigid_train.torques_of_shaft(self.shafts[shaft.name], shaft.between, ratio)
+        return rigid_train.gear_law(self.system, gear, self.motions, inertia, torques)
 
     def _truth(self, measures: str, of: str) -> sm.Expr:
         return self.shafts[of].torque if measures == "torque" else getattr(self.motions[of], measures)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import sympy as sm
 
-from modelling.common.errors import unknown
+from modelling.common.errors import InputError, unknown
 from modelling.equations.assembly import SIMULATION_DEFAULTS
 from modelling.equations.lagrange import Equations, derive
 from modelling.equations.modal_elements import modal_elements
@@ -78,6 +78,11 @@ class Model:
         return self._functions["shaft_torques"]
 
     @property
+    def gear_torques(self) -> ca.Function:
+        """(x, u, p) → torque that each rigid gear passes on, N·m, on the second end's side; NaN if undetermined."""
+        return self._functions["gear_torques"]
+
+    @property
     def jacobians(self) -> ca.Function:
         """(x, u, p, t) → A (x, x), B (x, u), C (y, x), D (y, u) of rates and readings."""
         return self._functions["jacobians"]
@@ -140,6 +145,8 @@ class _Functions(dict[str, ca.Function]):
     def __missing__(self, name: str) -> ca.Function:
         if name == "elements":
             self[name] = modal_elements(self.equations)
+        elif name == "gear_torques":
+            self[name] = _gear_torques(self.equations)
         else:
             self.update(_functions(self.equations))
         return self[name]
@@ -156,17 +163,8 @@ def _compile(equations: Equations) -> _Functions:
 
 
 def _functions(equations: Equations) -> dict[str, ca.Function]:
-    a = equations.assembly
-    n, extra = len(a.q), len(a.states)
-    x, u = ca.SX.sym("x", 2 * n + extra), ca.SX.sym("u", len(a.inputs))
-    p, t = ca.SX.sym("p", len(a.parameters)), ca.SX.sym("t")
-    known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
-    # an input path may end in a state; its recorded value is always u(name)
-    known |= {sm.Symbol(f"u({name})", real=True): u[i] for i, name in enumerate(a.inputs)}
-    known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
-    known[a.time] = t
-    known |= abbreviations(equations, known)
-
+    a, n = equations.assembly, len(equations.assembly.q)
+    x, u, p, t, known = _symbols(equations)
     mass = sparse(list(equations.mass), to_casadi(list(equations.mass.values()), known), n, n)
     force = _column(to_casadi(equations.force, known))
     acceleration = _solve(mass, force)
@@ -188,6 +186,30 @@ def _functions(equations: Equations) -> dict[str, ca.Function]:
         "delays": ca.Function("delays", [p], [input_delays, sensor_delays], ["p"], ["input", "sensor"]),
         "jacobians": ca.Function("jacobians", [x, u, p, t], jacobians, ["x", "u", "p", "t"], ["A", "B", "C", "D"]),
     }
+
+
+def _symbols(equations: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, dict[sm.Symbol, ca.SX]]:
+    """Vectors x, u, p, the time t, and what each symbol of the equations is of them."""
+    a = equations.assembly
+    x, u = ca.SX.sym("x", 2 * len(a.q) + len(a.states)), ca.SX.sym("u", len(a.inputs))
+    p, t = ca.SX.sym("p", len(a.parameters)), ca.SX.sym("t")
+    known = {symbol: x[i] for i, symbol in enumerate([*a.q, *a.qd, *(z for z, _ in a.states.values())])}
+    # an input path may end in a state; its recorded value is always u(name)
+    known |= {sm.Symbol(f"u({name})", real=True): u[i] for i, name in enumerate(a.inputs)}
+    known |= {symbol: p[i] for i, symbol in enumerate(a.parameters.values())}
+    known[a.time] = t
+    return x, u, p, t, known | abbreviations(equations, known)
+
+
+def _gear_torques(equations: Equations) -> ca.Function:
+    x, u, p, _, known = _symbols(equations)
+    torques = []
+    for gear in equations.assembly.system.gears:
+        try:
+            torques += to_casadi([equations.assembly.gear_law(gear).torque], known)
+        except InputError:
+            torques.append(ca.SX(np.nan))
+    return ca.Function("gear_torques", [x, u, p], [_column(torques)], ["x", "u", "p"], ["torque"])
 
 
 def _column(parts: list) -> ca.SX:

@@ -58,6 +58,8 @@ def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndar
 
 
 def _sliding_motion(assembly: Assembly, at: str) -> Motion:
-    """The motion that dry friction at a place opposes: that of the inertia, or of a shaft's second end."""
+    """The motion that dry friction at a place opposes: that of the inertia, or of a shaft's or gear's second end."""
     table, name = at.split(".")
-    return assembly.motions[name] if table == "inertias" else assembly.shafts[name].second
+    if table == "gears":
+        name = next(gear.between[1] for gear in assembly.system.gears if gear.name == name)
+    return assembly.shafts[name].second if table == "shafts" else assembly.motions[name]

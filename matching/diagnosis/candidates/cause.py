@@ -11,6 +11,7 @@ from matching.diagnosis.fitting.batch_simulation import compile_models
 from matching.diagnosis.fitting.fit import Fit
 from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
+from modelling.effects.place import members
 from modelling.effects.recorded_range import RecordedRange
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
@@ -18,6 +19,7 @@ from modelling.model.quantity import Quantity
 from modelling.model.system import System
 
 AT_BOUND_SHARE = 1e-6  # of the width of the recorded range
+NEGLIGIBLE = 1e-4  # of the largest torque on an inertia: less is not told from the error of any recorded torque
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,16 @@ class ExtendedModel:
                 if (value > high - near) or (np.isfinite(low) and low != 0 and value < low + near):
                     return "beyond_recording"
         return ""
+
+    def negligible(self, fit: Fit) -> bool:
+        """Whether the last cause is a torque on an inertia that is too small to matter beside those recorded there."""
+        cause = self.causes[-1]
+        table, name = members(cause.at)[0].split(".")[:2]
+        if self.recorded is None or table != "inertias" or cause.replaces_quantity:
+            return False
+        parameters = EFFECTS[cause.kind].parameters
+        torques = [abs(fit.values[cause.names()[key]]) for key in cause.keys if parameters[key].unit == "N*m"]
+        return bool(torques) and max(torques) < NEGLIGIBLE * self.recorded.torque[name]
 
     def _recorded_bounds(self, cause: Cause, key: str) -> tuple[float, float]:
         """Bounds of a parameter by what the recording has shown; of a shared effect, those of its first place."""

@@ -43,8 +43,18 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
         {sensor.name: float(problem.data.noise[j]) for j, sensor in enumerate(system.sensors)},
         value, {shaft.name: shaft.between for shaft in system.shafts},
+        gear_torque=_gear_torques(fit, x, inputs, p), gear_ends={gear.name: gear.between for gear in system.gears},
         recording=np.concatenate([np.full(len(segment.time), segment.recording) for segment in segments]),
     )  # fmt: skip
+
+
+def _gear_torques(fit: Fit, x: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> dict[str, np.ndarray]:
+    """By rigid gear, what it passes on (t,), where it follows from both sides."""
+    gears, model = fit.problem.system.gears, fit.problem.model
+    if not gears:
+        return {}
+    torques = np.array(model.gear_torques.map(len(x))(x.T, inputs.T, p)).reshape(-1, len(x))
+    return {gear.name: torque for gear, torque in zip(gears, torques, strict=True) if np.isfinite(torque).all()}
 
 
 def inertia_shares(system: System, coordinates: list[str], value: dict[str, float]) -> np.ndarray:

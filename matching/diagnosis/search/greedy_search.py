@@ -12,7 +12,13 @@ from matching.diagnosis.candidates.recorded import recorded_range
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.reweighting import reweighted, slow_and_fast
-from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained, with_balanced_sensors
+from matching.diagnosis.search.hypothesis import (
+    Hypothesis,
+    at_noise,
+    scatters_only,
+    share_explained,
+    with_balanced_sensors,
+)
 from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
 from matching.diagnosis.search.refinement import RefitBudget, with_sharper_friction_near_best
@@ -99,7 +105,7 @@ def search_causes(
     screenings = _Screenings({(): _Node(screening, candidates)})
     budget = RefitBudget()
     beam = [base]
-    while state.best is base or (len(state.best.causes) < MOST_CAUSES and not at_noise(state.best)):
+    while state.best is base or (len(state.best.causes) < MOST_CAUSES and not scatters_only(state.best)):
         grown = _grow(beam, screenings, state.noise_threshold, budget, progress)
         if state.best is base:
             state.with_one_cause = grown
@@ -124,7 +130,7 @@ def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: Un
     for index, hypothesis in enumerate(grown[:MOST_JUDGED]):
         if not _worthwhile(state, hypothesis):
             break
-        if hypothesis.model.not_taken(hypothesis.fit):
+        if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
             continue
         if at_noise(hypothesis) or unseen.promises(hypothesis, state.best):
             return [with_balanced_sensors(hypothesis), *grown[index + 1 :]]

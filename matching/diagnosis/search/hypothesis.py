@@ -9,12 +9,13 @@ import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, whiteness
+from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, effective_share, whiteness
 from matching.diagnosis.fitting.reweighting import iteratively_reweighted, power_left_by
 from modelling.effects import EFFECTS
 
 NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is more than noise
 NOISE_EXCESS = 0.006  # power beyond that of the noise, in times it, that matters
+INDEPENDENT = 0.8  # share of independent samples in what is white
 NOISE_EXCESS_ABRUPT = 0.02  # the same where torques jump: χ² is too rough to reach its very minimum
 
 
@@ -101,6 +102,26 @@ def at_noise(hypothesis: Hypothesis) -> bool:
     """Whether every sensor's residual is white noise of the stated uncertainty, as far as it matters."""
     tests = hypothesis.whiteness()
     return not any(scales.any() for scales in _beyond_noise(hypothesis.fit, tests))
+
+
+def scatters_only(hypothesis: Hypothesis) -> bool:
+    """Whether every sensor's residual is white noise, of whatever size: nothing in it that a cause could explain.
+
+    An encoder reads to its resolution; where its uncertainty is stated smaller, what the right model leaves is more
+    than noise of that size, and without any pattern.
+    """
+    if at_noise(hypothesis):
+        return True
+    parts = [
+        np.where(segment.measured, errors, np.nan)
+        for errors, segment in zip(hypothesis.fit.errors, hypothesis.fit.problem.data.segments, strict=True)
+    ]
+    sizes = np.maximum(np.sqrt(np.nan_to_num(hypothesis.mean_squares)), 1.0)
+    tests = [whiteness([part[:, j] / size for part in parts]) for j, size in enumerate(sizes)]
+    if any(scales.any() for scales in _beyond_noise(hypothesis.fit, tests)):
+        return False
+    columns = (part[:, j] for part in parts for j in range(part.shape[1]))
+    return all(effective_share(column) > INDEPENDENT for column in columns if np.isfinite(column).any())
 
 
 def sensors_beyond_noise(hypothesis: Hypothesis) -> list[tuple[int, int]]:

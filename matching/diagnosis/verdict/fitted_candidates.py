@@ -44,7 +44,7 @@ def holdout_misfit(hypothesis: Hypothesis, holdout: Holdout) -> float:
 def _reason(state: SearchState, hypothesis: Hypothesis, misfit_holdout: float, base_holdout: float) -> str:
     """Why a candidate was not taken, in the words of ``diagnosis.json``."""
     least = state.noise_threshold * chi_square_per_reading(hypothesis)
-    if hypothesis.chi_square > state.base.chi_square - least:
+    if hypothesis.chi_square > state.base.chi_square - least or hypothesis.model.negligible(hypothesis.fit):
         return "not_better"
     impossible = hypothesis.model.not_taken(hypothesis.fit)
     if impossible:

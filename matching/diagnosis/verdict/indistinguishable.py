@@ -31,6 +31,8 @@ def not_told_apart(final: Hypothesis, without: Hypothesis, cause: Cause, inflati
         By how much χ² overstates what is known.
     """
     fit = without.fit
+    if fit.residual.shape != final.fit.residual.shape:  # one of them fitted to windows, where shafts rattle
+        return []
     if fit.problem.weighting is not final.fit.problem.weighting:
         fit = reweighted(fit, final.fit.problem.weighting)
     screening = Screening(fit)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from matching.frequency.case.case import Case
@@ -10,6 +12,7 @@ from matching.frequency.verification.simulation import Traces
 from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.linear.reference_motion import operating_motion, speeds_of
+from modelling.model.components import Gear, Shaft
 from modelling.model.system import System
 
 SLIDING_FROM = 0.5  # rad/s: below it friction may stick within the motion of a mode
@@ -40,11 +43,10 @@ def check_sliding(case: Case) -> None:
 
 
 def _sliding_inertia(system: System, at: str) -> str:
-    """The inertia whose motion dry friction at a place opposes: of a shaft, its second end."""
+    """The inertia whose motion dry friction at a place opposes: of a shaft or gear, its second end."""
     table, name = at.split(".")[:2]
-    return (
-        next((shaft.between[1] for shaft in system.shafts if shaft.name == name), name) if table == "shafts" else name
-    )
+    parts: Sequence[Shaft | Gear] = system.shafts if table == "shafts" else system.gears if table == "gears" else ()
+    return next((part.between[1] for part in parts if part.name == name), name)
 
 
 def unloaded_lashes(case: Case) -> list[str]:

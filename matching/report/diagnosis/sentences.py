@@ -11,7 +11,10 @@ from matching.report.common.wording import number, percent, spaced, unit
 from modelling.effects import EFFECTS
 from modelling.effects.place import place_in_words, shared_place
 
-PLACES = {"shafts": "the shaft", "inertias": "the inertia", "inputs": "the input", "sensors": "the sensor"}
+PLACES = {
+    "shafts": "the shaft", "gears": "the gear", "inertias": "the inertia",
+    "inputs": "the input", "sensors": "the sensor",
+}  # fmt: skip
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
 PLAIN_POWERS = range(-4, 6)  # powers of ten that are written without exponent
 MOST_DECIMALS = 8
