@@ -127,6 +127,8 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
         if not unseen.earns_place(state.best, rest):
             state.best = rest
             del state.rivals[index : index + 1]
+    if state.best.causes and unseen.error(state.best) is not None and not unseen.gains(state.best, state.base):
+        state.best, state.rivals = state.base, []  # each helps the others, and all together help nothing
     if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
         others = [hypothesis for hypothesis in state.with_one_cause if hypothesis.places != state.best.places]
         state.rivals = [[state.best, *others]]

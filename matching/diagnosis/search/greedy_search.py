@@ -39,6 +39,7 @@ SLOW_PLAN = RefitPlan(2, windows=False)  # of the candidates that explain most o
 BEAM = 3  # hypotheses with one cause from which a second is searched for
 BEAM_RATIO = 2.0  # χ² of these, in times the best's
 MOST_JUDGED = 6  # hypotheses that are compared on unseen data before the search gives up
+EXPLAINS_MOST = 0.4  # of the misfit beyond noise: a cause that is followed though it meets unseen data worse
 SLIGHT = 0.1  # of the misfit beyond noise: what explains less is no cause of it; the vocabulary lacks the cause
 
 
@@ -111,9 +112,11 @@ def search_causes(
             state.with_one_cause = grown
         elif len(state.best.causes) == 1 and not (grown and at_noise(grown[0])):
             grown = _with_pairs(base, screenings.of(base), grown, budget, progress)
-        grown = _from_first_accepted(state, grown, unseen)
+        fitted, grown = grown, _from_first_accepted(state, grown, unseen)
         if not grown and state.best is base and not at_noise(base):  # none alone, but perhaps two together
             grown = _from_first_accepted(state, _with_pairs(base, screenings.of(base), [], budget, progress), unseen)
+        if not grown:
+            grown = _with_what_it_lacks(state, fitted, screenings, unseen, budget, progress)
         if not grown:
             break
         state.best = grown[0]
@@ -128,7 +131,7 @@ def search_causes(
 def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: UnseenData) -> list[Hypothesis]:
     """Hypotheses, best first, from the first on that is worth its cause; that one weighted as it leaves the sensors."""
     for index, hypothesis in enumerate(grown[:MOST_JUDGED]):
-        if not _worthwhile(state, hypothesis):
+        if not _worthwhile(state.best, hypothesis, state.noise_threshold):
             break
         if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
             continue
@@ -173,13 +176,46 @@ def _with_pairs(
     return distinct(sorted([*grown, *with_sharper_friction_near_best(pairs)], key=lambda hypothesis: hypothesis.cost))
 
 
-def _worthwhile(state: SearchState, child: Hypothesis) -> bool:
-    """Whether a further cause explains more than noise would, more than its parameters cost, and more than a slight
+def _with_what_it_lacks(
+    state: SearchState, fitted: list[Hypothesis], screenings: _Screenings, unseen: UnseenData, budget: RefitBudget,
+    progress: Progress,
+) -> list[Hypothesis]:  # fmt: skip
+    """Hypotheses of several causes more than the best, from the first on that meets unseen data better; by fitted data
+    alone on the way there.
+
+    Where several causes act at once, one of them may explain most of what is fitted and meet unseen data worse: without
+    the others its size is wrong, or what they did there is missing more.
+    """
+    ahead = _first_worthwhile(state.best, fitted, state.noise_threshold, EXPLAINS_MOST)
+    while ahead is not None and len(ahead.causes) < MOST_CAUSES and not at_noise(ahead):
+        ahead = with_balanced_sensors(ahead)
+        further = _grow([ahead], screenings, state.noise_threshold, budget, progress)
+        accepted = _from_first_accepted(state, further, unseen)
+        if accepted and unseen.gains(accepted[0], state.best):
+            return accepted
+        ahead = _first_worthwhile(ahead, further, state.noise_threshold, SLIGHT)
+    return []
+
+
+def _first_worthwhile(
+    parent: Hypothesis, fitted: list[Hypothesis], noise_threshold: float, least: float
+) -> Hypothesis | None:
+    """The first of hypotheses, best first, that explains at least that share of what another leaves and is possible."""
+    for hypothesis in fitted[:MOST_JUDGED]:
+        if not _worthwhile(parent, hypothesis, noise_threshold) or share_explained(parent, hypothesis) < least:
+            return None
+        if not (hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit)):
+            return hypothesis
+    return None
+
+
+def _worthwhile(parent: Hypothesis, child: Hypothesis, noise_threshold: float) -> bool:
+    """Whether further causes explain more than noise would, more than their parameters cost, and more than a slight
     part of the misfit."""
-    least = max(state.noise_threshold, _price(child) - _price(state.best))
-    if child.chi_square > state.best.chi_square - least * chi_square_per_reading(child):
+    least = max(noise_threshold, _price(child) - _price(parent))
+    if child.chi_square > parent.chi_square - least * chi_square_per_reading(child):
         return False
-    return share_explained(state.best, child) >= SLIGHT
+    return share_explained(parent, child) >= SLIGHT
 
 
 def _price(hypothesis: Hypothesis) -> float:
