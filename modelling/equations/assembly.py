@@ -196,7 +196,7 @@ class Assembly:
         InputError
             As :func:`modelling.equations.rigid_train.check_loss`.
         """
-        rigid_train.check_loss(self.system, gear)
+        rigid_train.check_loss(self.system, gear, self.motions, self.shafts)
         on = {source.name: source.on for source in self.system.inputs}
         inertia = {part.name: self.symbol(f"inertias.{part.name}.J") for part in self.system.inertias}
         torques = [(rigid_train.acted_on(component, on), torque) for component, torque, _ in self.work]

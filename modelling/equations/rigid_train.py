@@ -6,7 +6,7 @@ on the first side and its inertia, reflected to the gear's second end, and the s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import sympy as sm
 
@@ -19,27 +19,32 @@ from modelling.model.system import System
 Torque = tuple[str, sm.Expr]  # an inertia and a torque on it, N·m
 
 
-def check_loss(system: System, gear: Gear) -> None:
+def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts: Mapping[str, ShaftLaw]) -> None:
     """Refuse the loss of a gear whose torque does not follow from its sides.
+
+    Parameters
+    ----------
+    motions, shafts : dict
+        By inertia and by shaft.
 
     Raises
     ------
     InputError
-        With a differential or a second lossy gear in the same rigid train, or a shaft on it with a `compliance`.
+        With a differential or a second lossy gear in the same rigid train, or a shaft on it with a further inertia.
     """
     place = f"gears.{gear.name}"
     train = _side(system, gear.between[0], "")
     for part in system.differentials:
         if {part.cage, part.left, part.right} & train:
             raise InputError(place, f"is in one rigid train with {part.name}", "leave its loss out")
-    lossy = {effect.at for effect in system.effects if effect.kind == "gear_loss"}
+    lossy = {effect.at for effect in system.effects}
     for other in system.gears:
         if other is not gear and f"gears.{other.name}" in lossy and other.between[0] in train:
             raise InputError(place, f"and gears.{other.name}, in one rigid train, both have losses", "state one loss")
-    branched = {effect.at for effect in system.effects if effect.kind == "compliance"}
     for shaft in system.shafts:
-        if f"shafts.{shaft.name}" in branched and train & set(shaft.between):
-            raise InputError(place, f"has a loss beside the compliance of {shaft.name}", "make it a shaft")
+        branches = shafts[shaft.name].second is not motions[shaft.between[1]]
+        if branches and train & set(shaft.between):
+            raise InputError(place, f"has a loss beside a further inertia in {shaft.name}", "make that an inertia")
     if gear.between[1] in _side(system, gear.between[0], gear.name):
         raise InputError(place, "is one of a ring: what it passes on is undetermined", "leave its loss out")
 

@@ -65,7 +65,7 @@ def test_a_gear_beside_a_differential_has_no_torque_of_its_own():
         (
             {},
             [LOSS, {"kind": "compliance", "at": "shafts.s", "stiffness": 9.0, "J": 0.1}],
-            "beside the compliance of s",
+            "beside a further inertia in s",
         ),
     ],
 )
