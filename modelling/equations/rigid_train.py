@@ -66,7 +66,7 @@ def gear_law(
     ((index, unit),) = second.coefficients.items()
     torque, mass = [sm.S.Zero, sm.S.Zero], [sm.S.Zero, sm.S.Zero]
     coefficients = {name: motion.coefficients.get(index) for name, motion in motions.items()}
-    shares = {name: own / unit for name, own in coefficients.items() if own is not None}
+    shares = {name: share / unit for name, share in coefficients.items() if share is not None}
     for name, share in shares.items():
         mass[name not in first_side] += inertia[name] * share**2
     for name, value in torques:
@@ -91,9 +91,9 @@ def _side(system: System, inertia: str, without: str) -> set[str]:
     """All inertias that rigid gears join to one, one gear left out."""
     joined = {inertia}
     while True:
-        found = {
+        neighbours = {
             end for gear in system.gears if gear.name != without and joined & set(gear.between) for end in gear.between
         }
-        if found <= joined:
+        if neighbours <= joined:
             return joined
-        joined |= found
+        joined |= neighbours
