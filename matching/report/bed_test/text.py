@@ -37,12 +37,7 @@ def summary(result: Mapping[str, Any]) -> str:
     """At most twenty lines for a terminal."""
     lines = [f"{result['status']}: {answer(result)}"]
     for error in result["errors"]:
-        lines.append(
-            f"response error to {error['name']} torques: "
-            f"{with_uncertainty(error['error'], error['standard_uncertainty'])}"
-            f" (predicted {number(error['predicted'], 3)}, on 95 % of drawn beds below {number(error['expected'], 3)}, "
-            f"allowed {number(error['allowed'], 3)}): {error['status']}"
-        )
+        lines.append(f"response error to {error['name']} torques: {error_words(error)}: {error['status']}")
     for mode in result["modes"]:
         lines.append(f"vehicle mode {mode['vehicle_mode']}: {mode_words(mode)}: {mode['status']}")
     for fidelity in result["fidelity"]:
@@ -52,6 +47,14 @@ def summary(result: Mapping[str, Any]) -> str:
     lines += [f"why: {sentence}" for sentence in why(result)]
     lines.append(f"uncertainties: k = {number(result['coverage_factor'])}, about 95 %")
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+
+
+def error_words(error: Mapping[str, Any]) -> str:
+    """A measured response error beside what it is judged by."""
+    return (
+        f"{with_uncertainty(error['error'], error['standard_uncertainty'])} (predicted {number(error['predicted'], 3)}, "
+        f"on 95 % of drawn beds below {number(error['expected'], 3)}, allowed {number(error['allowed'], 3)})"
+    )
 
 
 def why(result: Mapping[str, Any]) -> list[str]:

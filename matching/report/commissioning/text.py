@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.report.bed_test.text import with_uncertainty
+from matching.report.bed_test.text import error_words, with_uncertainty
 from matching.report.common.wording import number
 
 MEANING = {
-    "as_predicted": "The bed answers as the last match predicted.",
+    "as_predicted": "The bed answers as the last match predicted, within what the case states as uncertain.",
     "short": "The bed falls short of what the last match predicted.",
     "undetermined": "The recordings do not decide whether the bed answers as predicted.",
     "waiting": "A recording is waited for.",
@@ -61,11 +61,7 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
     if "verification" in entry:
         proof = entry["verification"]
         for error in proof["errors"]:
-            measured = with_uncertainty(error["error"], error["standard_uncertainty"])
-            lines.append(
-                f"{proof['status']}: response error to {error['name']} torques {measured} "
-                f"(predicted {number(error['predicted'], 3)})"
-            )
+            lines.append(f"{proof['status']}: response error to {error['name']} torques {error_words(error)}")
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
         lines += _fidelity(proof, "")
     if "against_last_vehicle" in entry:
