@@ -17,6 +17,7 @@ from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.excitation.proof import Proof
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
+from matching.report.commissioning.text import round_lines
 from modelling.common.errors import InputError
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
@@ -220,3 +221,15 @@ def test_a_proof_records_held_torques_as_what_they_do_and_road_torques_as_they_a
     np.testing.assert_array_equal(recorded[:, 2], torques[:, 1])
     np.testing.assert_allclose(np.array(controller.known)[before:], recorded[:, [2, 1]], rtol=1e-6, atol=1e-9)
     np.testing.assert_array_equal(np.array(bed.given)[before:, 1], torques[:, 0])
+
+
+def test_a_round_says_what_a_measured_error_is_judged_by():
+    error = {
+        "name": "measured", "error": 0.0562, "standard_uncertainty": 0.0004, "predicted": 0.00183, "expected": 0.121,
+        "allowed": 0.1,
+    }  # fmt: skip
+    lines = round_lines({"verification": {"status": "as_predicted", "errors": [error], "notes": [], "fidelity": []}})
+    assert lines == [
+        "as_predicted: response error to measured torques 0.0562 ± 0.0008 "
+        "(predicted 0.00183, on 95 % of drawn beds below 0.121, allowed 0.1)"
+    ]
