@@ -52,8 +52,8 @@ def summary(result: Mapping[str, Any]) -> str:
 def error_words(error: Mapping[str, Any]) -> str:
     """A measured response error beside what it is judged by."""
     return (
-        f"{with_uncertainty(error['error'], error['standard_uncertainty'])} (predicted {number(error['predicted'], 3)}, "
-        f"on 95 % of drawn beds below {number(error['expected'], 3)}, allowed {number(error['allowed'], 3)})"
+        f"{with_uncertainty(error['error'], error['standard_uncertainty'])} "
+        f"(predicted {number(error['predicted'], 3)}, on 95 % of drawn beds below {number(error['expected'], 3)}, allowed {number(error['allowed'], 3)})"
     )
 
 
