@@ -55,6 +55,16 @@ def test_reason(mean_square: float, unseen: float, at_bound: bool, reason: str) 
     assert taken.to_dict()["not_taken"] is None
 
 
+@pytest.mark.parametrize("impossible", ["not_physical", "beyond_recording"])
+def test_what_cannot_be_meant_is_said_before_what_unseen_data_say(impossible: str, monkeypatch) -> None:
+    base, one = hypothesis(9.0, causes=False), hypothesis(4.0)
+    state = SimpleNamespace(base=base, best=base, noise_threshold=10.0, with_one_cause=[one])
+    monkeypatch.setattr(ExtendedModel, "not_taken", lambda model, fit: impossible if fit is one.fit else "")
+    for unseen in (8.5, 9.5):
+        (found,) = fitted_candidates(state, Judge({id(base.fit): 9.0, id(one.fit): unseen}))
+        assert found.not_taken == impossible
+
+
 def test_the_candidate_that_was_promised_most_of_gets_windows_if_its_fit_does_not_keep_half() -> None:
     parent = hypothesis(9.0, causes=False)
     near, far, hopeless = hypothesis(5.0, screened=1000.0), hypothesis(6.0), hypothesis(7.0)

@@ -51,10 +51,9 @@ def summary(result: Mapping[str, Any]) -> str:
 
 def error_words(error: Mapping[str, Any]) -> str:
     """A measured response error beside what it is judged by."""
-    return (
-        f"{with_uncertainty(error['error'], error['standard_uncertainty'])} "
-        f"(predicted {number(error['predicted'], 3)}, on 95 % of drawn beds below {number(error['expected'], 3)}, allowed {number(error['allowed'], 3)})"
-    )
+    measured = with_uncertainty(error["error"], error["standard_uncertainty"])
+    predicted, expected, allowed = (number(error[key], 3) for key in ("predicted", "expected", "allowed"))
+    return f"{measured} (predicted {predicted}, on 95 % of drawn beds below {expected}, allowed {allowed})"
 
 
 def why(result: Mapping[str, Any]) -> list[str]:
