@@ -15,7 +15,15 @@ from tests.benchmarks.row import HEAD
 
 HERE = Path(__file__).parent
 # no timings, or too long
-APART = {"row", "dead_times", "delay_coverage", "diagnosis_growth", "observer_table", "observer_variants"}
+APART = {
+    "row",
+    "dead_times",
+    "delay_coverage",
+    "diagnosis_growth",
+    "observer_table",
+    "observer_variants",
+    "search_seeds",
+}
 
 
 def main() -> int:

@@ -125,6 +125,7 @@ def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     assert "rotor" not in html.split("What to expect")[0].split("What to order")[1]  # its share is too small
     assert "modulus margin: 0.45 to 0.65" in html
     assert "0.45 (… to 0.47)" in html
+    assert "by 100 draws the ends lie within … to 0.47 and 0.64 to 0.66" in html
     assert "10.0 % of the beds fall below the required modulus margin" in html
     rows = tables(html)["tolerance.csv"]
     assert [int(row["draws"]) for row in rows] == [10, 60, 30]

@@ -17,17 +17,22 @@ FREQUENCIES_AROUND = (
 
 
 def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
-    """The best end that can be made to hold the margin between the grid as well; the best of all if none can."""
+    """The best end that can be made to hold the margin between the grid as well; the best of all if none can.
+
+    An end that gives much way to the margin may come out worse than the next one: what is below it is tried, too.
+    """
     candidates: list[Solution] = []
-    last = -np.inf
+    last, least = -np.inf, np.inf
     for end in sorted(ends, key=lambda end: end.objective):
         if end.objective <= last + AGREEMENT * abs(last):  # the one before again
             continue
         last = end.objective
-        candidates.append(finish(task, end, starts))
-        if candidates[-1].holds or len(candidates) == ENDS_FINISHED:
+        if last >= least - AGREEMENT * abs(least) or len(candidates) == ENDS_FINISHED:
             break
-    return next((candidate for candidate in candidates if candidate.holds), candidates[0])
+        candidates.append(finish(task, end, starts))
+        least = min((candidate.objective for candidate in candidates if candidate.holds), default=np.inf)
+    holding = [candidate for candidate in candidates if candidate.holds]
+    return min(holding, key=lambda candidate: candidate.objective) if holding else candidates[0]
 
 
 def finish(task: TuningTask, best: End, starts: tuple[float | None, ...], added: tuple[float, ...] = ()) -> Solution:

@@ -76,7 +76,9 @@ def _to_tighten(study: Tolerance) -> list[ScreenPoint]:
 
 def _expected(spread: Spread) -> ScreenPoint:
     low, high = (number(spread.quantiles[level], 3) for level in (LOW, HIGH))
-    return ScreenPoint(f"{_named(spread)}: {low} to {high}", f"9 of 10 beds; as planned {number(spread.nominal, 3)}")
+    ends = " and ".join(_interval(spread, level) for level in (LOW, HIGH))
+    note = f"9 of 10 beds; by {spread.draws} draws the ends lie within {ends}; as planned {number(spread.nominal, 3)}"
+    return ScreenPoint(f"{_named(spread)}: {low} to {high}", note)
 
 
 def _to_watch(study: Tolerance) -> list[ScreenPoint]:
@@ -112,8 +114,12 @@ def _row(spread: Spread) -> dict[str, str]:
 
 
 def _quantile(spread: Spread, level: float) -> str:
-    low, high = ("…" if end is None else number(end, 3) for end in spread.intervals[level])
-    return f"{number(spread.quantiles[level], 4)} ({low} to {high})"
+    return f"{number(spread.quantiles[level], 4)} ({_interval(spread, level)})"
+
+
+def _interval(spread: Spread, level: float) -> str:
+    """Confidence interval of a quantile."""
+    return " to ".join("…" if end is None else number(end, 3) for end in spread.intervals[level])
 
 
 def _named(spread: Spread) -> str:

@@ -57,7 +57,7 @@ def summary(result: Mapping[str, Any]) -> str:
     """Yield, spread and drivers in a few lines, from the content of ``tolerance.json``."""
     shares = result["yield"]
     lines = [
-        f"{result['title']}: {result['draws']} draws of {len(result['varied'])} quantities",
+        f"{result['title'] or 'Tolerances of the bed'}: {result['draws']} draws of {len(result['varied'])} quantities",
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
         f"{result['modulus_margin_asked']:g} from {result['modulus_margin_from']:.3g} Hz on "
         f"{shares['modulus_margin']:.1%}"
