@@ -19,6 +19,7 @@ from matching.diagnosis.search.hypothesis import (
     share_explained,
     with_balanced_sensors,
 )
+from matching.diagnosis.search.join_shared import with_shared_causes
 from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
 from matching.diagnosis.search.refinement import RefitBudget, with_sharper_friction_near_best
@@ -119,7 +120,7 @@ def search_causes(
             grown = _with_what_it_lacks(state, fitted, screenings, unseen, budget, progress)
         if not grown:
             break
-        state.best = grown[0]
+        grown[0] = state.best = with_shared_causes(grown[0], budget)
         width = BEAM if len(state.best.causes) == 1 else 1
         beam = [hypothesis for hypothesis in grown[:width] if hypothesis.chi_square < BEAM_RATIO * grown[0].chi_square]
         if len(state.best.causes) == 1:
