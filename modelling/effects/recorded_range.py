@@ -26,6 +26,8 @@ class RecordedRange:
         By inertia: over how many turns it moves, the path of all segments together.
     range_of_turns : dict of str to float
         By inertia: largest minus smallest angle of the segment that covers most, in turns.
+    input_torque : float
+        Largest torque of all inputs together, N·m.
     """
 
     duration: float
@@ -34,6 +36,7 @@ class RecordedRange:
     width: Mapping[str, float]
     turns: Mapping[str, float]
     range_of_turns: Mapping[str, float]
+    input_torque: float = 0.0
 
     def lowest_order(self, inertia: str) -> float:
         """Lowest order per turn of a torque that the recording shows to repeat over the angle of an inertia."""

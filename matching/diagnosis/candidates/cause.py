@@ -11,7 +11,6 @@ from matching.diagnosis.fitting.batch_simulation import compile_models
 from matching.diagnosis.fitting.fit import Fit
 from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
-from modelling.effects.place import members
 from modelling.effects.recorded_range import RecordedRange
 from modelling.equations.compiled import compiled
 from modelling.model.components import Effect
@@ -19,7 +18,7 @@ from modelling.model.quantity import Quantity
 from modelling.model.system import System
 
 AT_BOUND_SHARE = 1e-6  # of the width of the recorded range
-NEGLIGIBLE = 1e-4  # of the largest torque on an inertia: less is not told from the error of any recorded torque
+NEGLIGIBLE = 1e-3  # of the largest recorded torque: less is not told from its error
 
 
 @dataclass(frozen=True)
@@ -111,12 +110,11 @@ class ExtendedModel:
     def negligible(self, fit: Fit) -> bool:
         """Whether the last cause is a torque on an inertia that is too small to matter beside those recorded there."""
         cause = self.causes[-1]
-        table, name = members(cause.at)[0].split(".")[:2]
-        if self.recorded is None or table != "inertias" or cause.replaces_quantity:
+        if self.recorded is None or not cause.at.startswith("inertias.") or cause.replaces_quantity:
             return False
         parameters = EFFECTS[cause.kind].parameters
         torques = [abs(fit.values[cause.names()[key]]) for key in cause.keys if parameters[key].unit == "N*m"]
-        return bool(torques) and max(torques) < NEGLIGIBLE * self.recorded.torque[name]
+        return bool(torques) and max(torques) < NEGLIGIBLE * self.recorded.input_torque
 
     def _recorded_bounds(self, cause: Cause, key: str) -> tuple[float, float]:
         """Bounds of a parameter by what the recording has shown; of a shared effect, those of its first place."""

@@ -43,4 +43,7 @@ def recorded_range(system: System, data: FitData, motion: FittedMotion) -> Recor
             name: max(float(np.ptp(angle[p])) for p in motion.segments) / (2 * np.pi)
             for name, angle in motion.angle.items()
         },
+        sum(
+            float(np.abs(motion.input[part.name]).max()) for part in system.inputs if part.name not in system.imposed_by
+        ),
     )
