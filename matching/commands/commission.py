@@ -57,6 +57,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.commissioning.circle import Circle, CommissionOrder
     from matching.excitation.plan import ExcitationOrder
     from matching.report.commissioning.page import page
+    from matching.report.common.provenance import made_from
     from modelling.writing.output import strict_json, write_all
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
@@ -67,7 +68,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
         result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case))
-    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result)})
+    case = Path(arguments.case)
+    made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
+    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result, made)})
     return result
 
 

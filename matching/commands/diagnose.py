@@ -65,12 +65,23 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
         tell("report")
         loading.join()  # a process that has threads cannot be copied
-        result, files = _written(diagnosis, system, aside)
+        result, files = _written(diagnosis, system, aside, _made(arguments))
     files["extended.toml"] = dumps(diagnosis.extended)
     return write_results(arguments.out, "diagnosis.json", result, files)
 
 
-def _written(diagnosis: Any, system: Any, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+def _made(arguments: argparse.Namespace) -> Any:
+    from matching.diagnosis.loggers import SEVERAL_LOGGERS
+    from matching.report.common.provenance import made_from, with_recordings
+
+    given = [*arguments.recordings, *arguments.holdout]
+    paths = [path for each in given for path in each.split(SEVERAL_LOGGERS)]
+    if arguments.channels:
+        paths.insert(0, arguments.channels)
+    return with_recordings(made_from(arguments.model, None), zip(paths, paths, strict=True))
+
+
+def _written(diagnosis: Any, system: Any, aside: Any, made: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
     """Result and files by name; the figures become files aside, from the first on, and here, from the last on."""
     from matching.report.curves.acting_axes import acting
     from matching.report.diagnosis.figures import figures, svg
@@ -84,7 +95,7 @@ def _written(diagnosis: Any, system: Any, aside: Any) -> tuple[dict[str, Any], d
     drawn = {name: tasks[name].result() for name in reversed(tasks)}
     drawn = {name: drawn[name] for name in tasks}
     units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"report.html": page(result, system.title, units, drawn, moving.result())}
+    files: dict[str, str | bytes] = {"report.html": page(result, system.title, units, drawn, moving.result(), made)}
     return result, files | {f"figures/{name}.svg": picture for name, picture in drawn.items()}
 
 

@@ -65,6 +65,7 @@ def _judged(
     from matching.commissioning.why_short import why_short
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
+    from matching.report.common.provenance import made_from, with_recordings
     from matching.report.common.style import image
     from matching.report.curves.acting_axes import acting
     from modelling.writing.output import write_results
@@ -77,7 +78,9 @@ def _judged(
         result["diagnosis"] = None if reason is None else reason.to_dict()
     figure = responses(verification)
     drawn = {"responses": image(figure)}
-    files: dict[str, str | bytes] = {"report.html": page(result, drawn, acting({"responses": figure}))}
+    made = made_from(case.path, None, ("vehicle", "rig"))
+    made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
+    files: dict[str, str | bytes] = {"report.html": page(result, drawn, acting({"responses": figure}), made)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
 

@@ -1,6 +1,7 @@
 """Recordings of a controlled bed, made by equations of this file: as predicted, short, undetermined."""
 
 import csv
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -166,6 +167,8 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     same_keys("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "as predicted" in page
+    assert hashlib.sha256(record("good", noise=0.02).read_bytes()).hexdigest() in page
+    assert "8.442 Hz</td>" in page
     assert (out / "figures" / "responses.svg").stat().st_size > 1000
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
+from matching.report.diagnosis.axes import recorded
 from matching.report.diagnosis.balance_figure import balance_figure
 from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
-from matching.report.diagnosis.residual_figure import _orders, _spectrum
+from matching.report.diagnosis.residual_figure import _orders, _running_mean, _spectrum
 
 RNG = np.random.default_rng(11)
 
@@ -20,6 +21,22 @@ def test_white_noise_is_one_over_frequency_and_orders() -> None:
     assert np.sqrt(np.mean(amplitude[1:-1] ** 2)) == pytest.approx(1, abs=0.05)
     _, amplitude = _orders(noise, np.cumsum(RNG.uniform(0, 0.1, len(noise))))
     assert np.sqrt(np.mean(amplitude**2)) == pytest.approx(1, abs=0.15)
+
+
+def test_a_sensor_at_half_the_rate_is_drawn_and_its_noise_is_one_too() -> None:
+    noise = RNG.standard_normal(20_000)
+    noise[::2] = np.nan
+    frequency, amplitude = _spectrum(noise, 0.002)
+    assert frequency[-1] == pytest.approx(125)
+    assert np.sqrt(np.mean(amplitude[1:-1] ** 2)) == pytest.approx(1, abs=0.05)
+    mean = _running_mean(noise + 3)
+    assert np.isnan(mean[::2]).all()
+    assert np.mean(mean[1::2]) == pytest.approx(3, abs=0.05)
+    noise[1001:1101] = np.nan
+    time, values = recorded(np.arange(20_000) * 0.002, noise)
+    assert np.flatnonzero(np.isnan(values)).tolist() == [500]  # the gap alone
+    assert len(time) == len(values) == 10_000 - 50 + 1
+    assert time[499:502] == pytest.approx([0.002 * 999, 0.002 * 1101, 0.002 * 1101])
 
 
 def test_a_wave_over_the_angle_shows_at_its_order_though_the_shaft_reverses() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.bed_test.result import COVERAGE_FACTOR, BedVerification, FunctionCurves
+from matching.report.common.log_ticks import plain_ticks
 from matching.report.common.style import MATCHED, NOISE, VEHICLE, figure, styled
 from matching.report.common.wording import spaced, unit
 
@@ -56,5 +57,7 @@ def _panel(ax: Any, curve: FunctionCurves) -> None:
         zorder=1.5,
         label="measured on the bed",
     )
+    ax.set_xlim(f[0], f[-1])
+    plain_ticks(ax.xaxis)
     ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)
     ax.set_ylabel(f"{unit(curve.unit)} per N·m")

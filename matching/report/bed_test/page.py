@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from matching.report.bed_test.text import answer, mode_words, why, with_uncertainty
+from matching.report.bed_test.text import answer, why, with_uncertainty
 from matching.report.common.environment import embedded, environment
+from matching.report.common.provenance import Provenance
 
 CAPTIONS = {
     "responses": "Compared functions over frequency, modulus: the vehicle, the prediction for the bed with its "
@@ -14,7 +15,12 @@ CAPTIONS = {
 }
 
 
-def page(result: Mapping[str, Any], images: Mapping[str, bytes], moving: Mapping[str, str] | None = None) -> str:
+def page(
+    result: Mapping[str, Any],
+    images: Mapping[str, bytes],
+    moving: Mapping[str, str] | None = None,
+    made: Provenance | None = None,
+) -> str:
     """The page as HTML.
 
     Parameters
@@ -25,6 +31,8 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], moving: Mapping
         The figure ``responses``.
     moving : mapping of str to str, optional
         The same figure to act in the browser, as :func:`matching.report.curves.acting_axes.acting` has it.
+    made : Provenance, optional
+        Where the result comes from.
     """
     values = {
         "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
@@ -33,10 +41,7 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], moving: Mapping
         "band": result["band"],
         "errors": [_row(error) for error in result["errors"]],
         "functions": [_row(function) for function in result["functions"]],
-        "modes": [
-            {"number": mode["vehicle_mode"], "words": mode_words(mode), "status": mode["status"]}
-            for mode in result["modes"]
-        ],
+        "modes": [_mode(mode) for mode in result["modes"]],
         "fidelity": [
             {**fidelity, "total": with_uncertainty(fidelity["R_XiL"], fidelity["standard_uncertainty"])}
             for fidelity in result["fidelity"]
@@ -46,8 +51,17 @@ def page(result: Mapping[str, Any], images: Mapping[str, bytes], moving: Mapping
         "figures": {name: embedded(content) for name, content in images.items()},
         "captions": CAPTIONS,
         "moving": moving or {},
+        "made": made,
     }
     return environment().get_template("bed_test.html").render(values)
+
+
+def _mode(mode: Mapping[str, Any]) -> dict[str, Any]:
+    row, bed = {**mode, "number": mode["vehicle_mode"]}, mode["measured"]
+    if bed is not None:
+        row["frequency"] = with_uncertainty(bed["frequency"], bed["frequency_uncertainty"], 4)
+        row["damping"] = with_uncertainty(bed["damping_ratio"], bed["damping_uncertainty"])
+    return row
 
 
 def _row(error: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,10 +7,11 @@ from typing import Any
 
 from matching.report.commissioning.text import MEANING, ending, identification_lines, round_lines
 from matching.report.common.environment import environment
+from matching.report.common.provenance import Provenance
 
 
-def page(result: Mapping[str, Any]) -> str:
-    """The content of ``commission.json`` as HTML."""
+def page(result: Mapping[str, Any], made: Provenance | None = None) -> str:
+    """The content of ``commission.json`` as HTML, and where it comes from."""
     rounds = [
         {
             "id": f"round-{entry['round']}", "title": f"Round {entry['round']}", "lines": round_lines(entry),
@@ -27,7 +28,7 @@ def page(result: Mapping[str, Any]) -> str:
         .get_template("commission.html")
         .render(
             title="Commissioning", status=result["status"], answer=MEANING[result["status"]], rounds=rounds,
-            waiting=result["waiting_for"], ending=ending(result), gain=gain(result), figures={}, captions={},
+            waiting=result["waiting_for"], ending=ending(result), gain=gain(result), figures={}, captions={}, made=made,
         )
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from matching.report.bed_test.text import error_words, with_uncertainty
-from matching.report.common.wording import number
+from matching.report.common.wording import number, spaced
 
 MEANING = {
     "as_predicted": "The bed answers as the last match predicted, within what the case states as uncertain.",
@@ -61,7 +61,7 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
     if "verification" in entry:
         proof = entry["verification"]
         for error in proof["errors"]:
-            lines.append(f"{proof['status']}: response error to {error['name']} torques {error_words(error)}")
+            lines.append(f"{spaced(proof['status'])}: response error to {error['name']} torques {error_words(error)}")
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
         lines += _fidelity(proof, "")
     if "against_last_vehicle" in entry:

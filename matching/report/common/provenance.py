@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,8 @@ class Provenance:
     date : str
         Day of the run (UTC), or that of ``SOURCE_DATE_EPOCH`` where that is set.
     version : str
-    seed : int
+    seed : int or None
+        None where nothing was drawn.
     files : tuple of (str, str)
         Path and SHA-256 of every input file, the case file first; empty where the case came from no file.
     case_text : str
@@ -33,7 +34,7 @@ class Provenance:
 
     date: str
     version: str
-    seed: int
+    seed: int | None
     files: tuple[tuple[str, str], ...]
     case_text: str
 
@@ -52,7 +53,17 @@ def provenance(case: Case, seed: int) -> Provenance:
     return made_from(case.path, seed, ("vehicle", "rig"))
 
 
-def made_from(file: str | Path, seed: int, names: Sequence[str] = ()) -> Provenance:
+def with_recordings(made: Provenance, recordings: Iterable[tuple[str, str | Path]]) -> Provenance:
+    """The same with recordings, each by its name and by the file that was read."""
+    return replace(made, files=(*made.files, *((name, _checksum(Path(file))) for name, file in recordings)))
+
+
+def _checksum(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def made_from(file: str | Path, seed: int | None, names: Sequence[str] = ()) -> Provenance:
     """Of an input file (TOML; empty for none), of the files that it names under the keys ``names``, and a seed."""
     now = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
     date = time.strftime("%Y-%m-%d", time.gmtime(now))
@@ -61,5 +72,5 @@ def made_from(file: str | Path, seed: int, names: Sequence[str] = ()) -> Provena
         return Provenance(date, VERSION, seed, (), "")
     content = read_toml(path) if names else {}
     files = [path, *(path.parent / content[key] for key in names if isinstance(content.get(key), str))]
-    checked = tuple((str(each), hashlib.sha256(each.read_bytes()).hexdigest()) for each in files if each.is_file())
+    checked = tuple((str(each), _checksum(each)) for each in files if each.is_file())
     return Provenance(date, VERSION, seed, checked, path.read_text(encoding="utf-8"))

@@ -14,7 +14,13 @@ from matplotlib.patches import Rectangle
 
 from matching.report.common.decimation import MOST_POINTS, decimated
 from matching.report.curves.acting_bars import draw_bars, has_bars
-from matching.report.curves.acting_scales import SCALES, label_placed_ticks, placed, shared_label
+from matching.report.curves.acting_scales import (
+    SCALES,
+    label_placed_ticks,
+    label_short_logarithms,
+    placed,
+    shared_label,
+)
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend, wrapping_row
 
 DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
@@ -77,6 +83,7 @@ def _panel(axes: Any) -> Any:
     labels = (shared_label(axes, which).replace("\n", " ") for which in "xy")
     fig = acting_figure(title, *labels, **options)
     label_placed_ticks(fig, axes.yaxis)
+    label_short_logarithms(fig, axes)
     for patch in axes.patches:
         _band(fig, axes, patch)
     for area in axes.collections:

@@ -28,6 +28,7 @@ SMOOTH: dict[str, dict[str, Any]] = {
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 SENSORS_SHOWN = 4
 MOST_VECTOR_POINTS = 1500  # a longer line is stored as pixels, so that files stay small
+LONGEST_JOINED = 3  # times the usual distance of a sensor's samples: what is longer is a gap
 LINEAR_TO = 10  # times the noise; beyond, the axis is logarithmic
 LEAST_RANGE = 6.0  # times the noise, either way
 
@@ -120,9 +121,23 @@ def noise_line(axes: Any) -> None:
     axes.axhline(1.0, color=NOISE, linewidth=2.2, linestyle=(0, (1, 1)), label="noise", zorder=3)
 
 
+def recorded(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,) in s and values (k,) where a sensor has some, with a NaN in each gap.
+
+    A sensor that is recorded more slowly than others has no value between its samples; that is no gap.
+    """
+    present = np.flatnonzero(np.isfinite(values))
+    between = np.diff(present)
+    if not len(between) or len(present) == len(values):
+        return time, values
+    gaps = 1 + np.flatnonzero(between > LONGEST_JOINED * np.median(between))
+    return np.insert(time[present], gaps, time[present[gaps]]), np.insert(values[present], gaps, np.nan)
+
+
 def with_gaps(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times (t,) in s and values (t,) with a NaN after each part, so that no line is drawn across a gap."""
-    pieces = [(np.append(time[p], time[p][-1]), np.append(values[p], np.nan)) for p in parts if p.stop > p.start]
+    samples = [recorded(time[p], values[p]) for p in parts if p.stop > p.start]
+    pieces = [(np.append(times, times[-1]), np.append(readings, np.nan)) for times, readings in samples]
     return np.concatenate([times for times, _ in pieces]), np.concatenate([readings for _, readings in pieces])
 
 

@@ -22,6 +22,7 @@ from matching.report.diagnosis.axes import (
     legend,
     line,
     noise_band,
+    recorded,
     styled_residuals,
     with_gaps,
 )
@@ -96,8 +97,9 @@ def _traces(axes: Any, data: HoldoutData, view: View) -> None:
     part = next(part for part in data.parts if part.start <= worst < part.stop)
     cut = slice(max(worst - WINDOW, part.start), min(worst + WINDOW, part.stop))
     measured = data.measured[cut, j]
-    line(axes, data.time[cut], measured, MEASURED)
+    line(axes, *recorded(data.time[cut], measured), MEASURED)
     axes.locator_params(axis="x", nbins=5)
     for residual, look in styled_residuals(data.before, data.after):
-        line(axes, data.time[cut], measured - residual[cut, j], look | SMOOTH[look["label"]] | {"linewidth": 1.3})
+        simulated = recorded(data.time[cut], measured - residual[cut, j])
+        line(axes, *simulated, look | SMOOTH[look["label"]] | {"linewidth": 1.3})
     axes.set_ylabel(label(view.sensor))

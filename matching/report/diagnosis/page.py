@@ -7,6 +7,7 @@ from typing import Any
 
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.environment import embedded, environment
+from matching.report.common.provenance import Provenance
 from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.figures import CAPTIONS
 from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place, shape
@@ -39,7 +40,7 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def page(
     result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes],
-    moving: Mapping[str, str] | None = None,
+    moving: Mapping[str, str] | None = None, made: Provenance | None = None,
 ) -> str:  # fmt: skip
     """The page as HTML.
 
@@ -55,9 +56,12 @@ def page(
         Figures by the names of :func:`matching.report.diagnosis.figures.figures`.
     moving : mapping of str to str, optional
         Some of them to act in the browser, as :func:`matching.report.curves.acting_axes.acting` has them.
+    made : Provenance, optional
+        Where the result comes from.
     """
     verdict, causes = result["verdict"], result["causes"]
     values = {
+        "made": made,
         "title": f"Diagnosis: {title}" if title else "Diagnosis of a model",
         "verdict": verdict,
         "answer": result["answer"],

@@ -112,7 +112,12 @@ def spectrum_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
 
 
 def _running_mean(residual: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(residual), scipy.ndimage.uniform_filter1d(np.nan_to_num(residual), MEAN_OVER), np.nan)
+    """Mean (t,) of the values about each sample, NaN where there is none."""
+    present = np.isfinite(residual)
+    total, count = (
+        scipy.ndimage.uniform_filter1d(values, MEAN_OVER) for values in (np.nan_to_num(residual), present.astype(float))
+    )
+    return np.divide(total, count, out=np.full(len(residual), np.nan), where=present)
 
 
 def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
@@ -145,7 +150,13 @@ def _binned(axes: Any, x: np.ndarray, residual: np.ndarray, look: dict[str, Any]
 
 
 def _spectrum(residual: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0."""
+    """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0.
+
+    A sensor that is recorded more slowly than others is taken at its own rate.
+    """
+    present = np.flatnonzero(np.isfinite(residual))
+    every = int(np.median(np.diff(present))) if len(present) > 1 else 1
+    residual, step = residual[present[0] % every :: every] if every > 1 else residual, every * step
     length = min(len(residual), WELCH_SAMPLES)
     frequency, power = scipy.signal.welch(np.nan_to_num(residual), 1 / step, nperseg=length, detrend=False)
     return frequency, np.sqrt(power / (2 * step))

@@ -23,7 +23,9 @@ LARGEST_SWING_DEG = 70.0  # of the pointer with the largest amplitude
 PERIOD_S = 2.0  # of the drawing, whatever the mode's frequency
 CELL_WIDTH_PX, CELL_HEIGHT_PX, RADIUS_PX = 96, 122, 26
 LEAST_WIDTH_PX = 560  # of the drawing, so that its title has room
-TITLE_HEIGHT_PX = 30
+TITLE_HEIGHT_PX = 46
+LETTER_WIDTH_PX = 8  # of the title, at most on average
+MEANING = "slowed; the darker, the more kinetic energy"
 DISCS_PER_ROW = 9
 IN_PHASE_RAD = math.radians(0.5)  # a phase this near to 0 or 180° counts as 0 or 180°
 LEAST_AMPLITUDE = 0.005  # relative; below, a phase means nothing
@@ -58,7 +60,8 @@ class ModeAnimation(Displayed):
             share = mode.kinetic.get(name, 0.0)
             discs.append(
                 {
-                    "x": round(CELL_WIDTH_PX * (column + 0.5), 1), "y": 26 + RADIUS_PX + CELL_HEIGHT_PX * row,
+                    "x": round(CELL_WIDTH_PX * (column + 0.5), 1),
+                    "y": TITLE_HEIGHT_PX - 4 + RADIUS_PX + CELL_HEIGHT_PX * row,
                     "radius": RADIUS_PX,
                     "opacity": round(0.08 + 0.8 * share, 3), "angle": round(LARGEST_SWING_DEG * size, 2),
                     "begin": round(-PERIOD_S * (phase % math.tau) / math.tau, 3),
@@ -70,13 +73,13 @@ class ModeAnimation(Displayed):
         damping = f", damping ratio {mode.damping_ratio:.3g}" if mode.damping_ratio else ""
         if abs(mode.damping_ratio) == 1:
             damping += " (overdamped, does not oscillate)"
-        title = f"mode {mode.number}: {mode.frequency:.4g} Hz{damping}, slowed; the darker, the more kinetic energy"
+        title = f"mode {mode.number}: {mode.frequency:.4g} Hz{damping}"
         title = f"{self.system}, {title}" if self.system else title
         height = TITLE_HEIGHT_PX + CELL_HEIGHT_PX * rows
-        width = max(CELL_WIDTH_PX * min(len(discs), DISCS_PER_ROW), LEAST_WIDTH_PX)
+        width = max(CELL_WIDTH_PX * min(len(discs), DISCS_PER_ROW), LEAST_WIDTH_PX, LETTER_WIDTH_PX * len(title))
         template = environment().get_template("mode_animation.svg")
         return template.render(
-            discs=discs, width=width, height=height, title=title, period=PERIOD_S, colour=self.colour
+            discs=discs, width=width, height=height, title=title, meaning=MEANING, period=PERIOD_S, colour=self.colour
         )
 
     def save(self, path: str | Path) -> None:
