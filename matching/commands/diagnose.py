@@ -4,6 +4,7 @@ import argparse
 import threading
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 HELP = """Fits the model to recordings, shows where it fails, names the cause and its place, and writes the extended
@@ -75,7 +76,7 @@ def _made(arguments: argparse.Namespace) -> Any:
     from matching.report.common.provenance import made_from, with_recordings
 
     given = [*arguments.recordings, *arguments.holdout]
-    paths = [path for each in given for path in each.split(SEVERAL_LOGGERS)]
+    paths = [path for each in given for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
     if arguments.channels:
         paths.insert(0, arguments.channels)
     return with_recordings(made_from(arguments.model, None), zip(paths, paths, strict=True))
