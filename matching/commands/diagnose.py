@@ -75,8 +75,8 @@ def _made(arguments: argparse.Namespace) -> Any:
     from matching.diagnosis.loggers import SEVERAL_LOGGERS
     from matching.report.common.provenance import made_from, with_recordings
 
-    given = [*arguments.recordings, *arguments.holdout]
-    paths = [path for each in given for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
+    recordings = [*arguments.recordings, *arguments.holdout]
+    paths = [path for each in recordings for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
     if arguments.channels:
         paths.insert(0, arguments.channels)
     return with_recordings(made_from(arguments.model, None), zip(paths, paths, strict=True))
