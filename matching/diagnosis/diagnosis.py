@@ -39,7 +39,13 @@ from matching.diagnosis.search.state import SearchState
 from matching.diagnosis.search.unseen_data import UnseenData
 from matching.diagnosis.verdict.closed_loop import closed_loop_notes
 from matching.diagnosis.verdict.discrepancy import discrepancy_curves
-from matching.diagnosis.verdict.errors import errors_by_sensor, pooled_errors, remaining_errors, residual_once
+from matching.diagnosis.verdict.errors import (
+    errors_by_sensor,
+    pooled_errors,
+    remaining_errors,
+    residual_once,
+    scatter_notes,
+)
 from matching.diagnosis.verdict.influence import correlated_uncertainties
 from matching.diagnosis.verdict.kept_table import KeptTable, kept_table
 from matching.diagnosis.verdict.named_causes import (
@@ -95,7 +101,7 @@ def diagnose(
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
     judge, restarted = _predictable(final, judge, remembered)
-    notes += restarted + closed_loop_notes(final)
+    notes += restarted + closed_loop_notes(final) + scatter_notes(final)
     residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict, rest = _verdict(final, after), remaining_errors(final)

@@ -9,10 +9,11 @@ import numpy as np
 
 from matching.diagnosis.candidates.motion import simulated_motion
 from matching.diagnosis.data.segments import FitData
-from matching.diagnosis.search.hypothesis import Hypothesis, sensors_beyond_noise
+from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, scatters_only, sensors_beyond_noise
 from matching.diagnosis.verdict.result import PooledErrors, RemainingError, SensorErrors
 from modelling.model.system import System
 
+STATED_TOO_SMALL = 1.1  # times the stated uncertainty, from which scatter is said to be more
 WORST_TIME_SHARE, WORST_TIME_SAMPLES = 16, 8  # the worst time is a sixteenth of a segment, at least so many samples
 
 
@@ -115,3 +116,15 @@ def residual_once(final: Hypothesis) -> np.ndarray:
         shared = shared and segments[i + 1].time[0] == segments[i].time[-1]
         parts.append(residual[:-1] if shared else residual)
     return np.concatenate(parts)
+
+
+def scatter_notes(final: Hypothesis) -> list[str]:
+    """A sentence for every sensor that scatters by more than its stated uncertainty, where all of them only scatter."""
+    if at_noise(final) or not scatters_only(final):
+        return []
+    sensors = final.fit.problem.system.sensors
+    return [
+        f"{sensor.name} scatters by {test.ratio:.3g} times its uncertainty, without a pattern: that is stated too small"
+        for sensor, test in zip(sensors, final.whiteness(), strict=True)
+        if test.ratio > STATED_TOO_SMALL
+    ]
