@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.beds.closed_loop import action, bed_set, closed_matrices, damping, errors
+from matching.frequency.beds.bed import bed_of
+from matching.frequency.beds.closed_loop import action, bed_set, closed_matrices, damping, errors, sampled_beds
 from matching.frequency.beds.figures import loop_figures, planned
 from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.uncertainty import Box, Uncertain
@@ -43,6 +44,29 @@ def test_both_see_the_same_bed(small_case, controller, seed):
     assert verdict.measured == pytest.approx(np.sqrt(errors(beds, acting, ("motor_torque",)).mean()), rel=1e-7)
     assert verdict.unmeasured == pytest.approx(np.sqrt(errors(beds, acting, ()).mean()), rel=1e-7)
     assert verdict.measured != pytest.approx(verdict.unmeasured, rel=1e-3)
+
+
+def test_a_mode_of_the_beds_own_beyond_the_roll_off_needs_no_more_damping_than_it_has(small_case, controller):
+    """A flange with a hundredth of its damping: 0.014 at 240 Hz of its own, 0.057 here, where 0.07 is asked for."""
+    law, worn = law_of_observer(controller), {"rig.shafts.flange.damping": 0.1}
+    verdicts = [
+        Judge(small_case, law, required=(0.07, rolled_off_from)).verdict(worn) for rolled_off_from in (100.0, 300.0)
+    ]
+    assert [verdict.damped for verdict in verdicts] == [True, False]
+    assert bed_of(small_case, worn).own_damping < 0.02 < verdicts[0].damping_ratio < 0.06
+    assert not Judge(small_case, law, required=(0.09, 100.0)).verdict(worn).damped  # slower modes need all of it
+    assert bed_of(small_case, {}).own_damping > 0.08
+
+
+def test_the_search_asks_no_more_of_such_a_mode_either(small_case, small_search):
+    search = replace(small_search, required=replace(small_search.required, damping_ratio=0.06))
+    start = np.log10([small_case.loop.values[name] for name in search.gains.names])
+    beds = sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
+    eased, planned_bed = search.rooms_of(beds, start)
+    search.required = replace(search.required, rolled_off_from=300.0)
+    asked, same = search.rooms_of(beds, start)
+    assert asked < 0 < eased
+    assert planned_bed == pytest.approx(same)
 
 
 def test_a_bed_whose_dynamometer_pushes_the_wrong_way_is_found_unstable(small_case, controller):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
+from matching.frequency.beds.requirements import rolled_off_from
 from matching.frequency.case.case import Case
 from matching.frequency.case.uncertainty import of_system
 from modelling.bed.delayed_bed import DelayedBed, delayed_bed
@@ -29,6 +30,8 @@ class Bed:
         s, from a sample to the moment its command begins to act.
     sampled : DelayedBed
         Without torques.
+    own_damping : float
+        Least damping ratio of its own modes, without control, where the loop has to have rolled off.
     """
 
     A: np.ndarray
@@ -39,6 +42,7 @@ class Bed:
     compared_torques: np.ndarray
     delay: float
     sampled: DelayedBed
+    own_damping: float
 
 
 def disturbing(case: Case) -> list[str]:
@@ -83,8 +87,16 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
+    own = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
     sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled)
+    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, own)
+
+
+def least_damping(A: np.ndarray, from_rad_s: float) -> float:
+    """Least damping ratio of the modes of A (x, x) from so many rad/s on; 1 without any."""
+    s = np.linalg.eigvals(A)
+    fast = s[(np.abs(s) >= from_rad_s) & (s.imag > 0)]
+    return float(np.min(-fast.real / np.abs(fast), initial=1.0))
 
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:

@@ -26,16 +26,19 @@ class SampledBeds:
         Commands on their way stand newest first.
     states : int
         Of a bed itself, which the commands on their way follow.
+    own_damping : ndarray (b,)
+        Least damping ratio of each bed's own modes, without control, where the loop has to have rolled off.
     """
 
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
     states: int
+    own_damping: np.ndarray
 
     def some(self, which: np.ndarray) -> SampledBeds:
         """The beds of these numbers (n,)."""
-        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states)
+        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states, self.own_damping[which])
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
     A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
-    return SampledBeds(A, B, C, len(beds[0].A))
+    return SampledBeds(A, B, C, len(beds[0].A), np.array([bed.own_damping for bed in beds]))
 
 
 def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
@@ -188,10 +191,15 @@ def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:
     """Damping ratios (b, x) of poles (b, x) of a loop with this sampling interval (s); 1 of what does not swing."""
-    size = np.abs(z)
-    s = np.log(np.where(size > FORGOTTEN, z, 0.5).astype(complex)) / step
+    size, s = np.abs(z), rates(z, step)
     swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
     return np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
+
+
+def rates(z: np.ndarray, step: float) -> np.ndarray:
+    """Poles (b, x) of a loop with this sampling interval (s) in continuous time, 1/s."""
+    s: np.ndarray = np.log(np.where(np.abs(z) > FORGOTTEN, z, 0.5).astype(complex)) / step
+    return s
 
 
 def return_difference(beds: BedSet, acting: Action) -> np.ndarray:

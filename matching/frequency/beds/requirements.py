@@ -11,6 +11,7 @@ DAMPING_SHARE = 1 / 3  # of the least damping of the target modes, for every mod
 MARGIN_FROM_HIGHEST_TARGET = 2.0  # the margin counts from this many times the highest target mode on
 ROLLED_OFF_FROM_HZ = 100.0  # where a model of a drivetrain ends, unless the case says otherwise
 LARGEST_ROLLED_OFF = 0.5  # of |T| from there on
+OF_ITS_OWN = 0.95  # of its damping that a mode of the bed's own keeps, above the roll-off, where that is all it has
 NOISE_SHARE = 0.02  # of the dynamometers' torque limit that sensor noise may become, rms
 
 
@@ -23,6 +24,11 @@ class Requirements:
     margin_from: float
     rolled_off_from: float
     command_noise: float | None
+
+
+def rolled_off_from(case: Case) -> float:
+    """From where the loop has to have rolled off, Hz."""
+    return case.limits.get("rolled_off_from", ROLLED_OFF_FROM_HZ)
 
 
 def requirements(case: Case) -> Requirements:
@@ -42,6 +48,6 @@ def requirements(case: Case) -> Requirements:
         DAMPING_SHARE * min(mode.damping_ratio for mode in damped),
         limits["modulus_margin"],
         limits.get("margin_from", MARGIN_FROM_HIGHEST_TARGET * max(mode.frequency for mode in damped)),
-        limits.get("rolled_off_from", ROLLED_OFF_FROM_HZ),
+        rolled_off_from(case),
         noise,
     )

@@ -19,14 +19,15 @@ from modelling.common.errors import InputError
 FURTHEST = 1.0  # decades that a round may go
 WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
 WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are far below it
-SETTLED = 1e-4  # change of the cost at which a round ends
+SETTLED = 1e-4  # change of the cost at which a round ends; where the cost is above 1, relative to it
+POINTS_A_STEP = 4  # that a round may judge for each of its steps: where line searches come to nothing, it ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
 BEYOND_POOL = 5.4  # times the pool: beds that are looked through once for what the pool has missed
 MOST_ADDED = 12  # of those, the least damped ones
 OPENED = 16  # drawn beds, each looked at with all shares of its cut shafts left
 PLANNED_ROUNDS, PLANNED_PRICE = 2, 1.2  # for the bed as planned with opened cut shafts; relative cost that it may add
 DRAWN_ROUNDS, DRAWN_PRICE = 1, 0.25  # for drawn beds with them
-OUT_OF_REACH = 50.0  # merit after a round of these, several requirements missed by all of them: no other round follows
+OUT_OF_REACH = 50.0  # merit after a round, several requirements missed by all of them: no other round follows
 STARTS = 2  # that are followed at most
 NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
 BLIND = 64  # settings over the whole bounds, where every start of the structure's ends with a requirement missed
@@ -248,24 +249,40 @@ def _rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: i
         end = _end(search, search.best)
         worth = best.merit - end.merit >= max(WORTH_A_ROUND * best.merit, WORTH_AT_ALL)
         best = min(best, end, key=lambda end: end.merit)
-        if not worth or used >= most_steps:
+        if not worth or used >= most_steps or (end.merit > OUT_OF_REACH and end.judged.cost > 1):
             break
     return replace(best, steps=used)
 
 
+class _TooManyPoints(Exception):
+    """Line searches come to nothing."""
+
+
 def _improve(search: Tuner, begin: np.ndarray, within: list[tuple[float, float]], steps: int) -> int:
     """The steps that were taken; what was judged on the way is known to the search."""
+    judged = 0
+
+    def cost(logarithms: np.ndarray) -> float:
+        nonlocal judged
+        judged += 1
+        if judged > POINTS_A_STEP * steps:
+            raise _TooManyPoints
+        return search.judged(logarithms).cost
 
     @lru_cache(maxsize=1)  # cost and requirements ask for their slopes one after the other, at the same point
     def slopes(logarithms: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         return search.slopes(np.array(logarithms))
 
-    result = scipy.optimize.minimize(
-        lambda at: search.judged(at).cost, begin, bounds=within, method="SLSQP",
-        jac=lambda at: slopes(tuple(at.tolist()))[0],
-        constraints={
-            "type": "ineq", "fun": lambda at: search.judged(at).room, "jac": lambda at: slopes(tuple(at.tolist()))[1],
-        },
-        options={"maxiter": steps, "ftol": SETTLED},
-    )  # fmt: skip
+    try:
+        result = scipy.optimize.minimize(
+            cost, begin, bounds=within, method="SLSQP",
+            jac=lambda at: slopes(tuple(at.tolist()))[0],
+            constraints={
+                "type": "ineq", "fun": lambda at: search.judged(at).room,
+                "jac": lambda at: slopes(tuple(at.tolist()))[1],
+            },
+            options={"maxiter": steps, "ftol": SETTLED * max(1.0, search.judged(search.best).cost)},
+        )  # fmt: skip
+    except _TooManyPoints:
+        return steps
     return int(result.nit)

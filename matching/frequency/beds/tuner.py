@@ -17,6 +17,7 @@ from matching.frequency.beds.closed_loop import (
     bed_set,
     damping_ratios,
     errors,
+    rates,
     shared_poles,
     side_by_side,
 )
@@ -30,7 +31,7 @@ from matching.frequency.beds.figures import (
     planned,
 )
 from matching.frequency.beds.gains import Gains
-from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, OF_ITS_OWN, Requirements, requirements
 from matching.frequency.beds.slopes import (
     ActionSlopes,
     GainSlopes,
@@ -51,6 +52,7 @@ DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
 LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
+LEAST_OF_ITS_OWN = 1e-6  # damping ratio, of a mode of the bed's own
 STABLE_SHARE = 0.1  # of the damping that drawn beds need, for beds that only have to be stable, with a reserve
 GUARDS = 12  # of the pool's beds, the least damped ones, that the search comes to see at a time
 
@@ -125,7 +127,7 @@ class Tuner:
             If the design has no solution there.
         """
         controller = self.gains.controller(logarithms)
-        return self._damping_room(shared_poles(beds, controller, self.model.on_their_way))
+        return self._damping_room(shared_poles(beds, controller, self.model.on_their_way), beds)
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> None:
         """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need.
@@ -215,7 +217,9 @@ class Tuner:
         (margin, rolled_off), allowed = self._counted, self.required.command_noise
         noise = command_noise(at.curves, self.plan.every.frequencies)
         return (
-            1 + self._damping_room(at.poles) - np.array([self.shares.get(number, 1.0) for number in self.guarded]),
+            1
+            + self._damping_room(at.poles, self._guards)
+            - np.array([self.shares.get(number, 1.0) for number in self.guarded]),
             np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
             1 - (1 + RESERVE) * at.curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + RESERVE)) - 1,
@@ -225,10 +229,17 @@ class Tuner:
     def _damping(self) -> float:
         return self.required.damping_ratio * (1 + DAMPING_RESERVE)
 
-    def _damping_room(self, poles: np.ndarray) -> np.ndarray:
+    def _damping_room(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
         """What is left (b,) of the damping that beds with poles (b, x) need."""
-        ratio = damping_ratios(poles, self.model.sample_time).min(axis=1)
+        ratio = (self._eased(poles, beds) * damping_ratios(poles, self.model.sample_time)).min(axis=1)
         return np.minimum(ratio, self._beyond_stable(poles)) / self._damping - 1
+
+    def _eased(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
+        """Factors (b, x) on damping ratios: no control helps a bed's own modes where the loop has rolled off."""
+        of_own = self._damping / (OF_ITS_OWN * np.maximum(beds.own_damping, LEAST_OF_ITS_OWN))
+        fast = np.abs(rates(poles, self.model.sample_time)) >= 2 * np.pi * self.required.rolled_off_from
+        eased: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
+        return eased
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
@@ -265,19 +276,21 @@ class Tuner:
     def _damping_slopes(self, at: DesignPoint, gains: GainSlopes) -> np.ndarray:
         """Of the least damping ratio (w, b), or of what stands for it where a pole leaves the unit circle."""
         step, beds = at.controller.sample_time, np.arange(len(at.poles))
-        ratios, size = damping_ratios(at.poles, step), np.abs(at.poles)
+        eased, size = self._eased(at.poles, self._guards), np.abs(at.poles)
+        ratios = eased * damping_ratios(at.poles, step)
         swings = ratios.min(axis=1) <= self._beyond_stable(at.poles)
-        z = at.poles[beds, np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))]
+        chosen = np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))
+        z, eased = at.poles[beds, chosen], eased[beds, chosen]
         close = np.minimum(ratios.min(axis=1), self._beyond_stable(at.poles)) < (1 + LARGEST_ROOM) * self._damping
         slopes = np.zeros((len(self.gains.names), len(beds)))
         if not close.any():
             return slopes
-        z, swings = z[close], swings[close]
+        z, swings, eased = z[close], swings[close], eased[close]
         change = pole_slopes(self._guards.some(beds[close]), at.controller, gains, z)
         s = np.log(z.astype(complex)) / step
         by_s = change / (z * step)
         of_ratio = -by_s.real / np.abs(s) + s.real * (s.conj() * by_s).real / np.abs(s) ** 3
-        slopes[:, close] = np.where(swings, of_ratio, -(z.conj() * change).real / np.abs(z))
+        slopes[:, close] = np.where(swings, eased * of_ratio, -(z.conj() * change).real / np.abs(z))
         return slopes
 
 

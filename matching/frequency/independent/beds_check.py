@@ -20,15 +20,17 @@ POINTS = 150  # of the response error over the band, midpoints of equal parts of
 COARSER = 3  # of these, every so many lead to the largest error
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
+LEFT_TO_ITS_OWN = 0.95  # of the damping of a mode of the bed's own, where the loop has rolled off
 LOWEST_Z = 1e-3  # poles that decay faster from sample to sample have no frequency worth a number
 
 
 @dataclass(frozen=True)
 class BedVerdict:
-    """One bed: stable or not, least damping ratio of any mode, response errors to measured and unmeasured torques."""
+    """One bed: stable or not, its least damping ratio, damped enough or not, errors to measured, unmeasured torques."""
 
     stable: bool
     damping_ratio: float
+    damped: bool
     measured: float
     unmeasured: float
 
@@ -40,7 +42,8 @@ class BedsCheck:
     Attributes
     ----------
     drawn, stable, damped : int
-        ``damped`` beds have every mode damped by ``required_damping`` at least.
+        ``damped`` beds have every mode damped by ``required_damping`` at least, or, of those where the loop has rolled
+        off, by what the bed without control leaves it at least.
     smallest_damping_ratio, required_damping : float
     measured, unmeasured : tuple of float
         Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
@@ -101,6 +104,8 @@ class Judge:
     ----------
     frequencies : ndarray (f,), optional
         Hz; over the band unless given.
+    required : (float, float)
+        Least damping ratio of any mode, and from where the loop has to have rolled off, Hz.
 
     Raises
     ------
@@ -108,8 +113,11 @@ class Judge:
         If rig or vehicle hold what this room does not know.
     """
 
-    def __init__(self, case: Case, law: ControlLaw, frequencies: np.ndarray | None = None):
-        self.case, self.law = case, law
+    def __init__(
+        self, case: Case, law: ControlLaw, frequencies: np.ndarray | None = None,
+        required: tuple[float, float] = (0.0, np.inf),
+    ):  # fmt: skip
+        self.case, self.law, self.required = case, law, required
         self.rig, self.vehicle = Chain(case.rig), Chain(case.vehicle)
         low, high = np.log(case.band)
         over_band = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
@@ -140,14 +148,28 @@ class Judge:
     def verdict(self, values: Mapping[str, float]) -> BedVerdict:
         """One bed, by its values."""
         bed = self._bed(values)
-        stable, ratio = self._poles(np.linalg.eigvals(bed.closed(self.law)))
+        z = np.linalg.eigvals(bed.closed(self.law))
+        stable, ratio = self._poles(z)
         drawn = {
             name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(("rig.", "vehicle."))
         }
         known = self.case.vehicle.parameters
         vehicle = self.vehicle.with_values({name: value for name, value in drawn.items() if name in known})
         measured, unmeasured = self._errors(bed, vehicle)
-        return BedVerdict(stable, ratio, measured, unmeasured)
+        return BedVerdict(stable, ratio, self._damped(z, bed), measured, unmeasured)
+
+    def _damped(self, z: np.ndarray, bed: DrawnBed) -> bool:
+        """Whether every mode of a bed has the damping it needs.
+
+        Where the loop has rolled off, a mode of the bed's own that has less without control cannot be given more.
+        """
+        least, fast_from = self.required
+        alone = np.linalg.eigvals(bed.rates[0])
+        alone = alone[(alone.imag > 0) & (np.abs(alone) >= 2 * np.pi * fast_from)]
+        of_its_own = LEFT_TO_ITS_OWN * float(np.min(-alone.real / np.abs(alone), initial=1.0))
+        s = self._swinging(z)
+        need = np.where(np.abs(s) >= 2 * np.pi * fast_from, min(least, of_its_own), least)
+        return bool(np.all(-s.real / np.abs(s) >= need))
 
     def damping(self, values: Mapping[str, float]) -> float:
         """Least damping ratio of any mode of one bed; −1 where it grows without swinging."""
@@ -161,10 +183,14 @@ class Judge:
     def _poles(self, z: np.ndarray) -> tuple[bool, float]:
         resting = np.abs(z - 1) < AT_REST
         stable = bool(np.all(np.abs(z[~resting]) < 1)) and int(resting.sum()) <= self._at_rest
-        alive = z[~resting & (np.abs(z) > LOWEST_Z)]
-        s = np.log(alive.astype(complex)) / self.law.sample_time
-        s = s[np.abs(s.imag) > SLOWEST_SWING_RAD_S]
+        s = self._swinging(z)
         return stable, float(np.min(-s.real / np.abs(s), initial=1.0))
+
+    def _swinging(self, z: np.ndarray) -> np.ndarray:
+        """Poles that swing, 1/s, of poles from sample to sample."""
+        alive = z[(np.abs(z - 1) >= AT_REST) & (np.abs(z) > LOWEST_Z)]
+        s: np.ndarray = np.log(alive.astype(complex)) / self.law.sample_time
+        return s[np.abs(s.imag) > SLOWEST_SWING_RAD_S]
 
     def planned(self) -> tuple[np.ndarray, np.ndarray]:
         """I + L at the commands (f, k, k) of the bed as planned, and the law's commands for readings (f, k, y)."""
@@ -209,10 +235,16 @@ class Judge:
         return made
 
 
-def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int, seed: int) -> BedsCheck:
-    """Draw fresh beds from the case's box and judge every one; then look for the worst of the box."""
+def check_beds(
+    case: Case, law: ControlLaw, required_damping: float, count: int, seed: int, rolled_off_from: float = np.inf
+) -> BedsCheck:  # fmt: skip
+    """Draw fresh beds from the case's box and judge every one; then look for the worst of the box.
+
+    ``rolled_off_from`` (Hz) says from where on no control can be asked to damp a mode of the bed's own.
+    """
     try:
-        judge, positions = Judge(case, law), case.uncertainty.draw(count, seed)
+        judge = Judge(case, law, required=(required_damping, rolled_off_from))
+        positions = case.uncertainty.draw(count, seed)
         verdicts = [judge.verdict(case.uncertainty.at(position)) for position in positions]
         order = np.argsort([verdict.damping_ratio for verdict in verdicts])
         worst = worst_bed(judge.damping, case.uncertainty, positions[order])
@@ -222,7 +254,7 @@ def check_beds(case: Case, law: ControlLaw, required_damping: float, count: int,
         return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, None, str(reason))
     stable = [verdict for verdict in verdicts if verdict.stable]
     return BedsCheck(
-        count, len(stable), sum(verdict.damping_ratio >= required_damping for verdict in stable),
+        count, len(stable), sum(verdict.damped for verdict in stable),
         min(verdict.damping_ratio for verdict in verdicts), required_damping,
         tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
         worst, largest, opened=opened,

@@ -83,7 +83,9 @@ def verify_observer(
     figures = loop_figures(planned(case, model.readings.noise), controller, required)
     poles = np.linalg.eigvals(closed_matrices(sampled_beds(case, [{}]), controller)[0])
     ahead = regulator(model)
-    fresh = check_beds(case, law_of_observer(controller), required.damping_ratio, beds, seed + FRESH)
+    fresh = check_beds(
+        case, law_of_observer(controller), required.damping_ratio, beds, seed + FRESH, required.rolled_off_from
+    )
     checks = {
         "sampled loop": inside(poles, neutral),
         "twin": resting_and_right(ahead.poles, neutral)[1] == 0,
