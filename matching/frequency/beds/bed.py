@@ -87,9 +87,9 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
-    own = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
+    of_its_own = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
     sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, own)
+    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, of_its_own)
 
 
 def least_damping(A: np.ndarray, from_rad_s: float) -> float:
