@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.beds.bed import Bed, bed_of, compared_sensors, disturbing, vehicle_response
+from matching.frequency.beds.requirements import OF_ITS_OWN
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.case.case import Case
 from modelling.bed.observer_controller import ObserverController
 
 FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
+LEAST_OF_ITS_OWN = 1e-6  # damping ratio, of a mode of the bed's own
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 
 
@@ -200,6 +202,17 @@ def rates(z: np.ndarray, step: float) -> np.ndarray:
     """Poles (b, x) of a loop with this sampling interval (s) in continuous time, 1/s."""
     s: np.ndarray = np.log(np.where(np.abs(z) > FORGOTTEN, z, 0.5).astype(complex)) / step
     return s
+
+
+def eased(beds: SampledBeds, z: np.ndarray, step: float, least: float, rolled_off_from: float) -> np.ndarray:
+    """Factors (b, x) on the damping ratios of poles (b, x), sampling interval ``step`` (s), that ``least`` judges.
+
+    From ``rolled_off_from`` (Hz) on no control helps a bed's own modes: there they count as if they had all of it.
+    """
+    of_own = least / (OF_ITS_OWN * np.maximum(beds.own_damping, LEAST_OF_ITS_OWN))
+    fast = np.abs(rates(z, step)) >= 2 * np.pi * rolled_off_from
+    factors: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
+    return factors
 
 
 def return_difference(beds: BedSet, acting: Action) -> np.ndarray:

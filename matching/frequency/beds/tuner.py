@@ -16,8 +16,8 @@ from matching.frequency.beds.closed_loop import (
     ahead_states,
     bed_set,
     damping_ratios,
+    eased,
     errors,
-    rates,
     shared_poles,
     side_by_side,
 )
@@ -31,7 +31,7 @@ from matching.frequency.beds.figures import (
     planned,
 )
 from matching.frequency.beds.gains import Gains
-from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, OF_ITS_OWN, Requirements, requirements
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import (
     ActionSlopes,
     GainSlopes,
@@ -52,7 +52,6 @@ DAMPING_RESERVE = 0.1  # the same for the least damping, whose tail over beds is
 PLANNED = 0.1  # weight of the bed as planned beside the mean of the drawn ones
 WORST = 1e3  # cost of a design that has no solution, and largest error over its tolerance that counts
 LARGEST_ROOM = 1.0  # of a requirement: what is kept by more than this does not steer the search
-LEAST_OF_ITS_OWN = 1e-6  # damping ratio, of a mode of the bed's own
 STABLE_SHARE = 0.1  # of the damping that drawn beds need, for beds that only have to be stable, with a reserve
 GUARDS = 12  # of the pool's beds, the least damped ones, that the search comes to see at a time
 
@@ -235,11 +234,7 @@ class Tuner:
         return np.minimum(ratio, self._beyond_stable(poles)) / self._damping - 1
 
     def _eased(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
-        """Factors (b, x) on damping ratios: no control helps a bed's own modes where the loop has rolled off."""
-        of_own = self._damping / (OF_ITS_OWN * np.maximum(beds.own_damping, LEAST_OF_ITS_OWN))
-        fast = np.abs(rates(poles, self.model.sample_time)) >= 2 * np.pi * self.required.rolled_off_from
-        eased: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
-        return eased
+        return eased(beds, poles, self.model.sample_time, self._damping, self.required.rolled_off_from)
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
@@ -276,21 +271,21 @@ class Tuner:
     def _damping_slopes(self, at: DesignPoint, gains: GainSlopes) -> np.ndarray:
         """Of the least damping ratio (w, b), or of what stands for it where a pole leaves the unit circle."""
         step, beds = at.controller.sample_time, np.arange(len(at.poles))
-        eased, size = self._eased(at.poles, self._guards), np.abs(at.poles)
-        ratios = eased * damping_ratios(at.poles, step)
+        factors, size = self._eased(at.poles, self._guards), np.abs(at.poles)
+        ratios = factors * damping_ratios(at.poles, step)
         swings = ratios.min(axis=1) <= self._beyond_stable(at.poles)
         chosen = np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))
-        z, eased = at.poles[beds, chosen], eased[beds, chosen]
+        z, factors = at.poles[beds, chosen], factors[beds, chosen]
         close = np.minimum(ratios.min(axis=1), self._beyond_stable(at.poles)) < (1 + LARGEST_ROOM) * self._damping
         slopes = np.zeros((len(self.gains.names), len(beds)))
         if not close.any():
             return slopes
-        z, swings, eased = z[close], swings[close], eased[close]
+        z, swings, factors = z[close], swings[close], factors[close]
         change = pole_slopes(self._guards.some(beds[close]), at.controller, gains, z)
         s = np.log(z.astype(complex)) / step
         by_s = change / (z * step)
         of_ratio = -by_s.real / np.abs(s) + s.real * (s.conj() * by_s).real / np.abs(s) ** 3
-        slopes[:, close] = np.where(swings, eased * of_ratio, -(z.conj() * change).real / np.abs(z))
+        slopes[:, close] = np.where(swings, factors * of_ratio, -(z.conj() * change).real / np.abs(z))
         return slopes
 
 
