@@ -22,14 +22,7 @@ from matching.frequency.beds.closed_loop import (
     side_by_side,
 )
 from matching.frequency.beds.design_point import DesignPoint, Judged
-from matching.frequency.beds.figures import (
-    BED_POINTS,
-    Planned,
-    command_noise,
-    counted,
-    loop_curves,
-    planned,
-)
+from matching.frequency.beds.figures import BED_POINTS, Planned, command_noise, counted, loop_curves, planned
 from matching.frequency.beds.gains import Gains
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements, requirements
 from matching.frequency.beds.slopes import (
