@@ -184,10 +184,6 @@ class ControlStructure(ABC):
         """
         return None
 
-    @abstractmethod
-    def cure(self, modulus_margin: float) -> str:
-        """What helps where no shorter dead time does, as the end of a sentence; empty where nothing is known."""
-
 
 @dataclass(frozen=True)
 class Loop:

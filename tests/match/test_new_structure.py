@@ -44,9 +44,6 @@ class Proportional(ControlStructure):
         inputs = (*(f"{name} torque" for name in names), *(f"{name} speed" for name in names), *residual.inputs[k:])
         return StateSpace(residual.A, B, gain * residual.C, D, inputs, names)
 
-    def cure(self, modulus_margin):
-        return ""
-
 
 @pytest.fixture(scope="module")
 def beds(tmp_path_factory):

@@ -46,7 +46,3 @@ class ModelBased(PI):
     def feed_forward(self, rig: System, residual: ResidualVehicle, loop: Loop) -> FeedForward | None:
         """See :meth:`ControlStructure.feed_forward`."""
         return design_feed_forward(rig, residual, loop)
-
-    def cure(self, modulus_margin: float) -> str:
-        """Nothing is known: measured torques are out of the feedback already."""
-        return ""

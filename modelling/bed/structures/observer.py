@@ -96,7 +96,3 @@ class Observer(ControlStructure):
     def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
         """See :meth:`ControlStructure.observer`."""
         return design(observer_model(rig, residual, loop), loop.values)
-
-    def cure(self, modulus_margin: float) -> str:
-        """More sensors are what an observer lives on."""
-        return 'a further sensor, e.g. measures = ["motor_speed"], tells the observer more'

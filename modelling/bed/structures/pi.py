@@ -104,10 +104,3 @@ class PI(ControlStructure):
         names = [dynamometer.name for dynamometer in loop.dynamometers]
         signals = (*(f"{name} torque" for name in names), *(f"{name} speed" for name in names))
         return StateSpace(A, B, C, D, (*signals, *residual.inputs[k:]), tuple(names))
-
-    def cure(self, modulus_margin: float) -> str:
-        """Why feedback alone does not do it."""
-        return (
-            "the sensitivity of feedback peaks at an emulated mode the more the less it is damped, which a modulus "
-            f"margin of {modulus_margin:g} does not allow"
-        )
