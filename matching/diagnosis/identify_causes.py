@@ -15,7 +15,12 @@ from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit
 from matching.diagnosis.search.greedy_search import search_causes
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, scatters_only, with_balanced_sensors
-from matching.diagnosis.search.refinement import FIT_ERRORS, search_is_over, with_sharpest_friction
+from matching.diagnosis.search.refinement import (
+    FIT_ERRORS,
+    search_is_over,
+    simpler_hypotheses,
+    with_sharpest_friction,
+)
 from matching.diagnosis.search.refit_candidates import Progress
 from matching.diagnosis.search.remembered import RememberedHoldout
 from matching.diagnosis.search.search_window import first_readings, search_window
@@ -31,6 +36,7 @@ from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
 from modelling.model.system import System
 
+SEARCHED_RATIO = 1.5  # of χ², up to which a fit of the search may become one as good as the final one
 FAR_FROM_NOISE = 100.0  # times the noise, of a base model: a search by noise weights alone is not even begun
 LEFT_BY_MODEL = 3.0  # times the noise, of the best hypothesis: more than a noise that is stated too small
 
@@ -110,6 +116,7 @@ def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Prog
     if not state.best.causes:
         state.base = state.best
     _drop_not_needed(state)
+    _simplify(state)
     rated = []
     for index in range(len(state.best.causes)):
         progress("rivals")
@@ -124,7 +131,7 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
         if rest is None:
             continue
         rest = with_balanced_sensors(rest)
-        if not unseen.earns_place(state.best, rest):
+        if state.best.model.negligible(state.best.fit, index) or not unseen.earns_place(state.best, rest):
             state.best = rest
             del state.rivals[index : index + 1]
     if state.best.causes and unseen.error(state.best) is not None and not unseen.gains(state.best, state.base):
@@ -149,6 +156,24 @@ def _drop_not_needed(state: SearchState) -> None:
             del state.rivals[index : index + 1]
         else:
             index += 1
+
+
+def _simplify(state: SearchState) -> None:
+    """Exchange causes for simpler kinds that behave alike at their values, where these fit as well: a further cause has
+    taken what the simpler one left when it was searched for."""
+    for cause in state.best.causes:
+        best = state.best
+        index = best.causes.index(cause)
+        for simpler in simpler_hypotheses(best, index):
+            saved = len(best.fit.v) - len(simpler.fit.v)
+            price = saved * float(np.log(best.fit.problem.data.readings_count)) * chi_square_inflation(best)
+            if saved <= 0 or simpler.fit.cost > SEARCHED_RATIO * best.fit.cost:
+                continue
+            simpler = final_fit(simpler)
+            if simpler.fit.cost < best.fit.cost + price:
+                state.best = simpler
+                del state.rivals[index : index + 1]
+                break
 
 
 def best_without(state: SearchState, index: int) -> Hypothesis:

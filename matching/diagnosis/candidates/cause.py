@@ -107,9 +107,9 @@ class ExtendedModel:
                     return "beyond_recording"
         return ""
 
-    def negligible(self, fit: Fit) -> bool:
-        """Whether the last cause is a torque on an inertia that is too small to matter beside those recorded there."""
-        cause = self.causes[-1]
+    def negligible(self, fit: Fit, index: int = -1) -> bool:
+        """Whether a cause (the last) is a torque on an inertia that is too small to matter beside the recorded ones."""
+        cause = self.causes[index]
         if self.recorded is None or not cause.at.startswith("inertias.") or cause.replaces_quantity:
             return False
         parameters = EFFECTS[cause.kind].parameters

@@ -98,13 +98,23 @@ def with_simpler_kinds(hypotheses: Sequence[Hypothesis], tried: set[tuple[Cause,
     return sorted(out.values(), key=lambda hypothesis: hypothesis.cost)
 
 
-def _simpler_models(hypothesis: Hypothesis) -> Iterator[ExtendedModel]:
-    """Models with simpler kinds in the place of the last cause."""
-    cause, fit, system = hypothesis.causes[-1], hypothesis.fit, hypothesis.model.base
+def simpler_hypotheses(hypothesis: Hypothesis, index: int) -> Iterator[Hypothesis]:
+    """Hypotheses with simpler kinds in the place of one of the causes, which comes last in them."""
+    for model in _simpler_models(hypothesis, index):
+        try:
+            fit = fit_extended(model, hypothesis.fit)
+        except FIT_ERRORS:
+            continue
+        yield with_sharpest_friction(Hypothesis(model, fit, hypothesis.screened))
+
+
+def _simpler_models(hypothesis: Hypothesis, index: int = -1) -> Iterator[ExtendedModel]:
+    """Models with simpler kinds in the place of a cause (the last)."""
+    cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
     p, _ = fit.problem.unpack(fit.v)
     value = dict(zip(fit.problem.model.parameters, (float(x) for x in p), strict=True))
     parameters = {key: fit.values[name] for key, name in cause.names().items()}
-    rest = hypothesis.model.without_cause(len(hypothesis.causes) - 1, fit)
+    rest = hypothesis.model.without_cause(index % len(hypothesis.causes), fit)
     present = {(other.kind, other.at) for other in rest.causes}
     for kind, at, first in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
         if (kind, at) not in present and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
