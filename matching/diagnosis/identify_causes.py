@@ -34,6 +34,7 @@ from matching.diagnosis.verdict.confidence import (
 )
 from matching.diagnosis.verdict.final_fit import final_fit, final_fit_on
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
+from modelling.effects import EFFECTS
 from modelling.model.system import System
 
 SEARCHED_RATIO = 1.5  # of χ², up to which a fit of the search may become one as good as the final one
@@ -170,10 +171,16 @@ def _simplify(state: SearchState) -> None:
             if saved <= 0 or simpler.fit.cost > SEARCHED_RATIO * best.fit.cost:
                 continue
             simpler = final_fit(simpler)
-            if simpler.fit.cost < best.fit.cost + price:
+            if simpler.fit.cost < best.fit.cost + price or not _possible(best, index):
                 state.best = simpler
                 del state.rivals[index : index + 1]
                 break
+
+
+def _possible(hypothesis: Hypothesis, index: int) -> bool:
+    """Whether the fitted parameters of a cause make sense together."""
+    cause = hypothesis.causes[index]
+    return EFFECTS[cause.kind].possible({key: hypothesis.fit.values[name] for key, name in cause.names().items()})
 
 
 def best_without(state: SearchState, index: int) -> Hypothesis:

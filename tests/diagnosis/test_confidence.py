@@ -7,8 +7,9 @@ from scipy.signal import lfilter
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
+from matching.diagnosis.verdict.causes import CauseParameter
 from matching.diagnosis.verdict.confidence import confidence, evidence_shares, residual_inflation
-from matching.diagnosis.verdict.named_causes import share_explained_by
+from matching.diagnosis.verdict.named_causes import share_explained_by, told_from_nothing
 
 
 def with_cost(mean_square: float, variables: int = 1, readings: int = 1000) -> Hypothesis:
@@ -85,3 +86,12 @@ def test_at_noise_judges_size_and_colour() -> None:
     assert of(1.001 * white)
     assert not of(white + 0.2 * slow)  # 2 % of the power, all of it slow
     assert of(white + 0.05 * slow)  # 0.13 %, less than what matters
+
+
+@pytest.mark.parametrize(
+    ("torques", "told"),
+    [({}, True), ({"torque": (0.0, 0.04), "breakaway": (0.12, 0.1)}, False), ({"torque": (1.2, 0.04)}, True)],
+)
+def test_a_torque_within_its_uncertainty_is_not_told_from_nothing(torques, told):
+    parameters = {key: CauseParameter(*own, "N*m") for key, own in torques.items()}
+    assert told_from_nothing(parameters | {"speed": CauseParameter(1.0, 0.1, "rad/s")}) == told

@@ -11,7 +11,12 @@ from matching.diagnosis.candidates.cause import Cause
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.verdict.causes import Alternative, Candidate, CauseParameter, NamedCause
-from matching.diagnosis.verdict.confidence import RatedCause, chi_square_inflation, confidence
+from matching.diagnosis.verdict.confidence import (
+    UNEXPLAINED_SHARE,
+    RatedCause,
+    chi_square_inflation,
+    confidence,
+)
 from matching.diagnosis.verdict.indistinguishable import not_told_apart
 from matching.diagnosis.verdict.next_recording import propose_manoeuvre
 from modelling.effects import EFFECTS
@@ -19,6 +24,7 @@ from modelling.effects.place import place_in_words
 from modelling.model.system import System
 
 WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
+COVERAGE = 2.0  # standard uncertainties, from which a size is told from nothing
 RISES = 1.05  # ratio of errors from which one is said to rise
 SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
 
@@ -66,11 +72,14 @@ def named_causes(
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
         certain = confidence(rating.share, explained, part) / (1 + len(same))
+        parameters = _parameters(system, cause, estimates)
+        if not told_from_nothing(parameters):
+            certain = min(certain, UNEXPLAINED_SHARE)
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
         causes.append(
             NamedCause(
-                cause.kind, cause.at, _parameters(system, cause, estimates), certain,
+                cause.kind, cause.at, parameters, certain,
                 _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None)
                 + _in_words(alike),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
@@ -78,6 +87,12 @@ def named_causes(
             )
         )  # fmt: skip
     return sorted(causes, key=lambda cause: -cause.gain)
+
+
+def told_from_nothing(parameters: Mapping[str, CauseParameter]) -> bool:
+    """Whether one of the torques of a cause, if it has any, is more than its uncertainty."""
+    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
+    return not torques or any(abs(own.value) > COVERAGE * own.standard_uncertainty for own in torques)
 
 
 def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
