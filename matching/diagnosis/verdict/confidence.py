@@ -78,9 +78,15 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
         RatedCause(rival.causes[-1].kind, rival.causes[-1].at, 0.0, rival) for rival in others if rival not in near
     ]
     rated.sort(key=lambda rating: -rating.share)
-    if rated[0].hypothesis is not best:
-        state.best = _in_place(rated[0].hypothesis, index)
+    leading = next(rating.hypothesis for rating in rated if rating.hypothesis is best or _meant(rating.hypothesis))
+    if leading is not best:
+        state.best = _in_place(leading, index)
     return rated
+
+
+def _meant(rival: Hypothesis) -> bool:
+    """Whether a cause may give way to a rival: its values are possible and within what the recording has shown."""
+    return not rival.model.not_taken(rival.fit)
 
 
 def _rivals(state: SearchState, index: int) -> list[Hypothesis]:

@@ -92,7 +92,7 @@ def named_causes(
 def told_from_nothing(parameters: Mapping[str, CauseParameter]) -> bool:
     """Whether one of the torques of a cause, if it has any, is more than its uncertainty."""
     torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
-    return not torques or any(abs(own.value) > COVERAGE * own.standard_uncertainty for own in torques)
+    return not torques or any(abs(torque.value) > COVERAGE * torque.standard_uncertainty for torque in torques)
 
 
 def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
