@@ -254,6 +254,8 @@ class _Visitor(cst.CSTVisitor):
             return True
         if isinstance(node, cst.Arg) and node.keyword and node.keyword.value in LOOK | PROGRAMMER | TEXTS:
             return True
+        if isinstance(node, cst.DictElement) and isinstance(node.key, cst.SimpleString):
+            return node.key.evaluated_value in LOOK  # keyword arguments that are kept in a dict
         if isinstance(node, cst.Call):
             function = node.func.attr if isinstance(node.func, cst.Attribute) else node.func
             return isinstance(function, cst.Name) and function.value in {"warn", "cast", "TypeVar", "NewType"}
