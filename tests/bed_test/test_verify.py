@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_words import same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
@@ -166,6 +167,8 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     assert len(result["functions"]) == 3
     same_keys("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
+    same_words("verify", said, out, folder, record("good", noise=0.02).parent)
+    same_words("verify, page", page, out, folder, record("good", noise=0.02).parent)
     assert "as predicted" in page
     assert hashlib.sha256(record("good", noise=0.02).read_bytes()).hexdigest() in page
     assert "8.442 Hz</td>" in page

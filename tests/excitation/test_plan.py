@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_words import same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
@@ -169,6 +170,7 @@ def test_the_command_writes_it(limited_path, tmp_path, capsys):
     result = json.loads((out / "excite.json").read_text(encoding="utf-8"))
     assert max(result["limits_used"].values()) <= 0.8 + 1e-6
     same_keys("excite", result)
+    same_words("excite", said, out)
     table = np.loadtxt(out / "excitation.csv", delimiter=",", skiprows=1)
     assert np.abs(table[:, 2]).max() <= 64.0001
     assert (out / "figures" / "excitation.svg").stat().st_size > 1000

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_words import same_words
 from result_keys import same_keys
 from scipy.integrate import solve_ivp
 
@@ -86,6 +87,8 @@ def test_terminal_and_page_lead_with_the_same_sentence(folder: Path, said: str, 
     first = said.splitlines()[0]
     assert first == result["answer"] == answer(result)
     same_keys("diagnose", result)
+    same_words("diagnose", said, folder)
+    same_words("diagnose, page", (folder / "out" / "report.html").read_text(encoding="utf-8"), folder)
     found = re.fullmatch(
         r"The inertia wheel has drag that grows with the square of speed by (\S+) ± (\S+) N·m·s²/rad²; with it the "
         r"error of wheel_speed falls from (\S+) to (\S+) times the noise on held-out data\.",

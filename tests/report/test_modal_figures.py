@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_words import same_words
 from result_keys import same_keys
 
 import rigmatch as rm
@@ -58,7 +59,8 @@ def test_command_writes_modes_and_figures(tmp_path, capsys):
 
 def test_damped_command_and_table(tmp_path, capsys):
     assert main(["modes", str(CASE / "rig.toml"), "--out", str(tmp_path), "--damped"]) == 0
-    line = capsys.readouterr().out.splitlines()[2].split()
+    same_words("modes, damped", shown := capsys.readouterr().out, tmp_path)
+    line = shown.splitlines()[2].split()
     assert line[:2] == ["2", "16.7"]
     assert 0.01 < float(line[2]) < 0.02
     same_keys("modes, damped", json.loads((tmp_path / "modes.json").read_text()))
@@ -70,8 +72,10 @@ def test_change_shows_eq_8_beside_the_exact_solution(tmp_path, capsys):
     command = ["modes", str(CASE / "rig.toml"), "--out", str(tmp_path)]
     changes = [f"--change=inertias.rotor_{side}.J=1.79 kg*m^2" for side in ("left", "right")]
     assert main([*command, *changes]) == 0
-    assert "-47.6 %" in (out := capsys.readouterr().out)
+    out = capsys.readouterr().out
+    assert "-47.6 %" in out
     assert "-28.4 %" in out
+    same_words("modes, changed", out, tmp_path)
     result = json.loads((tmp_path / "modes.json").read_text())
     same_keys("modes, changed", result)
     written = result["what_if"]["modes"][1]

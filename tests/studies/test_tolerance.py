@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kept_words import same_words
 from result_keys import same_keys
 
 import rigmatch as rm
@@ -23,7 +24,7 @@ from matching.frequency.studies.drawn_loops import _Minima
 from matching.frequency.studies.draws import Prepared, draw
 from matching.frequency.studies.map import Axis
 from matching.frequency.studies.tolerance import tolerance, tuned, varied_of, yields
-from matching.report.tolerance.view import as_text
+from matching.report.tolerance.view import as_text, summary
 from modelling.bed.structures import STRUCTURES
 from modelling.common.errors import InputError
 
@@ -251,6 +252,9 @@ def test_command(case, tmp_path, capsys):
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
     same_keys("tolerance", result)
+    same_words("tolerance", summary(result))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    same_words("tolerance, page", page, tmp_path, Path(case.path).parent)
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2

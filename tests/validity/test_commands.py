@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from kept_words import same_words
 from result_keys import same_keys
 
 from matching.cli import main
@@ -37,6 +38,8 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
     assert sum(shares) == pytest.approx(1)
     assert list(answer["inverse"][0]["alone"][0]) == ["m_reference"]
     same_keys("uncertainty", answer)
+    same_words("uncertainty", shown, tmp_path)
+    same_words("uncertainty, page", (tmp_path / "uncertainty.html").read_text(encoding="utf-8"), tmp_path, EXAMPLES)
     assert {path.name for path in tmp_path.iterdir()} == {
         "uncertainty.json",
         "uncertainty.txt",
@@ -88,7 +91,9 @@ def test_names_with_slashes_and_dollars_and_values_of_any_size(tmp_path, capsys)
 
 def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert main(["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--out", str(tmp_path)]) == 0
-    assert "88.54 %" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "88.54 %" in shown
+    same_words("fidelity", shown, tmp_path)
     same_keys("fidelity", json.loads((tmp_path / "fidelity.json").read_text()))
     assert (
         main(

@@ -1,0 +1,56 @@
+"""What users read is kept in lists, ``tests/kept/words.json``: the words of terminal and pages, numbers left out.
+
+A sentence that is lost, stands elsewhere or says something else fails; ``make kept`` renews the list. Numbers, dates,
+checksums and places of files are masked: they differ between machines, and tests of their own know them.
+"""
+
+import re
+from html.parser import HTMLParser
+
+from kept_lists import kept
+
+CHECKSUM = re.compile(r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*\d)[0-9a-f]{7,}\b")
+NUMBER = re.compile(r"(?<![^\W\d_])[-−+]?∞|[-−+]?\d+(?:[.,:\d]*\d)?(?:[eE][-−+]?\d+)?(?:·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
+SENTENCE = re.compile(r"(?<=[.:;]) ")
+NOT_READ = ("script", "style", "svg", "math")
+READ_ALOUD = ("title", "alt", "aria-label", "placeholder")  # attributes
+
+
+class _Text(HTMLParser):
+    """Words of a page in their order, those of its attributes among them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.parts: list[str] = []
+        self._within: list[str] = []
+
+    def handle_starttag(self, tag, attributes):
+        if tag in NOT_READ:
+            self._within.append(tag)
+        elif not self._within:
+            self.parts += [value for name, value in attributes if name in READ_ALOUD and value]
+
+    def handle_endtag(self, tag):
+        if self._within and tag == self._within[-1]:
+            self._within.pop()
+
+    def handle_data(self, data):
+        if not self._within:
+            self.parts.append(data)
+
+
+def words(text: str, *places: object) -> list[str]:
+    """Sentences of a text or a page, numbers as ``#``, the given paths as ``PLACE``."""
+    for place in sorted(map(str, places), key=len, reverse=True):
+        text = text.replace(place, "PLACE")
+    if text.lstrip().lower().startswith("<!doctype"):
+        page = _Text()
+        page.feed(text)
+        text = " ".join(page.parts)
+    text = NUMBER.sub("#", CHECKSUM.sub("#", " ".join(text.split())))
+    return SENTENCE.split(text)
+
+
+def same_words(name: str, text: str, *places: object) -> None:
+    """Compare what users read with what is kept under the name; ``places`` are paths that differ from run to run."""
+    assert words(text, *places) == kept("words.json", name, words(text, *places))
