@@ -4,13 +4,16 @@ A sentence that is lost, stands elsewhere or says something else fails; ``make k
 checksums and places of files are masked: they differ between machines, and tests of their own know them.
 """
 
+import difflib
 import re
 from html.parser import HTMLParser
 
 from kept_lists import kept
 
 CHECKSUM = re.compile(r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*\d)[0-9a-f]{7,}\b")
-NUMBER = re.compile(r"(?<![^\W\d_])[-−+]?∞|[-−+]?\d+(?:[.,:\d]*\d)?(?:[eE][-−+]?\d+)?(?:·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
+NUMBER = re.compile(
+    r"(?<![^\W\d_])[-−+]?∞|[-−+]?\d+(?:[.,:\d]*\d)?(?:[eE][-−+]?\d+)?(?:·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?:\.dev\d+)?"
+)
 SENTENCE = re.compile(r"(?<=[.:;]) ")
 NOT_READ = ("script", "style", "svg", "math")
 READ_ALOUD = ("title", "alt", "aria-label", "placeholder")  # attributes
@@ -53,4 +56,7 @@ def words(text: str, *places: object) -> list[str]:
 
 def same_words(name: str, text: str, *places: object) -> None:
     """Compare what users read with what is kept under the name; ``places`` are paths that differ from run to run."""
-    assert words(text, *places) == kept("words.json", name, words(text, *places))
+    present = words(text, *places)
+    listed = kept("words.json", name, present)
+    changes = [line for line in difflib.ndiff(listed, present) if line[0] in "-+"]
+    assert not changes, f"{name}: kept (-) and present (+) words differ:\n" + "\n".join(changes)
