@@ -44,6 +44,15 @@ def test_saturated_channel_is_told_as_such() -> None:
     assert any("end of its range" in note for note in notes)
 
 
+def test_what_is_left_out_of_each_recording_is_told_of_all() -> None:
+    time, stuck, saturated = np.arange(2000) * 1e-3, noisy(2000), noisy(2000, seed=1)
+    stuck[500:900] = stuck[500]
+    saturated[700:900] = saturated.max() + 0.1
+    _, notes = prepare_data(system(), [recording(time, stuck), recording(time, saturated)])
+    assert any("stuck from 0.5 to 0.899 s" in note for note in notes)
+    assert any("end of its range" in note for note in notes)
+
+
 def test_gap_makes_two_segments() -> None:
     time = np.concatenate([np.arange(1000) * 1e-3, 3 + np.arange(1000) * 1e-3])
     data, _ = prepare_data(system(), [recording(time, noisy(2000))])

@@ -29,14 +29,14 @@ _LOOK = """
     zorder fontsize size weight style figsize dpi pad labelpad loc ncol ncols frameon bbox_to_anchor rotation ha
     va horizontalalignment verticalalignment width_ratios height_ratios hspace wspace layout capsize levels
     hatch handlelength columnspacing borderpad left right top bottom rasterized antialiased clip_on xytext
-    textcoords
+    textcoords linespacing
 """
 _SYMMETRIC = """
     min max hypot maximum minimum fmin fmax isclose allclose array_equal union gcd dot inner convolve add
     multiply logical_and logical_or isinstance Add Mul Max Min zip product set_aspect
 """
 LOOK, SYMMETRIC = set(_LOOK.split()), set(_SYMMETRIC.split())  # names of keyword arguments, of functions
-PROGRAMMER = {"strict", "encoding", "stacklevel", "errors"}
+PROGRAMMER = {"strict", "encoding", "stacklevel", "errors", "repr"}
 TEXTS = {"help", "metavar", "description", "epilog"}  # of the command line
 PAIRS = (
     ("min", "max"),
@@ -139,7 +139,11 @@ def function_name(node: cst.Call) -> Iterator[Change]:
 
 
 def argument(node: cst.Call) -> Iterator[Change]:
-    yield from mutators.operator_arg_removal(node)
+    """Lose an argument or its value, but none whose keyword makes no difference to what is worked out."""
+    free = [i for i, one in enumerate(node.args) if one.keyword and one.keyword.value in LOOK | PROGRAMMER | TEXTS]
+    for changed in mutators.operator_arg_removal(node):
+        if all(any(one.deep_equals(node.args[i]) for one in changed.args) for i in free):
+            yield changed
 
 
 def swapped_arguments(node: cst.Call) -> Iterator[Change]:

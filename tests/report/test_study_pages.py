@@ -104,6 +104,10 @@ def test_colours_of_an_acting_map_have_a_scale_with_quantity_and_band():
     fields = [drawn for drawn in fig.renderers if type(drawn.glyph).__name__ == "Quad"]
     assert sorted(value for drawn in fields for value in drawn.data_source.data["fill"]) == [0.02, 0.02, 0.4, 0.4]
     assert {drawn.glyph.fill_color.transform for drawn in fields} == {bar.color_mapper}
+    tips = {name: shown for hover in fig.hover for name, shown in hover.tooltips}
+    told = [shown.removeprefix("@") for shown in tips.values()]
+    assert {"error", "margin", "x", "y"} <= tips.keys()
+    assert all(set(told) <= drawn.data_source.data.keys() for drawn in fields)
 
 
 def a_study(stable=0.9):
