@@ -2,7 +2,6 @@
 
 import json
 import re
-import time
 import tomllib
 from dataclasses import replace
 
@@ -16,7 +15,6 @@ from matching.frequency.search.match import match
 from matching.report.match.text import content, summary
 
 CASES = 60
-LONGEST_S = {True: 40, False: 80}  # of processor time, by whether it is an observer, with the search's usual effort
 SHORTER_DEAD_TIME = re.compile(r"solved with ([\d.]+) ms, every target is met")
 
 
@@ -64,9 +62,7 @@ def ends_well(result):
 @pytest.mark.parametrize("seed", range(CASES))
 def test_a_drawn_case_ends_well(seed, tmp_path):
     case = load_case(draw(seed, tmp_path))
-    begin = time.process_time()
     result = match(case, beds=None if case.loop.structure.is_observer else BEDS_OF_FEEDBACK)
-    took = time.process_time() - begin
     ends_well(result)
     written = content(result)
     json.dumps(written, allow_nan=False)
@@ -74,7 +70,6 @@ def test_a_drawn_case_ends_well(seed, tmp_path):
     for milliseconds in re.findall(SHORTER_DEAD_TIME, " ".join(result.limits)):
         shorter = replace(case, loop=case.loop.with_values({"dead_time": float(milliseconds) * 1e-3}))
         assert all(target.met for target in match(shorter).targets)
-    assert took < LONGEST_S[case.loop.structure.is_observer]
 
 
 def test_a_match_whose_figures_hold_ends_well_and_others_do_not(small_result):
