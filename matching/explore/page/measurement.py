@@ -162,8 +162,12 @@ class MeasurementTab:
         self.show_signal()
 
     def _named(self, event: Any) -> None:
-        if event.new:
+        if not event.new:
+            return
+        if pn.state.curdoc is None:
             self.open(Path(event.new))
+        else:  # the figure may be changed in the page's own turn alone, not while a field's text is taken
+            pn.state.curdoc.add_next_tick_callback(lambda: self.open(Path(event.new)))
 
     def _other_model(self, _: Any) -> None:
         if self.file is not None:
