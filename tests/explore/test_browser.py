@@ -149,6 +149,28 @@ def test_every_tab_runs_and_is_accessible(tmp_path, width):
     assert (tmp_path / "out" / "match" / "result.json").exists() == (width == 1366)
 
 
+LONGEST_CURVE = """() => Math.max(0, ...Bokeh.documents.flatMap(one => [...one._all_models.values()])
+    .filter(model => model.type === 'ColumnDataSource')
+    .map(source => (source.data instanceof Map ? source.data.get('y') : source.data.y)?.length ?? 0))"""
+
+
+def test_a_recording_named_by_its_path_is_drawn(tmp_path):
+    browser_path()
+    (tmp_path / "bench.toml").write_text(BENCH)
+    recording(tmp_path / "log.csv")
+    with (
+        served(explored(tmp_path / "bench.toml"), out=tmp_path / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
+        page.get_by_role("tab", name="Measurement").click()
+        field = page.get_by_label("or its path on this machine")
+        field.fill(str(tmp_path / "log.csv"))
+        field.press("Enter")
+        page.get_by_text("2000 samples", exact=False).wait_for()
+        page.wait_for_function(f"({LONGEST_CURVE})() >= 500")
+        assert complaints == []
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(tmp_path):
