@@ -99,6 +99,50 @@ def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path
     assert load_case(copy).rig.parameters["shafts.flange.stiffness"].value == 250e3
 
 
+def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
+    from matching.explore.files.model_document import ModelDocument
+    from matching.explore.what_if import WhatIf
+
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "[inertias]\na = { J = 1 }\nb = { J = 1, drag = 0 }\n"
+        '[shafts]\nlink = { between = ["a", "b"], stiffness = 200, damping = 0 }\n'
+    )
+    tried = WhatIf(ModelDocument(path))
+    assert tried.movable["shafts.link.stiffness"] == pytest.approx((200 / 3, 600))
+    assert not {"inertias.b.drag", "shafts.link.damping"} & tried.movable.keys()
+    tried.try_value("shafts.link.stiffness", 800.0)
+    assert tried.now.modes.frequencies[1] == pytest.approx(2 * tried.before.modes.frequencies[1], rel=1e-9)
+    tried.reset()
+    assert tried.now is tried.before
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_budget_in_the_explorer_shows_its_result_and_is_saved_with_what_was_entered(tmp_path):
+    pytest.importorskip("panel")
+    from matplotlib.figure import Figure
+
+    from matching.explore.equivalents import Equivalent
+    from matching.explore.files.forms import fields
+    from matching.explore.files.workspace import opened
+    from matching.explore.page.validity import EditedTable
+
+    path = tmp_path / "budget.toml"
+    path.write_text('[measurand]\nname = "Z"\nformula = "R"\n[inputs.R]\nunit = "ohm"\nvalue = 1.0\nhalf_width = 0.1\n')
+    budget = opened([path], tmp_path).budget
+    table = EditedTable("Budget", budget, Equivalent("", ""), lambda content: (f"a < b, {len(content)}", Figure()))
+    assert f"a &lt; b, {len(budget.content)}" in table.answer.object
+    assert 'aria-label="Figure of Budget"' in table.answer.object
+    assert table.editing._save() == "Everything is saved"
+    before = path.read_text()
+    keys = next(field.keys for field in fields(budget) if "half_width" in field.keys)
+    table.editing.do(lambda: table._enter(keys, "0.5"))
+    assert path.read_text() == before
+    assert table.editing._save() == "Saved: budget.toml"
+    assert path.read_text() != before
+    assert table.editing._save() == "Everything is saved"
+
+
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_the_name_of_a_column_is_no_formula(tmp_path):
     """For a text with $$ the page would fetch a library from the network."""

@@ -15,6 +15,7 @@ from matching.frequency.response.responses import feed_forward_of
 from matching.frequency.verification.simulation import free_motion, matched_motion
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
+from modelling.simulation.result import SimulationError
 from modelling.simulation.simulate import simulate
 
 STEP = 1e-3
@@ -58,6 +59,12 @@ def test_free_rig_is_its_response(reference):
         0, rig.outputs.index("side_left_torque"), rig.inputs.index("motor_torque")
     ]
     assert phasors(trace, [f])[0] / f == pytest.approx(H * linear(f), rel=1e-5)
+
+
+def test_a_motion_out_of_bounds_says_when(reference):
+    parts = parts_of(reference)
+    with pytest.raises(SimulationError, match=r"grows out of bounds at 0\.05 s"):
+        free_motion(parts.rig.system, parts, {"motor_torque": np.full(50, 1e300)}, STEP, parts.rig)
 
 
 @pytest.mark.parametrize("source", ["motor_torque", "road_left"])

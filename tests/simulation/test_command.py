@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_words import same_words
 from result_keys import same_keys
 
 from matching.cli import main
@@ -54,7 +55,10 @@ def test_what_was_recorded_is_simulated_again(files, capsys):
 
 def test_a_start_at_rest_misses_a_recording_in_motion(files, capsys):
     assert command(files, "--start", "rest") == 0
-    assert "root mean square" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "root mean square" in shown
+    assert [line.partition(":")[0].strip() for line in shown.splitlines()[1:3]] == ["motor_speed", "link_torque"]
+    same_words("simulate", shown, files)
     assert command(files, "--start", "rest", "--json") == 0
     assert json.loads(capsys.readouterr().out)["misfit"]["motor_speed"]["of_range"] > 0.1
 
