@@ -230,6 +230,6 @@ def test_a_round_says_what_a_measured_error_is_judged_by():
     }  # fmt: skip
     lines = round_lines({"verification": {"status": "as_predicted", "errors": [error], "notes": [], "fidelity": []}})
     assert lines == [
-        "as_predicted: response error to measured torques 0.0562 ± 0.0008 "
+        "as predicted: response error to measured torques 0.0562 ± 0.0008 "
         "(predicted 0.00183, on 95 % of drawn beds below 0.121, allowed 0.1)"
     ]

@@ -40,7 +40,7 @@ def identified(monkeypatch: pytest.MonkeyPatch):
 
         monkeypatch.setattr(module, "_identify", search)
         monkeypatch.setattr(module, "_balanced", lambda _system, _base: fit(base, sensors, "balanced"))
-        monkeypatch.setattr(module, "at_noise", lambda best: left == 1.0)
+        monkeypatch.setattr(module, "scatters_only", lambda best: left == 1.0)
         monkeypatch.setattr(module, "UnseenData", lambda holdout: SimpleNamespace(earns_place=lambda *_: gains))
         answer = module.identify_causes(None, fit(base, sensors), None, lambda _: None)
         return answer.weights, searches

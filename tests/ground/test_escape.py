@@ -123,6 +123,7 @@ PIECES = {
     ("matching/explore/page/elements.py", "'<tr>' + ''.join(map(_cell, row))"),
     ("matching/explore/page/map_view.py", "limits"),
     ("matching/explore/page/match_result.py", "order"), ("matching/explore/page/match_result.py", "figures"),
+    ("matching/explore/page/running.py", "monotonic() - begun"),  # written with the format .0f
     ("matching/explore/page/server.py", "frame"), ("matching/explore/page/server.py", "FRAME_PX"),
     ("matching/explore/page/validity.py", "embedded(image(picture))"),  # base64
     ("matching/report/common/mathml.py", "content"),  # by a writer of XML that escapes

@@ -9,6 +9,8 @@ import time
 from needs import compiles
 
 LONG = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started the tests may ignore it
 import numpy as np
 from modelling.simulation.simulate import simulate
 from tests.simulation.drives import excitation, system_with

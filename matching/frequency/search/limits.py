@@ -223,7 +223,7 @@ def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxati
         )
     if relaxed.structure:
         said.append(
-            f'with structure = "{relaxed.structure}" and every torque on the rig measured, the values shown meet every '
-            "target (verified)"
+            f'with structure = "{relaxed.structure}" and every torque on the rig measured, the values shown meet '
+            f"{len(question.case.targets)} of {len(question.case.targets)} targets (verified)"
         )
     return said
