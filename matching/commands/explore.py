@@ -33,6 +33,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     InputError
         If a file cannot be read, or the packages of the explorer are not installed.
     """
+    import signal
     import sys
     import webbrowser
     from pathlib import Path
@@ -45,7 +46,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from matching.explore.page.server import page, serve
 
+    interrupt = signal.getsignal(signal.SIGINT)
     server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
+    signal.signal(signal.SIGINT, interrupt)  # with Panel's own the command would end as if it had answered
     print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
     if not arguments.no_browser:
         server.io_loop.add_callback(webbrowser.open, address)

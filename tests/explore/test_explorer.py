@@ -1,5 +1,7 @@
 """The explorer from Python: served beside the program at an address with a secret, shown in a notebook, ended."""
 
+import signal
+from types import SimpleNamespace
 from urllib.error import HTTPError, URLError
 from urllib.request import urlopen
 
@@ -7,6 +9,7 @@ import pytest
 from structure.imports import ROOT
 
 import rigmatch as rm
+from matching.commands.explore import run
 from matching.frequency.case.load import load_case
 from modelling.common.errors import InputError
 
@@ -97,6 +100,25 @@ def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path
     for box in (tab.same, match.same, match.map.same):
         assert str(copy) in box.object
     assert load_case(copy).rig.parameters["shafts.flange.stiffness"].value == 250e3
+
+
+def test_an_interrupt_is_the_programs_whatever_the_server_makes_of_it(tmp_path, monkeypatch):
+    pytest.importorskip("panel")
+    from matching.explore.page import server
+
+    def serve(page, out, port):
+        """As Panel does: an interrupt ends the loop, and nobody hears of it."""
+        signal.signal(signal.SIGINT, lambda *_: None)
+        loop = SimpleNamespace(start=lambda: signal.raise_signal(signal.SIGINT))
+        return SimpleNamespace(start=lambda: None, stop=lambda: None, io_loop=loop), "address"
+
+    monkeypatch.setattr(server, "serve", serve)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run(SimpleNamespace(files=[], out=str(tmp_path), port=0, no_browser=True))
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
