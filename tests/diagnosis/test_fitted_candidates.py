@@ -8,7 +8,7 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
-from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.search.hypothesis import Hypothesis, with_balanced_sensors
 from matching.diagnosis.search.refinement import in_local_minimum
 from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
 
@@ -63,6 +63,14 @@ def test_what_cannot_be_meant_is_said_before_what_unseen_data_say(impossible: st
     for unseen in (8.5, 9.5):
         (found,) = fitted_candidates(state, Judge({id(base.fit): 9.0, id(one.fit): unseen}))
         assert found.not_taken == impossible
+
+
+def test_sensors_are_weighted_anew_only_where_they_are_weighted_at_all(monkeypatch) -> None:
+    one = hypothesis(4.0)
+    monkeypatch.setattr("matching.diagnosis.search.hypothesis.iteratively_reweighted", lambda fit: ("again", fit))
+    for weighting, expected in ((None, one.fit), (object(), ("again", one.fit))):
+        monkeypatch.setattr(one.fit.problem, "weighting", weighting, raising=False)
+        assert with_balanced_sensors(one).fit == expected
 
 
 def test_the_candidate_that_was_promised_most_of_gets_windows_if_its_fit_does_not_keep_half() -> None:

@@ -11,6 +11,7 @@ from matching.frequency.loop.linear_body import body
 from matching.frequency.loop.parts import parts_of, watched
 from matching.frequency.response.responses import ComparedBed, feed_forward_of
 from matching.frequency.response.sampled_data import SampledLoop, feed_forward_action
+from matching.frequency.search.errors import curves_of
 
 FINE = 4  # steps a sample time; the dead times are whole numbers of them
 SECONDS = 20.0  # until what the start left has died away, as far as the fitted trend does not take it
@@ -112,6 +113,13 @@ def test_sampled_faster_and_faster_it_is_the_continuous_loop(feedback):
     # the hold is counted in the dead time: only what is of the sample time squared is left
     assert differences[0] < 0.01
     assert differences[1] < 0.02 * differences[0]
+
+
+def test_curves_go_from_below_to_above_the_band(reference):
+    low, high = reference.band
+    drawn = curves_of(ComparedBed(reference))
+    assert drawn.frequencies[[0, -1]] == pytest.approx([low / 2, 3 * high])
+    assert drawn.vehicle.shape == (len(drawn.frequencies), len(reference.compared))
 
 
 def test_without_a_path_there_is_no_response(reference):

@@ -11,7 +11,7 @@ from matching.report.common.decimation import decimated
 from matching.report.common.style import figure, image, styled
 from matching.report.curves.acting_axes import acting
 
-pytest.importorskip("bokeh")
+bokeh_figure = pytest.importorskip("bokeh.plotting").figure
 
 
 def draw():
@@ -47,6 +47,20 @@ def test_curves_of_axes_become_panels(drawn):
     assert '"acting-' in made["responses"]
     assert re.search(r'id="(acting-\d+)"', made["responses"])[1] in text
     assert "http" not in re.sub(r"xmlns\S*", "", made["responses"])
+
+
+def test_every_curve_reads_columns_that_its_data_have(drawn):
+    from matching.report.curves.acting_axes import _curve
+
+    for axes in drawn.axes[:2]:
+        fig = bokeh_figure(x_axis_type="log", y_axis_type="log")
+        for line in axes.get_lines():
+            _curve(fig, line)
+        for made in fig.renderers:
+            asked = {made.glyph.x, made.glyph.y}
+            assert asked == {"x", "y"}
+            assert asked <= made.data_source.data.keys()
+        assert len(fig.renderers) == 1
 
 
 def test_a_figure_without_curves_or_bars_stays_a_picture():
