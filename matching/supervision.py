@@ -21,7 +21,7 @@ from modelling.common.interruption import ENDING_SIGNALS, Interrupted
 GRACE_SECONDS = 0.5  # from a signal until the command is killed
 CLEARING_SECONDS = 2.0  # at most, until killed processes are gone
 DIE_WITH_PARENT, ADOPT_ORPHANS = 1, 36  # prctl of Linux: PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
-FAULT = 1
+FAULT, BAD_INPUT = 1, 2
 SILENT_CLEARING = "ignore:resource_tracker:UserWarning"  # it says what it removes, which is nobody's concern
 
 
@@ -33,8 +33,10 @@ def supervised(command: Callable[[], int]) -> int:
     watched = {number for number in ENDING_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, watched | {signal.SIGCHLD})
     temporary = _temporary_folder()
+    answered, answer = os.pipe()
     parent, child = os.getpid(), os.fork()
     if child == 0:
+        os.close(answered)
         _prctl(DIE_WITH_PARENT, signal.SIGKILL)
         if os.getppid() != parent:  # it died before that
             os._exit(128 + signal.SIGKILL)
@@ -45,14 +47,19 @@ def supervised(command: Callable[[], int]) -> int:
         os.environ["PYTHONWARNINGS"] = f"{os.environ.get('PYTHONWARNINGS', '')},{SILENT_CLEARING}".lstrip(",")
         interruption.install()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        code = command()
+        try:
+            code = command()
+        finally:
+            os.write(answer, b".")
         if code >= 128:  # interrupted: nothing more is waited for
             os._exit(code)
         return code
+    os.close(answer)
     _prctl(ADOPT_ORPHANS, 1)
     try:
-        return _wait(child, watched)
+        return _wait(child, watched, answered)
     finally:
+        os.close(answered)
         if temporary:
             import shutil
 
@@ -60,8 +67,8 @@ def supervised(command: Callable[[], int]) -> int:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _wait(child: int, watched: set[signal.Signals]) -> int:
-    """Wait for the command, passing signals on."""
+def _wait(child: int, watched: set[signal.Signals], answered: int) -> int:
+    """Wait for the command, passing signals on; into the pipe ``answered`` it writes when it ends as it means to."""
     asked, deadline, killed = 0, 0.0, False
     while (status := _ended(child)) is None:
         seconds = max(0.0, deadline - time.monotonic()) if asked else 3600.0
@@ -78,11 +85,25 @@ def _wait(child: int, watched: set[signal.Signals]) -> int:
     if asked or code < 0:
         _kill_orphans()
     if code >= 0:
-        return code
+        return _left() if code == FAULT and not _readable(answered) else code
     if asked:
         end = Interrupted(asked)
         return _say(str(end), end.exit_code)
     return _died(-code)
+
+
+def _readable(pipe: int) -> bool:
+    """Whether something was written into a pipe; processes that outlive the command may still hold its other end."""
+    os.set_blocking(pipe, False)
+    try:
+        return bool(os.read(pipe, 1))
+    except BlockingIOError:
+        return False
+
+
+def _left() -> int:
+    """One line on a library in C that ended the command by itself; OpenBLAS does so where it gets no memory."""
+    return _say("a library ended the program, perhaps because memory ran out: free some, or work on less", BAD_INPUT)
 
 
 def _ended(child: int) -> int | None:

@@ -115,6 +115,18 @@ def test_a_crash_is_one_line(number, code, words, begin, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_library_that_ends_the_command_by_itself_is_one_line_and_no_fault(begin, tmp_path):
+    """As OpenBLAS does where it gets no memory; the command's own code 1 stays what it is."""
+    process, _ = begin("import ctypes\ndef work():\n    begun()\n    ctypes.CDLL(None).exit(1)")
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said.count("\n")) == (2, 1)
+    assert "a library ended the program, perhaps because memory ran out" in said
+    process, _ = begin("def work():\n    begun()\n    return 1")
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (1, "")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_it_ends_with_its_parent(begin):
     process, (_, pid) = begin("def work():\n    begun(os.getpid())\n    sum(range(10**11))")
     assert int(pid) != process.pid
