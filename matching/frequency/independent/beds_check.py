@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from matching.frequency.independent.worst_bed import LargestError, WorstBed, lar
 from modelling.controller.law import ControlLaw
 
 POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
-COARSER = 3  # of these, every so many lead to the largest error
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 LEFT_TO_ITS_OWN = 0.95  # of the damping of a mode of the bed's own, where the loop has rolled off
@@ -262,16 +261,14 @@ def check_beds(
 
 
 def _largest_error(judge: Judge, positions: np.ndarray, verdicts: Sequence[BedVerdict]) -> LargestError | None:
-    """From the stable drawn bed with the largest error; fewer frequencies lead there, all of them judge it."""
+    """From the stable drawn bed with the largest error, over all frequencies: fewer of them lead elsewhere."""
     errors = [verdict.unmeasured if verdict.stable else -np.inf for verdict in verdicts]
     worst = int(np.argmax(errors))
     if not verdicts[worst].stable:
         return None
-    coarse = Judge(judge.case, judge.law, judge.frequencies[::COARSER])
 
     def error(values: Mapping[str, float]) -> float:
-        verdict = coarse.verdict(values)
+        verdict = judge.verdict(values)
         return verdict.unmeasured if verdict.stable else np.inf
 
-    largest = largest_error(error, judge.case.uncertainty, positions[worst])
-    return None if largest is None else replace(largest, unmeasured=judge.verdict(largest.values).unmeasured)
+    return largest_error(error, judge.case.uncertainty, positions[worst])

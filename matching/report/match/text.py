@@ -150,7 +150,7 @@ def _worst(worst: Mapping[str, Any] | None) -> str:
 
 
 def _largest(largest: Mapping[str, Any] | None) -> str:
-    return "" if largest is None else f", at most {number(largest['unmeasured'], 3)} in the box"
+    return "" if largest is None else f", largest found in the box {number(largest['unmeasured'], 3)}"
 
 
 def _spread(beds: Mapping[str, Any], name: str) -> str:
