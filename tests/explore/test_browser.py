@@ -4,6 +4,7 @@ import math
 import shutil
 import urllib.error
 import urllib.request
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -149,20 +150,27 @@ def test_every_tab_runs_and_is_accessible(tmp_path, width):
     assert (tmp_path / "out" / "match" / "result.json").exists() == (width == 1366)
 
 
+@contextmanager
+def measurement_tab(folder):
+    """The page with the tab open, a model ``bench.toml`` and a recording ``log.csv`` in the folder; its complaints."""
+    browser_path()
+    (folder / "bench.toml").write_text(BENCH)
+    recording(folder / "log.csv")
+    with (
+        served(explored(folder / "bench.toml"), out=folder / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
+        page.get_by_role("tab", name="Measurement").click()
+        yield page, complaints
+
+
 LONGEST_CURVE = """() => Math.max(0, ...Bokeh.documents.flatMap(one => [...one._all_models.values()])
     .filter(model => model.type === 'ColumnDataSource')
     .map(source => (source.data instanceof Map ? source.data.get('y') : source.data.y)?.length ?? 0))"""
 
 
 def test_a_recording_named_by_its_path_is_drawn(tmp_path):
-    browser_path()
-    (tmp_path / "bench.toml").write_text(BENCH)
-    recording(tmp_path / "log.csv")
-    with (
-        served(explored(tmp_path / "bench.toml"), out=tmp_path / "out") as address,
-        opened_page(address) as (page, complaints),
-    ):
-        page.get_by_role("tab", name="Measurement").click()
+    with measurement_tab(tmp_path) as (page, complaints):
         field = page.get_by_label("or its path on this machine")
         field.fill(str(tmp_path / "log.csv"))
         field.press("Enter")
@@ -174,14 +182,7 @@ def test_a_recording_named_by_its_path_is_drawn(tmp_path):
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(tmp_path):
-    browser_path()
-    (tmp_path / "bench.toml").write_text(BENCH)
-    recording(tmp_path / "log.csv")
-    with (
-        served(explored(tmp_path / "bench.toml"), out=tmp_path / "out") as address,
-        opened_page(address) as (page, complaints),
-    ):
-        page.get_by_role("tab", name="Measurement").click()
+    with measurement_tab(tmp_path) as (page, complaints):
         page.locator("input[type=file]").set_input_files(tmp_path / "log.csv")
         page.get_by_text("2000 samples", exact=False).wait_for()
         assert page.get_by_label("motor speed (speed)").input_value() == "n_motor"
