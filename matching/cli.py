@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from matching import dry_run
 from matching.commands import available
+from modelling.common import memory_limits
 from modelling.common.errors import InputError, of_the_machine
 from modelling.common.escape import terminal
 from modelling.common.interruption import Interrupted, whatever_it_became
@@ -129,6 +130,7 @@ def _run(words: Sequence[str]) -> None:
     _offer_completion(parser)
     _check_no_empty_words(words)
     arguments = parser.parse_args(words)
+    memory_limits.check()
     command = modules[arguments.command]
     if getattr(arguments, "check", False):
         command, arguments.out = dry_run, None

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from modelling.common import interruption
+from modelling.common import interruption, memory_limits
 from modelling.common.interruption import ENDING_SIGNALS, Interrupted
 
 GRACE_SECONDS = 0.5  # from a signal until the command is killed
@@ -46,12 +46,15 @@ def supervised(command: Callable[[], int]) -> int:
                 os.environ.setdefault("MPLCONFIGDIR", temporary)  # or it complains, in every worker too
         os.environ["PYTHONWARNINGS"] = f"{os.environ.get('PYTHONWARNINGS', '')},{SILENT_CLEARING}".lstrip(",")
         interruption.install()
+        memory_limits.end_where_a_thread_has_none()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
             code = command()
         finally:
             os.write(answer, b".")
-        if code >= 128:  # interrupted: nothing more is waited for
+        if code:  # nothing more is waited for: not after an interrupt, nor for threads that got no memory
+            with contextlib.suppress(OSError, ValueError):
+                sys.stdout.flush()
             os._exit(code)
         return code
     os.close(answer)
@@ -82,7 +85,7 @@ def _wait(child: int, watched: set[signal.Signals], answered: int) -> int:
             os.kill(child, signal.SIGKILL)
             deadline = time.monotonic() + CLEARING_SECONDS
     code = os.waitstatus_to_exitcode(status)
-    if asked or code < 0:
+    if asked or code:
         _kill_orphans()
     if code >= 0:
         return _left() if code == FAULT and not _readable(answered) else code

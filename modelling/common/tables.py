@@ -112,14 +112,20 @@ def check_keys(table: Any, known: Iterable[str], where: str) -> dict[str, Any]:
 
 
 def number(
-    table: Mapping[str, Any], key: str, where: str, *, positive: bool = False, least: float | None = None
+    table: Mapping[str, Any],
+    key: str,
+    where: str,
+    *,
+    positive: bool = False,
+    least: float | None = None,
+    most: float = math.inf,
 ) -> float:
     """A finite number under a key.
 
     Raises
     ------
     InputError
-        If it is missing, no finite number, or too small.
+        If it is missing, no finite number, too small or too large.
     """
     if key not in table:
         raise InputError(where, f"'{key}' is missing", f"give {key} = a number")
@@ -130,6 +136,8 @@ def number(
         raise InputError(key_place(where, key), f"{value!r} is not positive", "give a number above 0")
     if least is not None and value < least:
         raise InputError(key_place(where, key), f"{value!r} is too small", f"give at least {least:g}")
+    if value > most:
+        raise InputError(key_place(where, key), f"{value!r} is too large", f"give at most {most:g}")
     return value
 
 

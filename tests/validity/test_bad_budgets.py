@@ -108,6 +108,8 @@ def test_formula_with_anything_but_mathematics(formula):
         ("inputs", {}, "there are no inputs"),
         ("coverage", 1.5, "no probability"),
         ("coverage_factor", 0, "not positive"),
+        ("coverage_factor", 1.7e308, "too large; give at most 1e+06"),
+        ("coverage_factor", 1e-300, "too small; give at least 1e-06"),
         ("correlations", [{"between": ["F", "x"], "r": 0.5}], "no pair of inputs"),
         ("correlations", [{"between": ["F", "r"], "r": 1.5}], "r = 1.5"),
         ("correlations", [{"between": ["F", "r"], "r": 0.5}, {"between": ["r", "F"], "r": 0.5}], "twice"),

@@ -11,7 +11,7 @@ import numpy as np
 from matching.validity.budget.budget import Budget, InputQuantity, Measurand
 from matching.validity.budget.dimensions import check_turns, dimension_of, result_unit
 from matching.validity.budget.formula import functions, parse_formula
-from matching.validity.budget.inputs import read_input, read_line
+from matching.validity.budget.inputs import read_coverage_factor, read_input, read_line
 from modelling.common.errors import InputError
 from modelling.common.escape import single_line
 from modelling.common.tables import check_keys, number, read_toml, text, title
@@ -39,7 +39,7 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:
         raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")
-    factor = number(tables, "coverage_factor", where, positive=True) if "coverage_factor" in tables else None
+    factor = read_coverage_factor(tables, where) if "coverage_factor" in tables else None
     inputs, correlated = _inputs(tables, where)
     names = [quantity.name for quantity in inputs]
     return Budget(

@@ -15,6 +15,7 @@ from modelling.common.errors import InputError
 from modelling.common.tables import check_keys, number, numbers, one_of, text
 from modelling.units import Unit, unit_of
 
+LARGEST_FACTOR = 1e6  # k; 99.99 % with one degree of freedom has 6366
 KNOWN = (
     "value",
     "unit",
@@ -99,6 +100,17 @@ def _distribution(table: Any, freedom: float, where: str) -> Distribution:
     return Distribution(name, beta, freedom if name == "t" else math.inf)
 
 
+def read_coverage_factor(table: Any, where: str) -> float:
+    """The coverage factor k in a table; one far from any level of confidence would only overflow.
+
+    Raises
+    ------
+    InputError
+        It is missing, no number, not positive or of another magnitude than any k.
+    """
+    return number(table, "coverage_factor", where, positive=True, least=1 / LARGEST_FACTOR, most=LARGEST_FACTOR)
+
+
 def _standard_uncertainty(table: Any, distribution: Distribution, where: str) -> float:
     statements = [key for key in ("half_width", "uncertainty", "expanded_uncertainty") if key in table]
     if len(statements) != 1:
@@ -119,7 +131,7 @@ def _standard_uncertainty(table: Any, distribution: Distribution, where: str) ->
                 f"{statements[0]} of a {distribution.name} distribution needs coverage_factor",
                 "give coverage_factor = 2 or whatever the certificate says",
             )
-        return amount / number(table, "coverage_factor", where, positive=True)
+        return amount / read_coverage_factor(table, where)
     if "coverage_factor" in table:
         raise InputError(f"{where}.coverage_factor", f"a {distribution.name} half-width has none", "drop it")
     return amount * math.sqrt(distribution.weight())

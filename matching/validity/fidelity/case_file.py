@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.validity.budget.budget_file import read_budget
+from matching.validity.budget.inputs import read_coverage_factor
 from matching.validity.fidelity.recordings import RecordingPair, read_recordings
 from matching.validity.uncertainty.evaluate import evaluate
 from modelling.common.errors import InputError
@@ -245,7 +246,7 @@ def _uncertainty(table: dict[str, Any], where: str, path: Path) -> _StatedUncert
     """The uncertainty of a sensor, from the case itself or from a budget file."""
     if "budget" in table:
         return _uncertainty_of_budget(table, where, path)
-    factor = number(table, "coverage_factor", where, positive=True) if "coverage_factor" in table else 2.0
+    factor = read_coverage_factor(table, where) if "coverage_factor" in table else 2.0
     if "expanded_uncertainty" not in table:
         raise InputError(where, "has no uncertainty", "give expanded_uncertainty, budget or fidelity")
     value, dimension = signal_quantity(table["expanded_uncertainty"], f"{where}.expanded_uncertainty")
