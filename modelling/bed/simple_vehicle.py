@@ -49,6 +49,7 @@ def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, simple: Sy
         sensors=(*sensors, *(part for part in simple.sensors if part.name not in {sensor.name for sensor in sensors})),
         effects=(*(effect for effect in vehicle.effects if set(effect.places) <= places), *simple.effects),
         mirror=(*(pair for pair in vehicle.mirror if set(pair) <= near), *simple.mirror),
+        operating_point=None,  # that of the vehicle may name what the simple one lacks
     )  # fmt: skip
 
 

@@ -1,9 +1,12 @@
 """A residual vehicle of the user's own: put behind the cut, fitted to the vehicle, and what it lacks named."""
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
 from matching.frequency.beds.tune import TuningEffort
@@ -17,7 +20,10 @@ from matching.frequency.search.match import with_simple_vehicle
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
 from matching.report.match.page import context
+from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
+from modelling.linear.reference_motion import speeds_of, torques_of
+from modelling.linear.state_space import state_space
 
 RIGID_BODY = """
 [inertias.wheel]
@@ -132,3 +138,79 @@ def test_a_part_with_a_name_of_its_own_stands_in_the_page_with_what_its_file_say
 def test_what_does_not_fit_the_cut_is_refused_in_one_line(tmp_path, own, said):
     with pytest.raises(InputError, match=said):
         written(tmp_path, own)
+
+
+COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"
+RIGID_CAR = """
+[inertias.wheel_left]
+J = 0.95
+[inertias.wheel_right]
+J = 0.95
+[inertias.car]
+J = 144.2
+drag = 0.6
+[shafts.left]
+between = ["wheel_left", "car"]
+stiffness = 12000
+damping = 20
+[shafts.right]
+between = ["wheel_right", "car"]
+stiffness = 12000
+damping = 20
+[inputs.road_torque]
+on = "car"
+"""
+
+
+def at_speed(folder, own):
+    """compact_bev at 30 km/h with a road load that grows with the speed, and with a residual vehicle of one's own."""
+    data = tomllib.loads((COMPACT / "case.toml").read_text())
+    data["operating_point"]["road_load"] = {"constant": 100, "quadratic": 0.4}
+    data |= {"residual_vehicle": {"model": "own.toml"}, "move": {}}
+    texts = {name: (COMPACT / name).read_text() for name in ("vehicle.toml", "rig.toml")}
+    for name, text in (texts | {"own.toml": own, "case.toml": tomli_w.dumps(data)}).items():
+        (folder / name).write_text(text)
+    return load_case(folder / "case.toml")
+
+
+def test_at_an_operating_point_it_turns_as_the_vehicle_under_the_same_road_load(tmp_path):
+    """The wheels as the vehicle's, which slip; each cut carries half of drag and road load of a car without slip."""
+    case = at_speed(tmp_path, RIGID_CAR)
+    (part,) = case.residual_vehicle.parts
+    wheel, radius = speeds_of(case.vehicle)["wheel_left"], 0.31
+    assert wheel > 30 / 3.6 / radius
+    assert speeds_of(part) == pytest.approx(dict.fromkeys(("wheel_left", "wheel_right", "car"), wheel))
+    half = (0.6 * wheel + 100 * radius + 0.4 * radius**3 * wheel**2) / 2
+    assert torques_of(part)["side_left_torque"] == pytest.approx(half)
+    slope = 0.6 + 2 * 0.4 * radius**3 * wheel
+    assert max(np.linalg.eigvals(state_space(part).A).real) == pytest.approx(-slope / (144.2 + 1.9), rel=2e-3)
+    again = tmp_path / "again"
+    again.mkdir()
+    for name, text in case_files(case).items():
+        (again / name).write_text(text)
+    (read,) = load_case(again / "case.toml").residual_vehicle.parts
+    assert torques_of(read) == pytest.approx(torques_of(part))
+    assert pytest.approx(state_space(part).A) == state_space(read).A
+
+
+def test_at_an_operating_point_the_vehicles_own_parts_change_nothing(tmp_path):
+    data = tomllib.loads((COMPACT / "vehicle.toml").read_text())
+    del data["reference"], data["title"]
+    for table, names in (
+        ("inertias", ("wheel_left", "wheel_right", "body")), ("shafts", ("tyre_left", "tyre_right")),
+        ("inputs", ("road_torque",)), ("sensors", ()), ("gears", ()), ("differentials", ()),
+    ):  # fmt: skip
+        data[table] = {name: data[table][name] for name in names}
+    case = at_speed(tmp_path, tomli_w.dumps(data))
+    plain = cut(case.vehicle, case.rig)
+    for own, wanted in zip(case.residual_vehicle.parts, plain.parts, strict=True):
+        assert torques_of(own) == pytest.approx(torques_of(wanted))
+        assert pytest.approx(state_space(wanted).A) == state_space(own).A
+
+
+def test_one_that_cannot_turn_as_the_vehicle_is_refused_in_one_line(tmp_path):
+    unlike = RIGID_CAR.replace("[shafts.right]", "[gears.right]").replace(
+        "stiffness = 12000\ndamping = 20\n[in", "ratio = 2\n[in"
+    )
+    with pytest.raises(InputError, match=r"operating_point: the vehicle has it, with the residual vehicle"):
+        at_speed(tmp_path, unlike)

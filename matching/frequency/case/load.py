@@ -11,7 +11,11 @@ from matching.frequency.case.case import OBJECTIVES, Case, Compared, Target
 from matching.frequency.case.load_limits import read_limits
 from matching.frequency.case.load_loop import read_loop
 from matching.frequency.case.load_moves import as_planned, read_moves
-from matching.frequency.case.load_operating_point import at_operating_point, rig_at_operating_point
+from matching.frequency.case.load_operating_point import (
+    at_operating_point,
+    rig_at_operating_point,
+    simple_at_operating_point,
+)
 from matching.frequency.case.tables import table_of, text_of
 from matching.frequency.case.uncertainty import read_uncertainty
 from modelling.bed.loop import Loop
@@ -117,15 +121,12 @@ def _simple_vehicle(
     if "residual_vehicle" not in data:
         return None
     table = table_of(data, "residual_vehicle", where, {"model"})
-    if vehicle.operating_point is not None:
-        raise InputError(
-            f"{where}: residual_vehicle", "does not go with [operating_point] yet", "leave one of the two out"
-        )
     path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
     try:
-        return with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
+        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
     except InputError as fault:
         raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
+    return simple_at_operating_point(data, vehicle, simple, residual, where)
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:

@@ -81,10 +81,51 @@ def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehic
     return rig
 
 
+def simple_at_operating_point(
+    data: Mapping[str, Any], vehicle: System, simple: System, residual: ResidualVehicle, where: str
+) -> System:
+    """The vehicle with the user's residual vehicle where its cuts turn as the vehicle's, under the same road load.
+
+    Torques beyond the cut are those of the vehicle under the same names; the drives' torques that hold it follow.
+
+    Raises
+    ------
+    InputError
+        If it has no such steady motion.
+    """
+    if vehicle.operating_point is None:
+        return simple
+    table, place = table_of(data, "operating_point", where), f"{where}: operating_point"
+    beyond = {part.name for system in residual.parts for part in system.inertias}
+    near = {part.name for part in vehicle.inertias} - beyond
+    if "road_load" in table:
+        bodies = _largest_of_each_part(simple, near)
+        simple = _with_road_load(simple, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
+    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+    point = OperatingPoint(
+        tuple((interface.vehicle_end, speeds[interface.vehicle_end]) for interface in residual.interfaces),
+        tuple((part.name, torques.get(part.name, 0.0)) for part in simple.inputs if part.on not in near),
+    )
+    simple = replace(simple, operating_point=point)
+    try:
+        operating_motion(simple)
+    except InputError as fault:
+        raise InputError(
+            place,
+            f"the vehicle has it, with the residual vehicle of the case it does not: {fault.wrong}",
+            "where the shafts of the cut end, both have to be able to turn at the same speeds",
+        ) from None
+    return simple
+
+
 def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
     """Inertias that stand for the vehicle's mass: of each connected part that the rig lacks the largest."""
-    on_rig = {part.name for part in rig.inertias}
-    inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in on_rig}
+    return _largest_of_each_part(vehicle, {part.name for part in rig.inertias})
+
+
+def _largest_of_each_part(vehicle: System, near: set[str]) -> list[str]:
+    """Of each connected part of what is not ``near`` the largest inertia."""
+    inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in near}
     joints = [part.between for part in vehicle.shafts] + [part.between for part in vehicle.gears]
     carried, left = [], set(inertia)
     while left:
