@@ -1,15 +1,23 @@
 """Beds whose cut shafts have opened, which the search keeps stable; judged by the independent assembly."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from matching.frequency.beds.requirements import Requirements
 from matching.frequency.beds.softened import SHARES, softened
 from matching.frequency.beds.tune import least_stable_opened
 from matching.frequency.beds.tuner import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE
-from matching.frequency.independent.beds_check import Judge, check_beds
+from matching.frequency.case.load import load_case
+from matching.frequency.independent.beds_check import BedsCheck, Judge, check_beds
+from matching.frequency.independent.opened_shafts import dampings_opened
+from matching.frequency.verification.observed import RobustVerification
+from matching.frequency.verification.robust_limits import noted
 from modelling.controller.law import law_of_observer
+
+REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
 
 
 @pytest.fixture
@@ -75,5 +83,26 @@ def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
         assert checked.opened[left] == judge.damping(softened(small_case, {}, left))
     for entry, left in zip(checked.to_dict()["opened_cut_shafts"], SHARES, strict=True):
         ratio = checked.opened[left]
-        assert entry == {"share_left": left, "damping_ratio": ratio, "stable": ratio > 0}
+        assert entry == {"share_left": left, "damping_ratio": ratio, "stable": ratio > 0, "least_alone": ratio}
     assert {ratio > 0 for ratio in checked.opened.values()} == {True, False}
+
+
+def test_of_two_cut_shafts_each_opens_alone_as_well():
+    """Judged by a made-up damping that tells which shafts have opened: only the right one alone is not stable."""
+    case = load_case(REFERENCE)
+    left, right = ("rig.shafts.side_left.stiffness", "rig.shafts.side_right.stiffness")
+    planned = {name: case.rig.parameters[name.removeprefix("rig.")].value for name in (left, right)}
+
+    def damping(values):
+        share = [values.get(name, planned[name]) / planned[name] for name in (left, right)]
+        return 0.02 if share[1] == 1 or share[0] < 1 else share[1] - 0.3
+
+    together, alone = dampings_opened(case, damping)
+    assert set(together.values()) == set(alone["side_left"].values()) == {0.02}
+    assert alone["side_right"] == pytest.approx({share: share - 0.3 for share in SHARES})
+    beds = BedsCheck(0, 0, 0, 0.0, 0.0, (), (), opened=together, opened_alone=alone)
+    entry = beds.to_dict()["opened_cut_shafts"][3]
+    assert entry["stable"]
+    assert entry["least_alone"] == pytest.approx(0.2 - 0.3)
+    (said,) = noted(case, RobustVerification(None, Requirements(0.0, 0.0, 0.0, 0.0, None), None, beds, None))
+    assert "0.001, 0.05, 0.1, 0.2 times the stiffness and damping of the cut shaft side_right alone" in said

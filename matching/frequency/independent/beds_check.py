@@ -12,7 +12,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.independent.chain import Chain, NotCovered
 from matching.frequency.independent.closed_loop import plain_responses
 from matching.frequency.independent.drawn_bed import DrawnBed
-from matching.frequency.independent.opened_shafts import SHARES_LEFT, with_opened_shafts
+from matching.frequency.independent.opened_shafts import dampings_opened
 from matching.frequency.independent.worst_bed import LargestError, WorstBed, largest_error, worst_bed
 from modelling.controller.law import ControlLaw
 
@@ -53,7 +53,9 @@ class BedsCheck:
     opened : mapping of float to float
         Least damping ratio of the bed as planned, by the share that is left of its cut shafts' stiffness and damping;
         −1 where it grows without swinging. In ``result.json``: ``opened_cut_shafts``, a list with ``share_left``,
-        ``damping_ratio`` and ``stable``.
+        ``damping_ratio``, ``stable`` and ``least_alone``, the least of those with one cut shaft opened alone.
+    opened_alone : mapping of str to mapping of float to float
+        The same where one cut shaft opens and the others do not, by its name.
     """
 
     drawn: int
@@ -67,6 +69,7 @@ class BedsCheck:
     largest_error: LargestError | None = None
     not_covered: str = ""
     opened: Mapping[float, float] = field(default_factory=dict)
+    opened_alone: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
 
     @property
     def holds(self) -> bool:
@@ -84,7 +87,8 @@ class BedsCheck:
             "worst": None if self.worst is None else self.worst.to_dict(),
             "largest_error": None if self.largest_error is None else self.largest_error.to_dict(),
             "opened_cut_shafts": [
-                {"share_left": share, "damping_ratio": ratio, "stable": ratio > 0}
+                {"share_left": share, "damping_ratio": ratio, "stable": ratio > 0,
+                 "least_alone": min((alone[share] for alone in self.opened_alone.values()), default=ratio)}
                 for share, ratio in self.opened.items()
             ],
             "not_covered": self.not_covered,
@@ -248,7 +252,7 @@ def check_beds(
         order = np.argsort([verdict.damping_ratio for verdict in verdicts])
         worst = worst_bed(judge.damping, case.uncertainty, positions[order])
         largest = _largest_error(judge, positions, verdicts)
-        opened = {share: judge.damping(with_opened_shafts(case, share)) for share in SHARES_LEFT}
+        opened, alone = dampings_opened(case, judge.damping)
     except NotCovered as reason:
         return BedsCheck(0, 0, 0, float("nan"), required_damping, (), (), None, None, str(reason))
     stable = [verdict for verdict in verdicts if verdict.stable]
@@ -256,7 +260,7 @@ def check_beds(
         count, len(stable), sum(verdict.damped for verdict in stable),
         min(verdict.damping_ratio for verdict in verdicts), required_damping,
         tuple(sorted(verdict.measured for verdict in stable)), tuple(sorted(verdict.unmeasured for verdict in stable)),
-        worst, largest, opened=opened,
+        worst, largest, opened=opened, opened_alone=alone,
     )  # fmt: skip
 
 

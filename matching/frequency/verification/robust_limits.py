@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
 from matching.frequency.case.case import Case
 from matching.frequency.verification.observed import RobustVerification
@@ -78,12 +80,21 @@ def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
 
 
 def _opened(robust: RobustVerification) -> list[str]:
-    unstable = [f"{share:.3g}" for share, ratio in robust.beds.opened.items() if ratio <= 0]
+    beds = robust.beds
+    sentences = _unstable_opened(beds.opened, "its cut shafts")
+    if len(beds.opened_alone) > 1:
+        for shaft, opened in beds.opened_alone.items():
+            sentences += _unstable_opened(opened, f"the cut shaft {shaft} alone")
+    return sentences
+
+
+def _unstable_opened(opened: Mapping[float, float], shafts: str) -> list[str]:
+    unstable = [f"{share:.3g}" for share, ratio in opened.items() if ratio <= 0]
     if not unstable:
         return []
     return [
-        f"the bed as planned is not stable with {', '.join(unstable)} times the stiffness and damping of its cut "
-        "shafts, as a lash that opens in them lets it appear: it may swing on there"
+        f"the bed as planned is not stable with {', '.join(unstable)} times the stiffness and damping of {shafts}, as "
+        "a lash that opens there lets it appear: it may swing on there"
     ]
 
 
