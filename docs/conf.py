@@ -11,7 +11,7 @@ from site_pages import mathml, reference  # noqa: E402
 
 from modelling.common.version import VERSION  # noqa: E402
 
-project, author, release = "rigmatch", "rigmatch contributors", VERSION
+project, author, release = "rigmatch", "The rigmatch authors", VERSION
 root_doc = "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}

@@ -46,10 +46,12 @@ def run(
     ----------
     work, prepare : callable
         At the top of a module, so that workers find them.
-    given : object
+    shared : object
         What ``prepare`` takes; sent along with every chunk.
     chunks : sequence
         Plain values.
+    executor : Executor
+        What runs them.
     content : str
         All that the results depend on, in words: results on record with another content are left alone.
     record : Path, optional

@@ -8,7 +8,7 @@ from typing import Any
 from matching.bed_test.errors import NEGLIGIBLE
 from matching.bed_test.result import COVERAGE_FACTOR
 
-NEAR = 1.5  # times what a match with the true values reaches: as near as a further round is worth
+NEAR_ENOUGH_RATIO = 1.5  # times what a match with the true values reaches: as near as a further round is worth
 
 
 def end_of(rounds: Sequence[Mapping[str, Any]]) -> str | None:
@@ -23,7 +23,7 @@ def end_of(rounds: Sequence[Mapping[str, Any]]) -> str | None:
 
 def _could_gain(error: Mapping[str, Any]) -> bool:
     """Whether an error is larger than what a match with the bed's true values would leave, beyond its uncertainty."""
-    reached = NEAR * max(error["predicted"], NEGLIGIBLE * error["allowed"])
+    reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
     return error["error"] is None or bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
 
 

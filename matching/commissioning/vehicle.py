@@ -37,7 +37,7 @@ class KnownVehicle:
 
 
 def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tuple[str, ...]]:
-    """The vehicle as its recordings are fitted, and notes: without the torques of the road that nobody measures.
+    """The vehicle as its recordings are fitted, and notes: without the road's torques, which are not measured.
 
     Quantities that the model file gives with a range are fitted in it, of others those that ``[uncertainty]`` names,
     in twice its width. What it shares with the rig is taken as known where the bed tells it much better: where the

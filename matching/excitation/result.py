@@ -59,6 +59,8 @@ class ExcitationPlan(Displayed):
     time, torques : ndarray (t,), (t, u)
         Demanded torques beside the speed hold's, N·m.
     parts : tuple of Part
+    fitted_until : float
+        s: the recording up to here is for the fit, the rest for judging it.
     expected : tuple of Expected
         What matters most for the match first.
     error_before, error_after : float
@@ -67,8 +69,8 @@ class ExcitationPlan(Displayed):
         Largest share of each limit over the beds that were simulated.
     margin, beds : float, int
         Share of every limit left free, and number of beds simulated.
-    lowest : ndarray (y,)
-        Least standard deviation that each sensor's signal has over its noise.
+    notes : tuple of str
+        What the user should know.
     """
 
     title: str

@@ -36,7 +36,7 @@ def note(file: str | os.PathLike[str]) -> None:
 
 
 def check(directory: str | os.PathLike[str], names: Iterable[str]) -> None:
-    """Nothing, if no file of these names in a folder is one that is read.
+    """Refuse files of these names in a folder if one of them is an input of this command.
 
     Raises
     ------

@@ -135,7 +135,7 @@ def law_of_feed_forward(
         B,
         -B @ through,
     )
-    # what the model is told: the command sent, less the part of the feedback
+    # the command as the model takes it: the command sent, less the part of the feedback
     part_x, part_w = np.zeros((k, size)), D @ through
     part_x[:, of_feedback], part_x[:, model] = -feedback.C, D @ expected
     if delay:

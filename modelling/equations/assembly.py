@@ -130,7 +130,7 @@ class Assembly:
         return self.parameters.setdefault(name, sm.Symbol(name, real=True))
 
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
-        """Replace a stand-in in the states' derivatives; as it stands, for SymPy takes seconds over |max(…)|."""
+        """Replace a stand-in in the states' derivatives; one with a maximum unevaluated, which is faster."""
         with sm.evaluate(not new.has(sm.Max)):
             for name in self._states_by_symbol.get(old, ()):
                 z, rate = self.states[name]

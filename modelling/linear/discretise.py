@@ -25,7 +25,7 @@ class Discretised:
 
 
 def discretise(A: np.ndarray, B: np.ndarray, step: float) -> Discretised:
-    """Exact solution of ẋ = A (n, n)·x + B (n, m)·u over a step, s, by one matrix exponential (Van Loan, 1978)."""
+    """Exact solution of ẋ = A (x, x)·x + B (x, u)·u over a step, s, by one matrix exponential (Van Loan, 1978)."""
     n, m = B.shape
     block = np.zeros((n + 2 * m, n + 2 * m))
     block[:n, :n], block[:n, n : n + m], block[n : n + m, n + m :] = A * step, B * step, np.eye(m)

@@ -12,7 +12,7 @@ from matching.frequency.case.load import load_case
 from matching.frequency.case.uncertainty import of_system
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
 from matching.frequency.in_time.imperfection import Imperfection, imperfections
-from matching.frequency.in_time.nonlinear_beds import _sharpen
+from matching.frequency.in_time.nonlinear_beds import _refine_friction
 from matching.frequency.in_time.open_lash import lash_runs, open_lash
 from matching.frequency.in_time.sensing import ANGLE_OF_A_COUNT, PoorSensors
 from matching.frequency.in_time.table import truth_in_time, truth_of
@@ -202,7 +202,7 @@ def test_dry_friction_is_as_steep_as_the_steps_allow(small_case, steps):
     rubbing = small_case.rig.with_effects(Effect("coulomb_friction", "inertias.rotor", (("torque", Quantity(50.0)),)))
     model = compiled(rubbing)
     p = model.vector()
-    _sharpen(model, p, steps)
+    _refine_friction(model, p, steps)
     wide = p[list(model.parameters).index(STICK_SPEED)]
     slope = 50.0 / (0.9 * wide)  # torque over the ramp's speed and the rotor's inertia, 1/s
     assert slope == pytest.approx(STABLE_STEP * steps, rel=0.02)
@@ -211,5 +211,5 @@ def test_dry_friction_is_as_steep_as_the_steps_allow(small_case, steps):
 def test_a_model_without_friction_keeps_its_parameters(small_case):
     model = compiled(small_case.rig)
     p = model.vector()
-    _sharpen(model, p, 1000.0)
+    _refine_friction(model, p, 1000.0)
     np.testing.assert_array_equal(p, model.vector())

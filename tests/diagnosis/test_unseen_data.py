@@ -113,10 +113,10 @@ def test_a_weighted_search_judges_by_what_is_left_fast_and_slow(unseen):
     )  # fmt: skip
     assert unseen.of.error(child).pooled > unseen.of.error(parent).pooled
     assert not unseen.of.gains(child, parent)
-    assert unseen.of.promises(child, parent)
-    assert not unseen.of.promises(parent, child)
+    assert unseen.of.may_gain(child, parent)
+    assert not unseen.of.may_gain(parent, child)
     child.fit.problem.weighting = None
-    assert not unseen.of.promises(child, parent)
+    assert not unseen.of.may_gain(child, parent)
 
 
 def test_nothing_measured_leaves_no_figure(unseen):

@@ -35,8 +35,8 @@ class Weighting:
         return Weighting(np.zeros_like(self.memory), self.scale / np.sqrt(1 - self.memory**2))
 
     def with_slow_part(self, power: np.ndarray) -> Weighting:
-        """Weights by which what the error before does not foretell counts half, and the error itself, slow parts
-        included, the other half.
+        """Weights by which the innovation (the part of the error that its past does not predict) counts half, and the
+        error itself, slow parts included, the other half.
 
         The sum of squares of both whitenings is that of one first-order filter, whose zero follows from the spectrum
         |1 − memory·z|²/scale² + 1/power (spectral factorization).

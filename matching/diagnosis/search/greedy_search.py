@@ -136,7 +136,7 @@ def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: Un
             break
         if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
             continue
-        if at_noise(hypothesis) or unseen.promises(hypothesis, state.best):
+        if at_noise(hypothesis) or unseen.may_gain(hypothesis, state.best):
             return [with_balanced_sensors(hypothesis), *grown[index + 1 :]]
     return []
 

@@ -28,7 +28,7 @@ def drop_and_exchange(state: SearchState, unseen: UnseenData, budget: RefitBudge
         rivals: list[list[Hypothesis]] = []
         for index in range(len(state.best.causes)):
             better = _better_without(state, index, budget, progress, rivals)
-            if better is not None and (at_noise(better) or unseen.promises(better, state.best)):
+            if better is not None and (at_noise(better) or unseen.may_gain(better, state.best)):
                 state.best = better
                 break
         else:

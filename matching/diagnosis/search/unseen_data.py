@@ -62,11 +62,11 @@ class UnseenData:
             self._known[key] = hypothesis, self._simulated(hypothesis)
         return self._known[key][1]
 
-    def promises(self, child: Hypothesis, parent: Hypothesis) -> bool:
+    def may_gain(self, child: Hypothesis, parent: Hypothesis) -> bool:
         """Whether a hypothesis that may lack further causes meets unseen data better than another.
 
-        Where sensors are weighted by what the model leaves of them, a slow drift that a further cause will explain
-        counts no more than what the error before does not foretell.
+        Where sensors are weighted by the model's residual, the slow part of the error, which a further cause may
+        explain, counts no more than the part that the error's past does not predict.
         """
         after, before = self.error(child), self.error(parent)
         if after is None or before is None or child.fit.problem.weighting is None:

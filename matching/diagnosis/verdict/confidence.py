@@ -59,7 +59,7 @@ def confidence(share: float, explained: bool, part_explained: float) -> float:
 def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedCause]:
     """A cause of the best hypothesis and its rivals with their shares of the evidence, largest first.
 
-    Rivals near a best fit at the noise are refitted as finely as it. A cause gives way to a rival with more evidence.
+    Rivals near a best fit at the noise are refitted as finely as it. A rival with more evidence replaces a cause.
     """
     best, cause = state.best, state.best.causes[index]
     others = [_weighted_as(best, rival) for rival in _rivals(state, index)]
@@ -85,7 +85,7 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
 
 
 def _meant(rival: Hypothesis) -> bool:
-    """Whether a cause may give way to a rival: its values are possible and within what the recording has shown."""
+    """Whether a rival may replace a cause: its values are possible and within the recorded range."""
     return not rival.model.not_taken(rival.fit)
 
 

@@ -30,7 +30,13 @@ def case_path(workspace: Workspace) -> Path:
 
 
 def write_case(workspace: Workspace) -> Path:
-    """The same, written; comments and order of the files stay."""
+    """Write the case as it is shown, with its models, and return where; comments and order of the files stay.
+
+    Raises
+    ------
+    InputError
+        If no case is open, or the copy cannot be written.
+    """
     path = case_path(workspace)
     if workspace.case is not None and path != workspace.case.path:
         folder, content = workspace.case.path.parent.absolute(), workspace.case.content
@@ -42,7 +48,13 @@ def write_case(workspace: Workspace) -> Path:
 
 
 def write_model(workspace: Workspace, role: str) -> Path:
-    """Where a command finds a model as it is shown; a copy is written if it has changes that are not saved."""
+    """Where a command finds a model as it is shown; a copy is written if it has changes that are not saved.
+
+    Raises
+    ------
+    InputError
+        If the copy cannot be written.
+    """
     model = workspace.models[role]
     if not model.changed:
         return model.path

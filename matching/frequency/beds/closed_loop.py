@@ -75,7 +75,7 @@ def sampled_beds(case: Case, values: Sequence[dict[str, float]]) -> SampledBeds:
 
 
 def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
-    """Beds with as many commands on their way as the latest of them has."""
+    """Sampled beds as one batch, each with as many delayed commands as the bed with the longest dead time has."""
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
     A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))

@@ -87,7 +87,7 @@ class LoopCurves:
 
 
 def loop_curves(bed: Planned, acting: Action) -> LoopCurves:
-    """What the requirements on the loop are read from."""
+    """Return difference, complementary sensitivity and noise of the bed as planned, which the requirements limit."""
     difference = return_difference(bed.every, acting)[0]
     identity = np.eye(difference.shape[-1])
     inverse = np.linalg.inv(difference)

@@ -1,9 +1,9 @@
 """What the vehicle's own manoeuvre asks of adapters and dynamometers, as constraints on what may move.
 
-If the rig answers like the vehicle, the cut shafts carry the vehicle's torques and their ends turn as the vehicle's
-do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque less what
-the inertias before it and their drag take, the dynamometer what is left. Torques and speeds are absolute: the vehicle
-begins at its operating point, at standstill without one.
+If the rig reproduces the vehicle's response, the cut shafts carry the vehicle's torques and their ends turn as the
+vehicle's do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque
+less what the inertias before it and their drag take, the dynamometer what is left. Torques and speeds are absolute: the
+vehicle begins at its operating point, at standstill without one.
 """
 
 from __future__ import annotations
@@ -39,17 +39,18 @@ class DynamometerChain:
     speed: np.ndarray
     drag: Mapping[str, float] = field(default_factory=dict)
 
-    def left(self, passed: tuple[str, ...]) -> np.ndarray:
+    def remaining_torque(self, passed: tuple[str, ...]) -> np.ndarray:
         """Interface torque (t,) less the drag of the inertias that it has passed, N·m."""
         return self.torque - sum(self.drag.get(name, 0.0) for name in passed) * self.speed
 
     def peak(self, passed: tuple[str, ...], inertia: float, factor: np.ndarray | float = 1.0) -> float:
-        """Largest |(torque left − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
-        return float(np.abs((self.left(passed) - inertia * self.acceleration) * factor).max())
+        """Largest |(remaining torque − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
+        return float(np.abs((self.remaining_torque(passed) - inertia * self.acceleration) * factor).max())
 
     def peak_expression(self, passed: tuple[str, ...], inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
-        """The same as an expression of the inertia."""
-        return ca.mmax(ca.fabs(ca.DM(self.left(passed) * factor) - inertia * ca.DM(self.acceleration * factor)))
+        """:meth:`peak` as an expression of the inertia."""
+        torque, acceleration = ca.DM(self.remaining_torque(passed) * factor), ca.DM(self.acceleration * factor)
+        return ca.mmax(ca.fabs(torque - inertia * acceleration))
 
 
 @dataclass(frozen=True)

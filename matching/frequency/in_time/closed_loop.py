@@ -29,7 +29,7 @@ class BedRun:
     torques : mapping of str to ndarray (t,)
         N·m by input, as demanded, one value a sample.
     known : tuple of str
-        Inputs of the rig whose torque the controller is told; what acts in the residual vehicle it always is.
+        Inputs of the rig whose torque the controller knows; it always knows those of the residual vehicle.
     """
 
     imperfection: Imperfection
@@ -88,7 +88,7 @@ def bed_motions(
     systems = [flawed(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
     drives = _stacked([acting(case, run) for run in runs], beds.drives)
-    measured = _stacked([_told(case, run) for run in runs], law.known)
+    measured = _stacked([_known_torques(case, run) for run in runs], law.known)
     poor, of_law = _sensing(case, law, runs, seed), [beds.model.sensors.index(name) for name in law.sensors]
     flanges = [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers]
     chosen = [beds.model.sensors.index(name) for name in sensors]
@@ -126,8 +126,8 @@ def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
     )
 
 
-def _told(case: Case, run: BedRun) -> dict[str, np.ndarray]:
-    """Torques as the controller is told them; those that it is not told are 0 for it."""
+def _known_torques(case: Case, run: BedRun) -> dict[str, np.ndarray]:
+    """Torques as the controller knows them; unknown ones are 0."""
     on_rig = {part.name for part in case.rig.inputs}
     return {name: torque * (name not in on_rig or name in run.known) for name, torque in run.torques.items()}
 

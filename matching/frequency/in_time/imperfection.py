@@ -44,7 +44,7 @@ class Imperfection:
         Lash (rad) of every shaft that the cut runs through, dry friction (N·m) of the inertias on the bed's side of
         these. Shafts with lash of their own, and inertias with friction, keep it.
     demand_factor, demand_late : float
-        Measured or demanded torques act with this factor, and so much later (s), than the controller is told.
+        Measured or demanded torques act with this factor, and so much later (s), than the controller assumes.
     poor_sensors : bool
         Noise and an offset of the sensors' uncertainty, encoders for speeds.
     """

@@ -60,7 +60,7 @@ class NonlinearBeds:
             rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
         self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
         for row in p:
-            _sharpen(self.model, row, self.pieces / step)
+            _refine_friction(self.model, row, self.pieces / step)
         held = np.stack([point.inputs for point in points])
         names = list(self.model.inputs)
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
@@ -179,7 +179,7 @@ def _flat(model: Model, p: np.ndarray) -> np.ndarray:
     return flat
 
 
-def _sharpen(model: Model, p: np.ndarray, steps: float) -> None:
+def _refine_friction(model: Model, p: np.ndarray, steps: float) -> None:
     """Dry friction as sharp as so many steps a second allow, and contact over one step; in place."""
     if CONTACT_TIME in model.parameters:
         p[model.parameters.index(CONTACT_TIME)] = 1 / steps

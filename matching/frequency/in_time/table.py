@@ -28,7 +28,7 @@ SMALLEST_RANGE = 1e-300  # of a signal that the manoeuvre leaves at rest
 class TimeErrors:
     """Errors of one bed: root mean square over the range of the vehicle's signal; None where the bed is not stable.
 
-    ``measured`` and ``unmeasured`` by sensor: the controller is told of the rig's torques, or not.
+    ``measured`` and ``unmeasured`` by sensor: the controller knows the rig's torques, or not.
     """
 
     words: str

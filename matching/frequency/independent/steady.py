@@ -31,9 +31,9 @@ RESISTS: dict[str, Callable[[Parameters, float], tuple[float, float]]] = {
 
 
 def patch_slip(p: Parameters, torque: float) -> tuple[float, float]:
-    """Slip of a tyre's contact patch at a torque (N·m), and its derivative by torque: the Magic Formula, inverted.
+    """Slip (dimensionless) of a tyre's contact patch at a torque (N·m), and its derivative by torque, 1/(N·m).
 
-    NaN beyond the peak.
+    The Magic Formula (Pacejka, Tire and Vehicle Dynamics, 2012, section 4.3), inverted; NaN beyond the peak.
     """
     shape, peak = p.get("shape", 1.65), p["peak"]
     share = torque / peak

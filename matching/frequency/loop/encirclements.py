@@ -9,11 +9,11 @@ import numpy as np
 
 from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.parts import Parts
-from matching.frequency.loop.poles import ZERO
+from matching.frequency.loop.poles import RESTING_BELOW
 
 LOWEST, HIGHEST = 1e-4, 5e3  # Hz
 STEP = 0.3  # rad: largest phase step of det(I + L) that is believed
-MOST = 200_000  # frequencies
+MOST_FREQUENCIES = 200_000  # frequencies
 STEPS_A_ROUND, ROUNDS = 16, 7  # about a minimum of the margin: 8⁻⁷ = 5e-7 of the interval between grid points is left
 
 Difference = Callable[[np.ndarray], np.ndarray]
@@ -64,9 +64,9 @@ def encirclements(parts: Parts, dead_time: float | None = None, margin_from: flo
     open_loop = np.concatenate(
         [np.linalg.eigvals(part.space.A) for part in parts.residual] + [np.linalg.eigvals(parts.rig.space.A)]
     )
-    resting = int(np.sum(np.abs(open_loop) < ZERO))
+    resting = int(np.sum(np.abs(open_loop) < RESTING_BELOW))
     resting += parts.case.loop.structure.integrators(parts.case.loop.values) * len(parts.dynamometers)
-    right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= ZERO)))
+    right = int(np.sum((open_loop.real > 1e-9) & (np.abs(open_loop) >= RESTING_BELOW)))
     corners = np.abs(open_loop[open_loop.imag > 0]) / (2 * np.pi)
     return count(loop.return_difference, right, resting, loop.dead_time, corners, margin_from)
 
@@ -100,7 +100,7 @@ def count(
         curve = np.linalg.det(values) * (s / (s + 1)) ** resting
         step = np.angle(curve[1:] / curve[:-1])
         wide = np.flatnonzero((np.abs(step) > STEP) & (np.diff(frequencies) > 1e-9 * frequencies[1:]))
-        if not len(wide) or len(frequencies) > MOST:
+        if not len(wide) or len(frequencies) > MOST_FREQUENCIES:
             break
         new = np.sqrt(frequencies[wide] * frequencies[wide + 1])
         values = np.insert(values, wide + 1, difference(2j * np.pi * new), axis=0)
@@ -135,7 +135,7 @@ def _grid(delay: float, corners: np.ndarray, top: float) -> np.ndarray:
     near = np.concatenate([-np.geomspace(0.3, 1e-4, 12), [0.0], np.geomspace(1e-4, 0.3, 12)])
     parts += [corner * (1 + near) for corner in corners]
     if delay > 0:
-        parts.append(np.linspace(LOWEST, top, int(min(top * delay * 2 * np.pi / STEP + 2, MOST / 10))))
+        parts.append(np.linspace(LOWEST, top, int(min(top * delay * 2 * np.pi / STEP + 2, MOST_FREQUENCIES / 10))))
     grid = np.unique(np.concatenate(parts))
     return grid[(grid > 0) & (grid <= top)]
 
@@ -152,8 +152,8 @@ def modulus_margin(difference: Difference, frequencies: np.ndarray, values: np.n
     """
     sizes = np.linalg.svd(values, compute_uv=False)[:, -1]
     padded = np.concatenate([[np.inf], sizes, [np.inf]])
-    valleys = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
-    lowest = valleys[np.argsort(sizes[valleys])][:5]
+    minima = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
+    lowest = minima[np.argsort(sizes[minima])][:5]
     before, after = frequencies[np.maximum(lowest - 1, 0)], frequencies[np.minimum(lowest + 1, len(sizes) - 1)]
     least, where = _refined(difference, np.log(before), np.log(after))
     best = int(np.argmin(least))

@@ -14,7 +14,7 @@ ORDERS = (3, 5, 8)
 MORE = (12, 16, 20, 24)  # taken as well where the dead time is long for what the loop does
 BELIEVED = np.radians(5.0)  # phase error up to which an approximation counts, as far as the loop has gain
 TRUSTED = np.radians(1.0)  # phase error up to which an approximation is believed
-ZERO = 1e-6  # rad/s: a rigid motion without drag stands here, neither stable nor unstable
+RESTING_BELOW = 1e-6  # rad/s: a rigid motion without drag stands here, neither stable nor unstable
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ def resting_and_right(poles: np.ndarray, neutral: int) -> tuple[int, int]:
 
     At most ``neutral`` poles at 0 are taken for such motions, which the vehicle has as well; more are not stable.
     """
-    resting = int(np.sum(np.abs(poles) < ZERO))
-    right = int(np.sum((poles.real >= 0) & (np.abs(poles) >= ZERO)))
+    resting = int(np.sum(np.abs(poles) < RESTING_BELOW))
+    right = int(np.sum((poles.real >= 0) & (np.abs(poles) >= RESTING_BELOW)))
     return min(resting, neutral), right + max(resting - neutral, 0)
 
 
@@ -133,4 +133,4 @@ def orders_for(delay: float, edge: float) -> tuple[int, ...]:
 
 def neutral_motions(parts: Parts) -> int:
     """Rigid motions of the residual vehicle that nothing slows: poles at 0 that the vehicle has as well."""
-    return sum(int(np.sum(np.abs(np.linalg.eigvals(part.space.A)) < ZERO)) for part in parts.residual)
+    return sum(int(np.sum(np.abs(np.linalg.eigvals(part.space.A)) < RESTING_BELOW)) for part in parts.residual)

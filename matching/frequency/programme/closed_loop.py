@@ -69,7 +69,7 @@ class ClosedLoopFunctions:
 
 
 def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> ClosedLoopFunctions:
-    """Build the loop of a case; The model-based feed-forward is left out: this is what feedback alone does.
+    """Build the feedback loop of a case; the model-based feed-forward is left out.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ class EigenpairConstraints:
         return [*range(self.common.size), *range(first, first + width)]
 
     def _selection(self, number: int) -> ca.DM:
-        """What moves and the goal's own pair out of v, sparse."""
+        """Sparse selection from v of the released quantities and the goal's eigenpair."""
         entries = self._entries(number)
         return ca.DM(ca.Sparsity.triplet(len(entries), self.common.v.numel(), list(range(len(entries))), entries), 1)
 
@@ -123,5 +123,5 @@ class EigenpairConstraints:
 
 
 def summed(common: CommonParts, each: ca.MX) -> ca.MX:
-    """Hessian of what moves from its parts at every frequency (m·m, f)."""
+    """Hessian by the released quantities, c of them, as the sum of its parts at every frequency (c·c, f)."""
     return common.embedded(ca.reshape(ca.sum2(each), common.size, common.size))

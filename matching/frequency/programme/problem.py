@@ -60,15 +60,15 @@ class Problem:
     def oscillating(self) -> Problem:
         """The same where no tracked root may become real.
 
-        A start from anywhere that may let one do so rarely finds a good optimum; one that is led from another solution
-        has to be free to.
+        With a random start a root that may become real rarely leads to a good optimum; a start by continuation from
+        another solution needs that freedom.
         """
         lower = self.lower.copy()
         eigenpairs(lower, len(self.moves), self.case)[:, 1] = LEAST_OSCILLATION
         return replace(self, lower=lower)
 
     def missed(self, v: np.ndarray) -> np.ndarray:
-        """Frequencies in Hz of the valleys of the margin, on a dense grid, that reach below what is wanted."""
+        """Frequencies (Hz, on a dense grid) of the margin's local minima that lie below the wanted margin."""
         least = self.survey(v).full().ravel()
         padded = np.concatenate([[np.inf], least, [np.inf]])
         return SURVEY_HZ[(least < -MARGIN_MISSED) & (least <= padded[:-2]) & (least <= padded[2:])]

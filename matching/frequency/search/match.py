@@ -1,4 +1,4 @@
-"""The main job: from a case to a rig that answers like the vehicle, verified, or to what stands in the way."""
+"""The main job: from a case to a verified rig that reproduces the vehicle's response, or to what prevents it."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ FREQUENCIES_AROUND = (
 def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
     """The best end that can be made to hold the margin between the grid as well; the best of all if none can.
 
-    An end that gives much way to the margin may come out worse than the next one: what is below it is tried, too.
+    Keeping the margin may raise the objective of an end above that of the next one: ends below it are tried as well.
     """
     candidates: list[Solution] = []
     last, least = -np.inf, np.inf

@@ -14,7 +14,7 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.loop.poles import ORDERS, closed_matrix
 from matching.frequency.programme.problem import Problem, eigenpairs
 
-LEAST_LIKENESS = 0.3  # cosine between a root's pattern over the dynamometers and the target's, from which it counts
+LEAST_COSINE = 0.3  # cosine between a root's pattern over the dynamometers and the target's, from which it counts
 
 
 def with_nearest_roots(problem: Problem, v: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ def with_nearest_roots(problem: Problem, v: np.ndarray) -> np.ndarray:
         distance = (natural - 1) ** 2 + (-roots.real / np.maximum(np.abs(roots), 1e-12) - damping) ** 2
         for i in np.argsort(distance):
             x = np.linalg.svd(difference(roots[i : i + 1])[0])[2][-1].conj()
-            if abs(pattern @ x) > LEAST_LIKENESS:
+            if abs(pattern @ x) > LEAST_COSINE:
                 x = x / (pattern @ x)
                 row[:] = [roots[i].real / size, roots[i].imag / size, *x.real, *x.imag]
                 break

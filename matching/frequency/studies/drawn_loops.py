@@ -187,14 +187,14 @@ class _Minima:
         with np.errstate(divide="ignore", invalid="ignore"):
             falls, rises = np.diff(self.squares, axis=0) / np.diff(self.places, axis=0)
             down, up = np.diff(self.places, axis=0)
-            bends = (rises - falls) / (down + up)
-            return falls + bends * down, bends
+            half_curvature = (rises - falls) / (down + up)
+            return falls + half_curvature * down, half_curvature
 
     def bottom(self) -> np.ndarray:
         """Where the parabolas have their lowest points, (n,), within the three places."""
-        slope, bends = self._parabola()
+        slope, half_curvature = self._parabola()
         with np.errstate(divide="ignore", invalid="ignore"):
-            place = self.places[1] - slope / (2 * bends)
+            place = self.places[1] - slope / (2 * half_curvature)
         low, middle, high = self.places
         inside = np.where(np.isfinite(place), np.clip(place, low, high), (low + high) / 2)
         apart = np.abs(inside - middle) > 1e-9
@@ -202,9 +202,9 @@ class _Minima:
 
     def kept(self, least: np.ndarray) -> _Minima:
         """Those that may be deeper than what is the least (b,) of each draw so far."""
-        slope, bends = self._parabola()
+        slope, half_curvature = self._parabola()
         with np.errstate(divide="ignore", invalid="ignore"):
-            expected = self.squares[1] - slope**2 / (4 * bends)
+            expected = self.squares[1] - slope**2 / (4 * half_curvature)
         kept = ~(expected > (CANDIDATE * least[self.draws]) ** 2)
         return _Minima(self.places[:, kept], self.squares[:, kept], self.draws[kept])
 

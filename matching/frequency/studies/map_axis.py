@@ -13,8 +13,8 @@ from modelling.common.errors import InputError, unknown
 from modelling.units import to_si
 
 STEPS = 5
-MOST = 100  # values an axis
-WIDE = 4.0  # from this ratio on values are spread by ratio, not by difference
+MOST_VALUES = 100  # values an axis
+GEOMETRIC_FROM_RATIO = 4.0  # from this ratio on values are spread by ratio, not by difference
 RANGES = {"loop.dead_time": (5e-4, 8e-3), "loop.inverter_lag": (5e-4, 8e-3), "loop.sample_time": (2.5e-4, 4e-3)}
 
 
@@ -67,8 +67,8 @@ def axis(case: Case, text: str, where: str = "") -> Axis:
         raise InputError(
             where, f"{span!r} is no row of rising values of {name}", "let every value be given once, least first"
         )
-    if len(values) > MOST:
-        raise InputError(where, f"{len(values)} values of {name} are too many", f"2 … {MOST} are needed")
+    if len(values) > MOST_VALUES:
+        raise InputError(where, f"{len(values)} values of {name} are too many", f"2 … {MOST_VALUES} are needed")
     _check(case, name, values[0], values[-1], where)
     return Axis(name, unit, values, here)
 
@@ -79,8 +79,8 @@ def _range(span: str, unit: str, where: str, name: str) -> tuple[float, ...]:
     if len(parts) not in (2, 3):
         right = f"write {name}=LOW:HIGH, {name}=LOW:HIGH:N or {name}=VALUE,VALUE"
         raise InputError(where, f"{span!r} is no range", right)
-    if len(parts) == 3 and (not parts[2].strip().isdigit() or not 2 <= int(parts[2]) <= MOST):
-        raise InputError(where, f"{parts[2]!r} is no number of values", f"2 … {MOST} are needed")
+    if len(parts) == 3 and (not parts[2].strip().isdigit() or not 2 <= int(parts[2]) <= MOST_VALUES):
+        raise InputError(where, f"{parts[2]!r} is no number of values", f"2 … {MOST_VALUES} are needed")
     low, high = (_si(part, unit, where, name) for part in parts[:2])
     if not low < high:
         raise InputError(where, f"{low:g} … {high:g} is an empty range of {name}", "LOW < HIGH is needed")
@@ -89,7 +89,7 @@ def _range(span: str, unit: str, where: str, name: str) -> tuple[float, ...]:
 
 def _spread(low: float, high: float, count: int) -> tuple[float, ...]:
     """So many values: by ratio where they reach far, else by difference."""
-    spaced = np.geomspace if low > 0 and high >= WIDE * low else np.linspace
+    spaced = np.geomspace if low > 0 and high >= GEOMETRIC_FROM_RATIO * low else np.linspace
     return tuple(spaced(low, high, count).tolist())
 
 

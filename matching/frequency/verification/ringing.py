@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-MOST = 40  # poles
+MOST_POLES = 40  # poles
 WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, at most
 HALVINGS = 4  # of the record, until what dies away soon is seen
 EXPLAINED = 0.9  # of the motion of such a part, or it may be noise
@@ -98,7 +98,7 @@ def _order(sizes: np.ndarray, shape: tuple[int, ...]) -> int:
     """How many singular values stand above the noise."""
     beta = min(shape) / max(shape)
     threshold = (0.56 * beta**3 - 0.95 * beta**2 + 1.82 * beta + 1.43) * np.median(sizes)
-    return int(np.clip(np.sum(sizes > max(threshold, 1e-9 * sizes[0])), 1, min(MOST, len(sizes) - 1)))
+    return int(np.clip(np.sum(sizes > max(threshold, 1e-9 * sizes[0])), 1, min(MOST_POLES, len(sizes) - 1)))
 
 
 def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, float]:

@@ -29,5 +29,5 @@ def as_text(diagnosis: Diagnosis) -> str:
 
 @display.html.register
 def as_html(diagnosis: Diagnosis) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return preformatted(as_text(diagnosis))

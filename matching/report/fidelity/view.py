@@ -25,5 +25,5 @@ def as_text(fidelity: XilFidelity) -> str:
 
 @display.html.register
 def as_html(fidelity: XilFidelity) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return preformatted(as_text(fidelity))

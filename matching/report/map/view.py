@@ -24,7 +24,7 @@ def as_text(result: Map) -> str:
 
 @display.html.register
 def as_html(result: Map) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return table(_rows(result), result.title)
 
 

@@ -25,5 +25,5 @@ def said(result: MatchResult) -> str:
 
 @display.html.register
 def html(result: MatchResult) -> str:
-    """The same for a notebook."""
+    """The result as HTML for a notebook."""
     return summary_html(result)

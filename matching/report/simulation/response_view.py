@@ -40,7 +40,7 @@ def as_text(response: Response) -> str:
 
 @display.html.register
 def as_html(response: Response) -> str:
-    """The same for a notebook."""
+    """The result as HTML for a notebook."""
     return table(_rows(response))
 
 

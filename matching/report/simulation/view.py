@@ -60,7 +60,7 @@ def as_text(simulation: Simulation) -> str:
 
 @display.html.register
 def as_html(simulation: Simulation) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return table(_rows(simulation), _title(simulation))
 
 

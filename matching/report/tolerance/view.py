@@ -49,7 +49,7 @@ def as_text(study: Tolerance) -> str:
 
 @display.html.register
 def as_html(study: Tolerance) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return preformatted(as_text(study))
 
 

@@ -25,5 +25,5 @@ def as_text(uncertainty: Uncertainty) -> str:
 
 @display.html.register
 def as_html(uncertainty: Uncertainty) -> str:
-    """The same for a notebook."""
+    """The text of the result as HTML for a notebook."""
     return preformatted(as_text(uncertainty))

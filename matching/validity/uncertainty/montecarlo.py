@@ -21,7 +21,7 @@ from modelling.common.errors import InputError
 from modelling.units import Unit
 
 PILOT = 10  # chunks kept to place the histogram's edges
-MOST = 2_000_000  # draws until the result is stable
+MOST_DRAWS = 2_000_000  # draws until the result is stable
 MOST_TO_DECIDE = 10_000_000  # draws until a question to the result is decided as well, some seconds
 WIDEST_DRAWS = 1e150  # of wider ones the sum of squares over all draws is no floating-point number
 QUESTION_GROWTH = 1.25  # the question is asked again when there are so many times the draws
@@ -68,7 +68,7 @@ def monte_carlo(
     seed: int = 1,
     draws: int | None = None,
     digits: int = 2,
-    most: int = MOST,
+    most: int = MOST_DRAWS,
     workers: int | None = None,
     undecided: Callable[[MonteCarlo], bool] | None = None,
 ) -> MonteCarlo:  # what is drawn, and when there are enough draws

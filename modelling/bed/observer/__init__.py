@@ -1,1 +1,1 @@
-"""A controller that estimates what nobody measures: its model, filter, state feedback, and how it steps."""
+"""A controller that estimates unmeasured torques: its model, filter, state feedback, and how it steps."""

@@ -1,7 +1,7 @@
 """Design of the observer-based controller: Kalman filter, prediction across the dead time, optimal state feedback.
 
 The model is that of :mod:`modelling.bed.bed_model`, with a torque that wanders (a random walk) at every input of the
-rig and at every dynamometer's rotor: what nobody measures is estimated from what it does. What a dynamometer gives
+rig and at every dynamometer's rotor: unmeasured torques are estimated from their effect. What a dynamometer gives
 wrong (gain, lag, dead time) swings with the emulated modes, so at every rotor a torque that swings with them is
 estimated as well, and predicted in phase across the dead time (internal model principle: Francis and Wonham,
 Automatica 12 (1976) 457). Noise in the cut shafts says that their torque is not the model's. The filter corrects rig,

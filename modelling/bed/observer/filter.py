@@ -52,7 +52,14 @@ class Filter:
 
 
 def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
-    """The Kalman filter for given weights.
+    """The stationary Kalman filter of a model.
+
+    Parameters
+    ----------
+    model : ObserverModel
+    weights : mapping of str to float
+        By the names that the model's ``drifts``, ``noises`` and :data:`TRUST` have, in the units of
+        :data:`modelling.bed.structures.observer.QUANTITIES`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Observer, prediction across the dead time and state feedback in one controller, for measured and unmeasured torques.
 
 What it measures: the dynamometers' torques and speeds, further sensors (``loop.measures``) and torques that are
-measured or demanded (``loop.knows``). What nobody measures it estimates. Its weights, :data:`QUANTITIES`, are no
+measured or demanded (``loop.knows``). Unmeasured torques it estimates. Its weights, :data:`QUANTITIES`, are no
 physical values: a search over drawn beds sets them.
 """
 

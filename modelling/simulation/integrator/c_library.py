@@ -31,8 +31,8 @@ SOURCE = "step.c"
 # one translation unit, in this order
 DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "errors.c", "run.c")
 
-# The C library's own are calls, and a lash takes ten of them. What is not a number gives way here too: of a comparison
-# that is false the second operand remains, so that a constant, which is a number, needs no further look.
+# fmax and fmin of the C library are calls, and a lash takes ten of them. NaN operands are ignored, as in C's fmax: of a
+# comparison that is false the second operand remains, so a constant, which is a number, needs no further test.
 PRELUDE = """#include <math.h>
 #define NUMBER(x) (__builtin_constant_p(x) && x == x)
 static inline double larger(double x, double y)
