@@ -230,3 +230,15 @@ def test_a_compiler_without_room_is_an_error_of_the_machine(tmp_path):
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as full:
         c_compiler.compile_library(str(compiler), [], {"a.c": ""}, "a.c")
     assert "no space is left" in str(of_the_machine(full.value))
+
+
+def test_too_many_open_files_are_an_error_of_the_machine_and_no_fault_of_the_compiler(tmp_path, monkeypatch):
+    """Nothing else would work either: one line, not a note and a line."""
+
+    def full(*_, **__):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(c_compiler.subprocess, "Popen", full)
+    with pytest.raises(OSError, match=os.strerror(errno.EMFILE)) as fault:
+        c_compiler.works(str(tmp_path / "cc"))
+    assert "too many files are open" in str(of_the_machine(fault.value))

@@ -27,6 +27,7 @@ TRIAL_FLAGS = ("-O1", "-shared", "-fPIC", "-std=c11")
 TRIAL = """#include <math.h>
 double trial(double x, int n) { double y = 0.5; while (n--) y = y * x + floor(3.7 * y) - 0.25; return y; }
 """
+TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
 TRIAL_ANSWER = "[35.25, 1693.25]"  # by hand: of (1.5, 3) and of (2.0, 5)
 CALL_TRIAL = """import ctypes, sys
 trial = ctypes.CDLL(sys.argv[1]).trial
@@ -54,7 +55,13 @@ def compiler() -> str | None:
 
 @functools.cache
 def fault_of(cc: str) -> str:
-    """What is wrong with a compiler; empty if its trial program gives the right answer."""
+    """What is wrong with a compiler; empty if its trial program gives the right answer.
+
+    Raises
+    ------
+    OSError
+        If too many files are open to try it.
+    """
     try:
         made = compile_library(cc, TRIAL_FLAGS, {"trial.c": TRIAL}, "trial.c", TRIAL_SECONDS)
         with tempfile.TemporaryDirectory(prefix="rigmatch-") as work:
@@ -64,6 +71,8 @@ def fault_of(cc: str) -> str:
     except CompilerFault as fault:
         return str(fault)
     except OSError as fault:  # no room for temporary files, say
+        if fault.errno in TOO_MANY_FILES:  # nothing else would work either
+            raise
         return fault.strerror or str(fault)
     return "" if answer == TRIAL_ANSWER else "what it makes does not run or gives wrong answers"
 
@@ -150,7 +159,7 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
     CompilerFault
         If it cannot be run, fails or takes longer.
     OSError
-        If it says that the disk is full.
+        If it says that the disk is full, or too many files are open to run it.
     """
     environment = os.environ | ({"TMPDIR": folder} if folder else {})  # what a killed compiler leaves goes with it
     try:
@@ -159,6 +168,8 @@ def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
             stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
         )  # fmt: skip
     except OSError as fault:
+        if fault.errno in TOO_MANY_FILES:
+            raise
         raise CompilerFault(f"{fault.strerror or fault}") from None
     with running:
         try:
