@@ -240,7 +240,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    return terminal(" ".join(text.split()))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import re
 import unicodedata
 
 LONGEST_COMMENT, LONGEST_FILE_NAME = 200, 80  # characters; a file's name may take 255 bytes, an ending included
-_DIRECTION = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+_DIRECTION = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _LATEX = {letter: f"\\{letter}" for letter in "{}$&#_%"} | {
     "\\": r"\backslash{}", "^": r"\hat{}", "~": r"\sim{}", "<": r"\lt{}", ">": r"\gt{}",
 }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -75,6 +76,41 @@ def whatever_it_became() -> Iterator[None]:
     except Exception:
         raise_if_asked()
         raise
+
+
+@contextmanager
+def none_swallowed() -> Iterator[None]:
+    """Ctrl-C that a library in C swallows in the block ends it all the same, in a notebook too.
+
+    There the handler is Python's own or the notebook's: what it raised is kept, and raised again after the block.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Or whatever the handler of Ctrl-C raised.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before is _raise_once or not callable(before) or threading.current_thread() is not threading.main_thread():
+        yield
+        raise_if_asked()
+        return
+    raised: list[BaseException] = []
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        try:
+            before(number, frame)
+        except BaseException as end:
+            raised.append(end)
+            raise
+
+    signal.signal(signal.SIGINT, keep)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if raised:
+        raise raised[0]
+    raise_if_asked()
 
 
 @contextmanager

@@ -34,7 +34,7 @@ def check() -> None:
                 raise InputError(
                     f"this machine: {name}",
                     f"{allowed / 1e6:.0f} MB are allowed, too few for the libraries",
-                    f"allow at least {LEAST_BYTES / 1e6:.0f} MB ({name} {LEAST_BYTES // 1024})",
+                    f"allow at least {LEAST_BYTES / 1e6:.0f} MB ({name} {-(-LEAST_BYTES // 1024)})",
                 )
 
 

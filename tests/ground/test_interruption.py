@@ -1,11 +1,14 @@
 """Signals that end the program: which are taken over, what the first and the later ones do."""
 
+import contextlib
 import signal
+import threading
 
 import pytest
 
+from matching.frequency.programme.ipopt import solved
 from modelling.common import interruption
-from modelling.common.interruption import Interrupted, install, put_off, whatever_it_became
+from modelling.common.interruption import Interrupted, install, none_swallowed, put_off, whatever_it_became
 
 
 @pytest.fixture
@@ -77,3 +80,49 @@ def test_a_signal_that_was_wrapped_is_still_that_signal(handlers):
 def test_an_error_without_a_signal_stays_what_it_is(handlers):
     with pytest.raises(KeyError), whatever_it_became():
         raise KeyError("missing")
+
+
+class Swallows:
+    """A solver in C, as CasADi has them: it takes the exception for a point that cannot be evaluated, and goes on."""
+
+    def __call__(self):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return {}
+
+    @staticmethod
+    def stats():
+        return {"return_status": "Solve_Succeeded"}
+
+
+def test_ctrl_c_that_a_solver_swallows_is_raised_after_it_in_a_notebook_too(handlers):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # none of ours
+    with pytest.raises(KeyboardInterrupt):
+        solved(Swallows())
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    install()
+    with pytest.raises(Interrupted):
+        solved(Swallows())
+
+
+def test_a_handler_of_ctrl_c_that_raises_nothing_ends_nothing(handlers):
+    came = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    assert solved(Swallows()) == {}
+    assert came == [signal.SIGINT]
+
+
+def test_where_ctrl_c_is_ignored_or_another_thread_works_no_handler_is_changed(handlers):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    assert solved(Swallows()) == {}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    seen = []
+
+    def work():
+        with none_swallowed():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]

@@ -242,3 +242,16 @@ def test_too_many_open_files_are_an_error_of_the_machine_and_no_fault_of_the_com
     with pytest.raises(OSError, match=os.strerror(errno.EMFILE)) as fault:
         c_compiler.works(str(tmp_path / "cc"))
     assert "too many files are open" in str(of_the_machine(fault.value))
+
+
+@compiles
+def test_a_library_that_a_compiler_leaves_cut_off_is_not_kept(cache, tmp_path, monkeypatch):
+    """It passes the trial, and says that all is well."""
+    compiler = tmp_path / "cc"
+    cut = 'case "$*" in *step.c*) head -c 9000 made.so > short && mv short made.so;; esac'
+    compiler.write_text(f'#!/bin/sh\n{c_compiler.compiler()} "$@" || exit 1\n[ "$1" = --version ] || {cut}\n')
+    compiler.chmod(0o755)
+    monkeypatch.setattr(c_library, "compiler", lambda: str(compiler))
+    assert c_compiler.fault_of(str(compiler)) == ""
+    assert made() is None
+    assert list(cache.iterdir()) == []

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from modelling.common.interruption import raise_if_asked
+from modelling.common.interruption import none_swallowed
 
 _QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-6}
 _TIGHT = {  # stays where it begins
@@ -47,10 +47,10 @@ def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C, which the solver itself takes for an ordinary end.
+        On Ctrl-C, which the solver itself takes for an ordinary end, or for a point that cannot be evaluated.
     """
-    solution: dict[str, ca.DM] = solver(**start_and_bounds)
-    raise_if_asked()
+    with none_swallowed():
+        solution: dict[str, ca.DM] = solver(**start_and_bounds)
     if solver.stats()["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt
     return solution

@@ -11,6 +11,7 @@ import functools
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,7 @@ double trial(double x, int n) { double y = 0.5; while (n--) y = y * x + floor(3.
 """
 TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
 TRIAL_ANSWER = "[35.25, 1693.25]"  # by hand: of (1.5, 3) and of (2.0, 5)
+ELF_HEAD = struct.Struct("<40xQ10xHH2x")  # where the table of sections begins, size and number of its entries
 CALL_TRIAL = """import ctypes, sys
 trial = ctypes.CDLL(sys.argv[1]).trial
 trial.restype, trial.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int]
@@ -118,7 +120,19 @@ def compile_library(
         content = made.read_bytes() if made.is_file() else b""
     if not content:
         raise CompilerFault("it made no library")
+    if _is_cut_off(content):  # loading it would end this process, and every later one that finds it in the cache
+        raise CompilerFault("the library that it made is cut off")
     return content
+
+
+def _is_cut_off(library: bytes) -> bool:
+    """Whether an ELF file of 64 bits, as Linux has them, ends before its table of sections, which stands last."""
+    if not library.startswith(b"\x7fELF\x02\x01"):
+        return False
+    if len(library) < ELF_HEAD.size:
+        return True
+    begin, size, count = ELF_HEAD.unpack_from(library)
+    return bool(begin + size * count > len(library))
 
 
 @functools.cache
