@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from modelling.common.errors import InputError
 from modelling.measurement.readers import apart, mdf, read_table
 
 READER = """
-import os, signal, time
+import os, signal, tempfile, time
 import numpy as np
 from modelling.common.errors import InputError
 from modelling.measurement.readers.table import Table
@@ -24,6 +25,8 @@ def read(path, used, kind):
         time.sleep(60)
     if kind == "memory":
         np.ones(2_000_000_000)
+    if kind == "leaves":
+        tempfile.mkstemp()
     if kind == "error":
         raise InputError("file: channel 'a'", "holds no numbers", "record it")
     if kind == "missing":
@@ -57,6 +60,15 @@ def test_a_table_comes_back_as_it_was_made(reading, kind, capfd):
     assert (got.names, got.units, got.notes, got.others) == (["time", "a"], ["s", "N*m"], ("n",), ("o",))
     got.values[0, 0] = 5.0  # writable as any other table
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_a_library_leaves_in_the_temporary_folder_is_removed(reading, tmp_path, monkeypatch):
+    """The reader of MDF leaves an empty file; in a notebook nobody else would remove it."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    assert reading("leaves").names == ["time", "a"]
+    assert list(temporary.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Collection, Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -44,14 +46,17 @@ def read(
     environment = os.environ | one_thread | {
         "PYTHONPATH": os.pathsep.join(sys.path), "ARROW_DEFAULT_MEMORY_POOL": "system"
     }  # fmt: skip
-    try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-m", child.__name__],
-            input=json.dumps(request).encode(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment,
-            timeout=seconds, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
+    with ExitStack() as until_read:
+        with suppress(OSError):  # the reader of MDF leaves files there
+            environment["TMPDIR"] = until_read.enter_context(TemporaryDirectory(prefix="rigmatch-"))
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", "-m", child.__name__],
+                input=json.dumps(request).encode(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment,
+                timeout=seconds, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
     return _table(done, path, most)
 
 
