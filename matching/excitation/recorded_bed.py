@@ -92,7 +92,7 @@ class RecordedBed:
 
 
 def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """C·(s·I − A)⁻¹·B (s, y, u), by eigenvectors where they are far enough from parallel."""
+    """C·(s·I − A)⁻¹·B (f, y, u) at s (f,) in rad/s, by eigenvectors where they are far enough from parallel."""
     poles, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < LARGEST_CONDITION:
         residues = np.einsum("yx,xu->xyu", C @ vectors, np.linalg.solve(vectors, B))

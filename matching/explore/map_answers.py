@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
@@ -11,8 +11,16 @@ from scipy.interpolate import RegularGridInterpolator
 from modelling.common.errors import InputError
 
 
-def grid(content: Mapping[str, Any], key: str = "error") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values of x (i,), of y (j,), SI, and a quantity of the points (j, i), NaN where there is none.
+class MapGrid(NamedTuple):
+    """Values of x (i,), of y (j,), SI, and a quantity of the points (j, i), NaN where there is none."""
+
+    x: np.ndarray
+    y: np.ndarray
+    values: np.ndarray
+
+
+def grid(content: Mapping[str, Any], key: str = "error") -> MapGrid:
+    """A quantity of a map over its axes.
 
     Parameters
     ----------
@@ -21,7 +29,7 @@ def grid(content: Mapping[str, Any], key: str = "error") -> tuple[np.ndarray, np
     """
     x, y = (np.array(content[axis]["values"]) for axis in ("x", "y"))
     values = [np.nan if point[key] is None else point[key] for point in content["points"]]
-    return x, y, np.array(values, float).reshape(len(y), len(x))
+    return MapGrid(x, y, np.array(values, float).reshape(len(y), len(x)))
 
 
 def nearest_point(content: Mapping[str, Any], x: float, y: float) -> dict[str, Any]:

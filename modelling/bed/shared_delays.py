@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 from modelling.common.errors import InputError
 from modelling.effects.all_pass import AllPass
@@ -11,8 +12,16 @@ from modelling.model.components import Effect
 from modelling.model.system import System
 
 
-def without_exact_delays(vehicle: System, rig: System) -> tuple[System, System, tuple[str, ...]]:
-    """Vehicle and rig that a linear model holds; and a sentence for each delay.
+class WithoutDelays(NamedTuple):
+    """Vehicle and rig that a linear model holds, and a sentence for each delay."""
+
+    vehicle: System
+    rig: System
+    sentences: tuple[str, ...]
+
+
+def without_exact_delays(vehicle: System, rig: System) -> WithoutDelays:
+    """Vehicle and rig that a linear model holds, and what was delayed.
 
     Torques count from where they act: an input that vehicle and rig have late alike is late in neither. A sensor that
     is late gets an all-pass: the controller reads it late, and vehicle and bed are compared as they read.
@@ -43,7 +52,7 @@ def without_exact_delays(vehicle: System, rig: System) -> tuple[System, System, 
             f"{late}: the controller reads it so, and responses are compared as it reads" if of_sensor else
             f"{late}, in vehicle and rig alike: manoeuvre and feed-forward count from the torque that acts"
         )  # fmt: skip
-    return _with_states(vehicle), _with_states(rig), tuple(sentences)
+    return WithoutDelays(_with_states(vehicle), _with_states(rig), tuple(sentences))
 
 
 def _delays(system: System) -> dict[str, float]:

@@ -10,7 +10,7 @@ import scipy
 
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Spring, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, SimplerEffect
 
 
 class Compliance(Kind):
@@ -50,13 +50,14 @@ class Compliance(Kind):
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
-    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+    ) -> Iterator[SimplerEffect]:
         """A stiff one is a softer shaft, or a larger inertia at its second end."""
         name = f"{at}.stiffness"
-        yield "wrong_parameter", name, {"value": 1 / (1 / value[name] + 1 / parameters["stiffness"])}
+        softer = 1 / (1 / value[name] + 1 / parameters["stiffness"])
+        yield SimplerEffect("wrong_parameter", name, {"value": softer})
         second = next(shaft.between[1] for shaft in system.shafts if f"shafts.{shaft.name}" == at)
         name = f"inertias.{second}.J"
-        yield "wrong_parameter", name, {"value": value[name] + parameters["J"]}
+        yield SimplerEffect("wrong_parameter", name, {"value": value[name] + parameters["J"]})
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (guess / 20, guess * 20)

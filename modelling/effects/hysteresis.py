@@ -11,7 +11,7 @@ from sympy import Abs
 
 from modelling.effects.first_guess import FittedMotion, Guess, if_positive
 from modelling.effects.interface import Drivetrain, EquationBuilder, ShaftLaw, Symbols
-from modelling.effects.kind import Kind, Parameter, State
+from modelling.effects.kind import Kind, Parameter, SimplerEffect, State
 
 
 class Hysteresis(Kind):
@@ -48,10 +48,11 @@ class Hysteresis(Kind):
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
-    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+    ) -> Iterator[SimplerEffect]:
         """A spring, where the twist never reaches the angle."""
         name = f"{at}.stiffness"
-        yield "wrong_parameter", name, {"value": value[name] + parameters["torque"] / parameters["angle"]}
+        stiffer = value[name] + parameters["torque"] / parameters["angle"]
+        yield SimplerEffect("wrong_parameter", name, {"value": stiffer})
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.1 * guess, 10 * guess) if key == "angle" else super().fit_bounds(key, guess, step)

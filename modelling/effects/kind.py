@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import (
@@ -34,6 +34,14 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     optional: bool = False
+
+
+class SimplerEffect(NamedTuple):
+    """An effect that behaves like one with more parameters: kind, place, and parameters in SI."""
+
+    kind: str
+    at: str
+    parameters: dict[str, float]
 
 
 SECOND_STATE = ".2"  # after ``place.kind``: name of the second state of an effect that has two
@@ -176,8 +184,8 @@ class Kind:
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
-    ) -> Iterable[tuple[str, str, dict[str, float]]]:
-        """Effects of fewer parameters that behave alike at these values: (kind, place, parameters); by default none.
+    ) -> Iterable[SimplerEffect]:
+        """Effects of fewer parameters that behave alike at these values; by default none.
 
         A fit started there may reach such an effect where it does not from a first guess. ``value`` holds the
         quantities of the system by name.

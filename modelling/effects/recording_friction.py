@@ -9,7 +9,7 @@ from sympy import Abs, Add, Expr
 
 from modelling.effects.first_guess import FittedMotion, Guess, smooth_sign
 from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, SimplerEffect
 from modelling.effects.recorded_range import RecordedRange
 
 MOST_RECORDINGS = 24
@@ -47,8 +47,8 @@ class RecordingFriction(Kind):
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
-    ) -> Iterator[tuple[str, str, dict[str, float]]]:
-        yield "coulomb_friction", at, {"torque": sum(parameters.values()) / len(parameters)}
+    ) -> Iterator[SimplerEffect]:
+        yield SimplerEffect("coulomb_friction", at, {"torque": sum(parameters.values()) / len(parameters)})
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         largest = recorded.torque[at.split(".")[1]]

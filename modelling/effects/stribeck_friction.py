@@ -10,7 +10,7 @@ from sympy import exp
 
 from modelling.effects.first_guess import FittedMotion, Guess, smooth_sign
 from modelling.effects.interface import Drivetrain, EquationBuilder, Motion, Symbols
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.kind import Kind, Parameter, SimplerEffect
 from modelling.effects.recorded_range import RecordedRange
 
 
@@ -35,9 +35,9 @@ class StribeckFriction(Kind):
 
     def simpler(
         self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
-    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+    ) -> Iterator[SimplerEffect]:
         """Coulomb friction, where the torque hardly falls or the speed is seldom in the range over which it does."""
-        yield "coulomb_friction", at, {"torque": parameters["torque"]}
+        yield SimplerEffect("coulomb_friction", at, {"torque": parameters["torque"]})
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         speed = motion.speed[at.split(".")[1]]

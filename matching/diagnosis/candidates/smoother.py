@@ -54,16 +54,17 @@ def stationary_smoother(F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarr
 
     Parameters
     ----------
-    F : ndarray (x, x)
-    H : ndarray (y, x)
+    F, H : ndarray (x, x), (y, x)
+        State from sample to sample, and readings of a state.
     Q : ndarray (x, x)
+        Covariance of what enters the state within a sample.
     R : ndarray (y,)
         Variances of the readings.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If no reading tells a state that grows, so that there is no stationary covariance.
+        If a growing state cannot be observed, so that there is no stationary covariance.
     """
     sigma = np.sqrt(R)
     scaled = H / sigma[:, None]

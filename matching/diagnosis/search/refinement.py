@@ -116,9 +116,10 @@ def _simpler_models(hypothesis: Hypothesis, index: int = -1) -> Iterator[Extende
     parameters = {key: fit.values[name] for key, name in cause.names().items()}
     rest = hypothesis.model.without_cause(index % len(hypothesis.causes), fit)
     present = {(other.kind, other.at) for other in rest.causes}
-    for kind, at, first in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+    for simpler in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+        kind, at = simpler.kind, simpler.at
         if (kind, at) not in present and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
-            yield rest.with_cause(kind, at, first, fit.problem.data.sampling_interval)
+            yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 
 def refitted_over_windows(

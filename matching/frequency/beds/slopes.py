@@ -104,7 +104,10 @@ def error_slopes(beds: BedSet, acting: Action, slopes: ActionSlopes, share: np.n
 
 
 def pole_slopes(beds: SampledBeds, controller: ObserverController, gains: GainSlopes, poles: np.ndarray) -> np.ndarray:
-    """Derivatives (w, b) of one pole (b,) of the closed loop of every bed: dz = wᴴ·dA·v / wᴴ·v."""
+    """Derivatives (weights, b) of one pole z (b,) of every bed's closed loop: dz = wᴴ·dA·v / wᴴ·v.
+
+    v and w are its right and left eigenvector (Lancaster, Numerische Mathematik 6 (1964) 377).
+    """
     closed = closed_matrices(beds, controller).astype(complex)
     size, x, o = closed.shape[1], beds.A.shape[1], controller.observed
     shifted = closed - (poles * (1 + OFF_THE_POLE))[:, None, None] * np.eye(size)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -53,6 +54,15 @@ class DynamometerChain:
         return ca.mmax(ca.fabs(torque - inertia * acceleration))
 
 
+class ExceededLimit(NamedTuple):
+    """A limit of a dynamometer or of the shafts before it, what the manoeuvre takes of it, and what is allowed; SI."""
+
+    dynamometer: str
+    limit: str
+    demand: float
+    allowed: float
+
+
 @dataclass(frozen=True)
 class Demands:
     """Chains of a case, the limits they have to keep, and the dynamometers' torque over speed if it is stated."""
@@ -78,8 +88,8 @@ class Demands:
         kept = [row for row in rows if not row.is_constant()]
         return [(ca.vertcat(*kept), 1.0)] if kept else []
 
-    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[tuple[str, str, float, float]]:
-        """Limits that the manoeuvre takes more than a part of: (dynamometer, limit, demand, allowed), worst first."""
+    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[ExceededLimit]:
+        """Limits that the manoeuvre takes more than a part of, worst first."""
         broken = []
         for chain in self.chains:
             demands = {}
@@ -93,8 +103,8 @@ class Demands:
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
             for name, demand in demands.items():
                 if name in self.limits and demand > self.limits[name] * part:
-                    broken.append((chain.dynamometer, name, demand, self.limits[name]))
-        return sorted(broken, key=lambda demand: demand[3] / demand[2])
+                    broken.append(ExceededLimit(chain.dynamometer, name, demand, self.limits[name]))
+        return sorted(broken, key=lambda exceeded: exceeded.allowed / exceeded.demand)
 
     def quantities(self, limit: str) -> set[str]:
         """Names of the quantities of the rig that decide what the manoeuvre takes of a limit."""

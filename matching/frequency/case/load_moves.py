@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from matching.frequency.case.case import Move
 from matching.frequency.case.tables import table_of
@@ -72,8 +72,16 @@ def _floor(name: str, loop: Loop) -> float:
     return 0.0
 
 
-def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, tuple[float, str, tuple[str, ...]]]:
-    """Every quantity that may move: start, unit and the names that move together (itself and its mirror image).
+class Movable(NamedTuple):
+    """Start (SI) and SI unit of a quantity, and the names that move together: itself and its mirror image."""
+
+    start: float
+    unit: str
+    together: tuple[str, ...]
+
+
+def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, Movable]:
+    """Every quantity that may move, by name.
 
     What the rig shares with the vehicle is the specimen and does not move.
     """
@@ -83,18 +91,20 @@ def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, tup
     for part in residual.parts:
         vehicle_side |= part.parameters
         units |= part.units
-    quantities: dict[str, tuple[float, str, tuple[str, ...]]] = {}
+    quantities: dict[str, Movable] = {}
     mirrors = {name: mirror_image(name, residual.vehicle) for name in vehicle_side}
     for name, value in vehicle_side.items():
         full = f"residual_vehicle.{name}"
         image = mirrors[name]
-        quantities[full] = (value.value, units[name], (full,) if image == name else (full, f"residual_vehicle.{image}"))
+        together = (full,) if image == name else (full, f"residual_vehicle.{image}")
+        quantities[full] = Movable(value.value, units[name], together)
     specimen = set(residual.vehicle.parameters) | {f"shafts.{name}" for name in shared}
     for name, value in rig.parameters.items():
         if name in specimen:
             continue
         full, image = f"rig.{name}", mirror_image(name, rig)
-        quantities[full] = (value.value, rig.units[name], (full,) if image == name else (full, f"rig.{image}"))
+        together = (full,) if image == name else (full, f"rig.{image}")
+        quantities[full] = Movable(value.value, rig.units[name], together)
     for name, spec in loop.quantities.items():
-        quantities[f"loop.{name}"] = (loop.values[name], spec.unit, (f"loop.{name}",))
+        quantities[f"loop.{name}"] = Movable(loop.values[name], spec.unit, (f"loop.{name}",))
     return quantities

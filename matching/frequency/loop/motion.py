@@ -64,14 +64,14 @@ class LinearMotion:
         self.commands = [(i, part) for i, part in enumerate(over) if count and np.any(weights[:, i])]
 
     def advance(self, x: np.ndarray, drives: np.ndarray, issued: np.ndarray, k: int) -> np.ndarray:
-        """The state a sample later.
+        """The state (x,) a sample later, from the state x (x,) at sample ``k``.
 
         Parameters
         ----------
         drives : ndarray (2, d)
-            Torques at this sample and at the next.
+            Torques at this sample and at the next, N·m.
         issued : ndarray (t, k)
-            Commands, of which those up to sample ``k`` inclusive count.
+            Commands in N·m, of which those up to sample ``k`` inclusive count.
         """
         new = self.whole @ x + self.drives[0] @ drives[0] + self.drives[1] @ drives[1]
         for i, push in self.commands:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -44,12 +44,20 @@ def fixed_numbers(loop: ClosedLoopFunctions, moves: Sequence[Move]) -> np.ndarra
     return np.concatenate([loop.fixed, *scales]) if scales else loop.fixed
 
 
-def symbols(known: int, logarithmic: tuple[bool, ...]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """What moves, the numbers of :func:`fixed_numbers` (``known`` are the loop's), and p as expressions of both."""
+class ScaledSymbols(NamedTuple):
+    """Released quantities (scaled), numbers of :func:`fixed_numbers`, and p as expressions of both."""
+
+    free: ca.SX
+    fixed: ca.SX
+    p: ca.SX
+
+
+def symbols(known: int, logarithmic: tuple[bool, ...]) -> ScaledSymbols:
+    """Symbols of a programme; ``known`` of the fixed numbers are the loop's."""
     count = len(logarithmic)
     free, fixed = ca.SX.sym("free", count), ca.SX.sym("fixed", known + 2 * count)
     p = ca.SX(count, 1)
     for i, log in enumerate(logarithmic):
         low, span = fixed[known + 2 * i], fixed[known + 2 * i + 1]
         p[i] = low * ca.exp(span * free[i]) if log else low + span * free[i]
-    return free, fixed, p
+    return ScaledSymbols(free, fixed, p)

@@ -28,7 +28,7 @@ class ObservedBed(ComparedBed):
 
     @property
     def measured(self) -> np.ndarray:
-        """None (h,) that a feed-forward of its own answers."""
+        """False (h,) for every compared function: an observer has no feed-forward apart from its loop."""
         return np.zeros(len(self.pairs), bool)
 
     def at(self, frequencies: np.ndarray) -> Responses:

@@ -15,7 +15,7 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
     """Names of fixed moves, each with a limit on it that no setting of the free ones keeps."""
     out_of_reach = {limit for _, limit, _, _ in unkept(case, free, asked)}
     names = {name for move in free for name in move.together}
-    for _, limit, _, _ in asked.broken(_of_rig(case)):
+    for limit in [exceeded.limit for exceeded in asked.broken(_of_rig(case))]:
         if not names & asked.quantities(limit):
             out_of_reach.add(limit)
     return _fixed_behind(case, free, asked, out_of_reach)
@@ -23,7 +23,7 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
 
 def needed_for_more(case: Case, free: Sequence[Move], asked: Demands, tuned: Case) -> dict[str, str]:
     """Names of fixed moves, each with a limit on it that shapes the solution."""
-    binding = {limit for _, limit, _, _ in asked.broken(_of_rig(tuned), ACTIVE_FROM)}
+    binding = {exceeded.limit for exceeded in asked.broken(_of_rig(tuned), ACTIVE_FROM)}
     return _fixed_behind(case, free, asked, binding)
 
 

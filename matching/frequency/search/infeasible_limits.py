@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
-from matching.frequency.case.demands import Demands
+from matching.frequency.case.demands import Demands, ExceededLimit
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes, match_mode
@@ -25,10 +25,8 @@ from modelling.modal.result import Mode
 CORNERS = 6  # quantities up to which every corner of the bounds is a start
 HALVINGS = 3  # of the range of dead times, on a logarithmic scale
 
-Unkept = tuple[str, str, float, float]  # dynamometer, limit, least demand, allowed
 
-
-def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[Unkept]:
+def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[ExceededLimit]:
     """Limits that the vehicle's manoeuvre breaks whatever the moves are, at the setting that breaks them least.
 
     Empty where some setting keeps all. The demands are convex in the inertias and fall with stiffness, so the

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from matching.frequency.case.case import Case
+from matching.frequency.case.demands import ExceededLimit
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
-from matching.frequency.search.infeasible_limits import Unkept
 from matching.frequency.search.question import Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
 from matching.frequency.search.result import TargetResult
@@ -43,11 +43,11 @@ def limits(
     if missed:
         said += _mechanics(question, missed)
         said += _delay(question, missed, relaxed)
-    mentioned = {name for _, name, _, _ in solution.beyond}
+    mentioned = {exceeded.limit for exceeded in solution.beyond}
     said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
     asking = asked.broken({f"rig.{name}": quantity.value for name, quantity in solution.tuned.rig.parameters.items()})
-    said += [_asks(*demand) for demand in _worst(asking) if demand[1] not in mentioned]
+    said += [_asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
     return said if len(said) > len(shared) else []
 
 
@@ -76,14 +76,12 @@ def _shown(solution: Solution) -> str:
     return f"the best of {solution.blind[1]} stable ones among {solution.blind[0]} drawn over the bounds"
 
 
-def _worst(broken: Sequence[Unkept]) -> list[Unkept]:
+def _worst(broken: Sequence[ExceededLimit]) -> list[ExceededLimit]:
     """One of each limit, the worst, which comes first."""
-    return list({limit: (dyno, limit, demand, allowed) for dyno, limit, demand, allowed in reversed(broken)}.values())[
-        ::-1
-    ]
+    return list({exceeded.limit: exceeded for exceeded in reversed(broken)}.values())[::-1]
 
 
-def _beyond(broken: Sequence[Unkept], relaxed: Relaxations) -> list[str]:
+def _beyond(broken: Sequence[ExceededLimit], relaxed: Relaxations) -> list[str]:
     """Limits that no setting keeps, and the values with which the targets are met, if they are."""
     said = []
     for dyno, limit, demand, allowed in _worst(broken):

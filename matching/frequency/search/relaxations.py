@@ -61,8 +61,8 @@ def _meets_all(question: Question, tuned: Case) -> bool:
 def _larger_limits(question: Question, solution: VerifiedSolution) -> dict[str, float]:
     """Limits that no setting keeps, as large as their least demand; none where the targets are missed even so."""
     least: dict[str, float] = {}
-    for _, limit, demand, _ in solution.beyond:
-        least[limit] = max(LIMIT_RESERVE * demand, least.get(limit, 0.0))
+    for exceeded in solution.beyond:
+        least[exceeded.limit] = max(LIMIT_RESERVE * exceeded.demand, least.get(exceeded.limit, 0.0))
     if not least:
         return {}
     case = replace(question.case, limits={**question.case.limits, **least})

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from matching.frequency.case.case import Case, Move
+from matching.frequency.case.demands import ExceededLimit
 from matching.frequency.case.targets import goals
 from matching.frequency.case.tuned import apply
 from matching.frequency.case.weights import change_weight, released_moves
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
-from matching.frequency.search.infeasible_limits import Unkept, unkept
+from matching.frequency.search.infeasible_limits import unkept
 from matching.frequency.search.question import Question, SearchEffort
 from matching.frequency.solver.solve import solve
 from matching.frequency.solver.task import Solution, TuningTask
@@ -31,7 +32,7 @@ class VerifiedSolution:
 
     task: TuningTask
     solution: Solution
-    beyond: list[Unkept]
+    beyond: list[ExceededLimit]
     released: Mapping[str, str]
     tuned: Case
     checked: Verification

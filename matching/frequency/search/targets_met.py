@@ -27,7 +27,7 @@ def target_results(question: Question, checked: Verification) -> tuple[TargetRes
 
 def _target(question: Question, checked: Verification, number: int) -> TargetResult:
     wanted, target = question.targets[number][1], question.case.targets[number]
-    mode, on_rig = checked.targets[number][1], question.on_rig[number]
+    mode, on_rig = checked.targets[number].mode, question.on_rig[number]
     simulated = checked.identified[number].matched
     met = (
         mode is not None and simulated is not None

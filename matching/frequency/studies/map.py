@@ -93,7 +93,7 @@ def map_case(
         If a quantity is unknown, or both are the same.
     """
     x, y = (axis(case, end) if isinstance(end, str) else end for end in (x, y))
-    together = quantities(case)[x.name][2]
+    together = quantities(case)[x.name].together
     if y.name in together:
         raise InputError(y.name, "is on both axes", "name two quantities")
     files = (f"{key}: {text}" for key, text in case_files(case).items())

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from matching.frequency.case.case import Case
-from matching.frequency.case.load_moves import movable
+from matching.frequency.case.load_moves import Movable, movable
 from modelling.common.errors import InputError, unknown
 from modelling.units import to_si
 
@@ -36,8 +36,8 @@ class Axis:
         return bool(log.std() / log.mean() < plain.std() / plain.mean())
 
 
-def quantities(case: Case) -> dict[str, tuple[float, str, tuple[str, ...]]]:
-    """Every quantity of a case that can be set: value, SI unit, and it with its mirror image."""
+def quantities(case: Case) -> dict[str, Movable]:
+    """Every quantity of a case that can be set, by name."""
     return movable(case.rig, case.residual_vehicle, case.loop)
 
 

@@ -93,7 +93,7 @@ def held_at(case: Case, name: str, value: float) -> Case:
     known = quantities(case)
     if name not in known:
         raise unknown(name, list(known), "")
-    values = dict.fromkeys(known[name][2], value)
+    values = dict.fromkeys(known[name].together, value)
     moved = apply(case, values)
     left = tuple(move for move in case.moves if name not in move.together)
     if not left and not case.loop.structure.is_observer:
@@ -151,7 +151,7 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
     rig = {f"rig.{name}": parameter.value for name, parameter in result.tuned.rig.parameters.items()}
     names = ["targets"] if any(not target.met for target in result.targets) else []
     names += [violation.limit for violation in result.verification.violations]
-    names += [limit for _, limit, _, _ in demands(result.tuned).broken(rig)]
+    names += [exceeded.limit for exceeded in demands(result.tuned).broken(rig)]
     if result.robust is not None:
         names += _not_kept_over_beds(result, result.robust)
     return tuple(dict.fromkeys(names))

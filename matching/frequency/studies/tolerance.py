@@ -89,7 +89,7 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
     """
     known = {f"rig.{name}": (parameter.value, case.rig.units[name]) for name, parameter in case.rig.parameters.items()}
     every = movable(case.rig, case.residual_vehicle, case.loop)
-    known |= {name: parameter[:2] for name, parameter in every.items() if not name.startswith("rig.")}
+    known |= {name: (place.start, place.unit) for name, place in every.items() if not name.startswith("rig.")}
     varied = {}
     for name, quantity in case.rig.uncertain.items():
         if quantity.lower is not None and quantity.upper is not None and quantity.lower < quantity.upper:

@@ -189,7 +189,7 @@ def _readings(
 
 
 def operating_readings(system: System) -> dict[str, float]:
-    """Sensors of a watched system at its operating point by trace name, twists of its shafts too; 0 without one."""
+    """Readings (SI) of a watched system at its operating point by trace name, shaft twists too; 0 without one."""
     model, about = compiled(system), operating_motion(system)
     values = model.readings(about.state, about.inputs, model.p0, 0.0).full().ravel()
     readings = dict(zip(model.sensors, values.tolist(), strict=True))

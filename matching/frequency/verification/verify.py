@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,14 @@ from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 
 COMPARED_FREQUENCIES = 20  # over the band, at which both methods have to give the same responses
+
+
+class ReachedTarget(NamedTuple):
+    """Number of a target mode of the vehicle, the mode that it became, None without one, and their MAC."""
+
+    vehicle_mode: int
+    mode: LoopMode | None
+    mac: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ class Verification:
         does not reach the feed-forward, so the poles of both together are the poles of each.
     modes : tuple of LoopMode
         Of the feed-forward (``announced``), then of the feedback loop.
-    targets : tuple of (vehicle mode number, LoopMode or None, MAC)
+    targets : tuple of ReachedTarget
         The mode that each target became: with a feed-forward among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
@@ -104,7 +112,7 @@ class Verification:
     sampled: np.ndarray = field(repr=False)
     feed_forward_poles: np.ndarray = field(repr=False)
     modes: tuple[LoopMode, ...] = field(repr=False)
-    targets: tuple[tuple[int, LoopMode | None, float], ...]
+    targets: tuple[ReachedTarget, ...]
     least_damping: tuple[float, float]
     identified: tuple[IdentifiedMode, ...]
     peaks: dict[str, float]
@@ -139,8 +147,12 @@ class Verification:
             "twin_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
             "targets": [
-                {"vehicle_mode": number, "mode": None if mode is None else mode.to_dict(), "likeness": mac}
-                for number, mode, mac in self.targets
+                {
+                    "vehicle_mode": target.vehicle_mode,
+                    "mode": None if target.mode is None else target.mode.to_dict(),
+                    "likeness": target.mac,
+                }
+                for target in self.targets
             ],
             "seen": [mode.to_dict() for mode in self.identified],
             "peaks": dict(self.peaks),
@@ -257,11 +269,11 @@ def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, note
     return [order for order, error in zip(orders, errors, strict=True) if error <= BELIEVED or order is orders[-1]]
 
 
-def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[tuple[int, LoopMode | None, float], ...]:
-    """For every target its number, the mode that it became, and their MAC."""
+def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
+    """For every target the mode that it became."""
     inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
     reached = []
     for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
         best = match_mode(wanted, candidates, inertia)
-        reached.append((target.mode, *(best or (None, 0.0))))
+        reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
     return tuple(reached)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
 from matching.frequency.independent.beds_check import quantile
@@ -67,11 +68,19 @@ def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
     return rows
 
 
-def error_rows(robust: RobustVerification) -> list[tuple[str, float | None, float | None]]:
-    """Kind of torque, median and 95 % quantile of the response error over the stable beds."""
+class ErrorRow(NamedTuple):
+    """Kind of torque, median and 95 % quantile of the response error over the stable beds; None without any."""
+
+    torques: str
+    median: float | None
+    upper: float | None
+
+
+def error_rows(robust: RobustVerification) -> list[ErrorRow]:
+    """The response error over the stable beds, a row for each kind of torque."""
     beds = robust.beds
     return [
-        (kind, quantile(errors, 0.5), quantile(errors, 0.95))
+        ErrorRow(kind, quantile(errors, 0.5), quantile(errors, 0.95))
         for kind, errors in (("measured", beds.measured), ("unmeasured", beds.unmeasured))
         if errors
     ]
