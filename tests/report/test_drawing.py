@@ -1,7 +1,7 @@
 """Drawings of drivetrains: where parts stand, what is marked, and that texts of files stay texts."""
 
 import dataclasses
-from itertools import pairwise
+from itertools import combinations, pairwise
 from xml.etree import ElementTree
 
 import pytest
@@ -12,8 +12,9 @@ import rigmatch as rm
 from matching.cli import main
 from matching.report.common.style import image
 from matching.report.drawing.drivetrain import drawing
-from matching.report.drawing.figures import case_figure, model_figure
+from matching.report.drawing.figures import case_drawings, case_figure, model_figure
 from matching.report.drawing.layout import MOST_INERTIAS, layout
+from matching.report.drawing.picture import picture
 from modelling.common.errors import InputError
 from modelling.model.files import from_dict
 
@@ -76,6 +77,38 @@ def test_a_differential_and_gears_and_a_loop_are_joints_that_stand_once():
     assert image(model_figure(system), "png").startswith(b"\x89PNG")
 
 
+def shafts(*pairs):
+    ends = [pair.split("-") for pair in pairs]
+    names = dict.fromkeys(name for pair in ends for name in pair)
+    between = {f"s{place}": {"between": pair, "stiffness": 1.0} for place, pair in enumerate(ends)}
+    return from_dict({"inertias": {name: {"J": 1.0} for name in names}, "shafts": between})
+
+
+def drawings():
+    yield from case_drawings(rm.load_case(ROOT / "examples" / "compact_bev" / "case.toml"))
+    yield from case_drawings(rm.load_case(ROOT / "examples" / "four_wheel" / "case.toml"))
+    yield from case_drawings(rm.load_case(REFERENCE / "case.toml"))
+    yield drawing(shafts("a-b", "a-b", "a-b", "b-c"))  # shafts beside each other
+    yield drawing(shafts("a-b", "b-c", "c-d", "d-a"))
+    yield drawing(shafts("a-b", "a-c", "b-d", "c-d", "d-e", "b-f"))
+    yield drawing(shafts("x-a", "a-b", "b-c", "c-d", "d-a", "a-c", "b-d"))
+
+
+def test_no_part_stands_on_another_even_where_branches_meet_again():
+    for drawn in drawings():
+        boxes = [(part.name, *part.box) for part in picture(drawn).parts]
+        for (name, left, lower, right, upper), (other, *ends) in combinations(boxes, 2):
+            apart = right <= ends[0] or ends[2] <= left or upper <= ends[1] or ends[3] <= lower
+            assert apart, f"{name} and {other} overlap in {drawn.system.title}"
+
+
+def test_where_branches_meet_again_the_inertia_stands_behind_them_and_in_their_middle():
+    placed = layout(shafts("motor-left", "motor-right", "left-body", "right-body"))
+    assert placed.column == {"motor": 0, "left": 1, "right": 1, "body": 2}
+    assert placed.lane == {"motor": 0.5, "left": 0.0, "right": 1.0, "body": 0.5}
+    assert [joint.lane for joint in placed.joints] == [0.0, 1.0, 0.0, 1.0]
+
+
 def test_discs_of_one_thickness_have_inertia_with_the_fourth_power_of_their_radius():
     system = from_dict({
         "inertias": {"small": {"J": 1.0}, "large": {"J": 16.0}},
@@ -94,14 +127,15 @@ def test_the_cut_the_dynamometers_and_what_is_emulated_are_marked(case):
     ]
     assert [len(found) for found in cuts] == [2, 2]
     behind, before = layout(case.vehicle).column["wheel_left"], layout(case.vehicle).column["differential"]
-    place = cuts[0][0].get_xdata()[0] / 3.5
+    column = case_drawings(case)[0].column
+    place = cuts[0][0].get_xdata()[0] / column
     assert before + 0.5 < place < behind
     hatched = [patch for patch in vehicle.patches if patch.get_hatch()]
     assert len(hatched) == len(case.vehicle.inertias) - 3
     assert not any(patch.get_hatch() for patch in rig.patches)
     assert "rotor left\n(dynamometer left)" in texts(figure)
     housings = [patch.get_bbox() for patch in rig.patches if isinstance(patch, FancyBboxPatch)]
-    rotors = {3.5 * layout(case.rig).column[f"rotor_{side}"] for side in ("left", "right")}
+    rotors = {column * layout(case.rig).column[f"rotor_{side}"] for side in ("left", "right")}
     assert len(housings) == 2
     assert {round((box.x0 + box.x1) / 2, 6) for box in housings} == {round(place, 6) for place in rotors}
     assert not any(isinstance(patch, FancyBboxPatch) for patch in vehicle.patches)

@@ -14,12 +14,13 @@ def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
     with styled():
         fig = figure(7.4, 3.2)
         axes = fig.subplots()
-        for name, errors, colour, stroke in (
-            ("measured torques", beds.measured, VEHICLE, "-"),
-            ("unmeasured torques", beds.unmeasured, MATCHED, "--"),
+        for name, errors, colour, stroke, width in (
+            ("measured torques", beds.measured, VEHICLE, "-", 3.0),  # broad: the other one may lie on it
+            ("unmeasured torques", beds.unmeasured, MATCHED, "--", 1.5),
         ):
             share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
-            axes.plot(errors, 100 * share, stroke, color=colour, label=name)
+            look = {"color": colour, "linewidth": width, "alpha": 0.5 if width > 2 else 1.0}
+            axes.plot(errors, 100 * share, stroke, label=name, **look)
             parts = np.array([0.5, 0.95])
             if errors:
                 axes.plot(np.quantile(errors, parts), 100 * parts, "o", color=colour)

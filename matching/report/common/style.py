@@ -19,6 +19,7 @@ from matching.report.common.ticks import ticks_kept
 VEHICLE = "#0072B2"
 RIG = "#D55E00"
 MATCHED = "#009E73"
+EXTENDED = "#006B4E"  # the same green darker: noise beside noise has no stroke, so in grey its lightness has to differ
 NOISE = "#CC79A7"
 LIMIT = "#666666"
 BAND = "#E6E6E6"

@@ -36,7 +36,7 @@ def frequencies_around(modes: list[float]) -> np.ndarray:
     return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *near]))
 
 
-def margin_figure(case: Case, modes: list[float]) -> Figure:
+def margin_figure(case: Case, modes: list[float], margin_from: float = 0.0) -> Figure:
     """Distance from instability over frequency, and the loop's loci about −1.
 
     Parameters
@@ -45,6 +45,8 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
         With the tuned values.
     modes : list of float
         Hz; the grid is dense around them.
+    margin_from : float
+        Hz; the margin is required from there on, below there the loop has to follow the emulated modes.
     """
     f = frequencies_around(modes)
     f = f[f < 0.499 / case.loop["sample_time"]]  # a sampled loop has no more
@@ -54,12 +56,15 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
     with styled():
         fig = figure(12.4, 4.6)
         left, right = fig.subplots(1, 2, width_ratios=[1.5, 1])
-        least = int(np.argmin(distance))
+        begins = min(max(margin_from, f[0]), f[-1])
+        least = int(np.argmin(np.where(f >= begins, distance, np.inf)))
         left.plot(f, distance, color=MATCHED, linewidth=1.6)
-        left.axhspan(0, required, color="#EEEEEE", zorder=0, linewidth=0)
-        left.axhline(required, color=LIMIT, linestyle="--", linewidth=1.2)
+        left.fill_between([begins, f[-1]], 0, required, color="#EEEEEE", zorder=0, linewidth=0)
+        left.plot([begins, f[-1]], [required, required], color=LIMIT, linestyle="--", linewidth=1.2)
         where = {"textcoords": "offset points", "fontsize": 8}
-        left.annotate(f"required: {required:g}", (f[0], required), (4, -11), color=LIMIT, **where)
+        words = f"required: {required:g}" + (f" from {number(begins, 3)} Hz" if margin_from > f[0] else "")
+        beside = {"xytext": (4, -11)} if margin_from <= f[0] else {"xytext": (-4, -3), "ha": "right"}
+        left.annotate(words, (begins, required), color=LIMIT, **beside, **where)
         left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
         said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
         beside = (0, -13 if distance[least] > 0.2 else 9)
@@ -70,16 +75,20 @@ def margin_figure(case: Case, modes: list[float]) -> Figure:
         left.set_xlabel("Frequency in Hz")
         left.set_ylabel("Smallest singular value of I + L")
         left.set_title("Distance from instability")
-        _loci(right, np.linalg.eigvals(difference) - 1, required)
+        _loci(right, np.linalg.eigvals(difference) - 1, required, f >= begins)
     return fig
 
 
-def _loci(axes: Any, loci: np.ndarray, required: float) -> None:
+def _loci(axes: Any, loci: np.ndarray, required: float, counts: np.ndarray) -> None:
+    """Loci (f, u); pale where the margin does not count (f,)."""
     loci = _continuous(loci)
+    below = ~counts | np.append(~counts[1:], False)
     for k, line in enumerate(("-", (0, (4, 2)), ":")[: loci.shape[1]]):
-        axes.plot(
-            loci[:, k].real, loci[:, k].imag, color=MATCHED, linewidth=1.4, linestyle=line, label=f"locus {k + 1}"
-        )
+        counted, rest = (np.where(part, loci[:, k], np.nan) for part in (counts, below))
+        look = {"color": MATCHED, "linestyle": line}
+        axes.plot(counted.real, counted.imag, linewidth=1.6, label=f"locus {k + 1}", **look)
+        if not counts.all():
+            axes.plot(rest.real, rest.imag, linewidth=0.8, alpha=0.5, **look)
     axes.add_patch(Circle((-1, 0), required, facecolor="#EEEEEE", edgecolor=LIMIT, linestyle="--", linewidth=1.2))
     axes.plot(-1, 0, "+", color="#222222", markersize=10, markeredgewidth=1.6)
     axes.annotate("−1", (-1, 0), (4, 5), textcoords="offset points", fontsize=8)

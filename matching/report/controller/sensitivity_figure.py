@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, requirements
+from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF, Requirements
 from matching.frequency.case.case import Case
 from matching.report.common.style import LIMIT, MATCHED, RIG, figure, styled
 from matching.report.controller.margin_figure import LOWEST_HZ, frequencies_around, return_difference
@@ -38,8 +38,10 @@ class SensitivityCurves:
     limits: tuple[CurveLimit, ...]
 
 
-def sensitivity(case: Case, modes: list[float]) -> SensitivityCurves:
+def sensitivity(case: Case, modes: list[float], required: Requirements | None) -> SensitivityCurves:
     """Of a tuned case; the grid is dense around ``modes``, Hz.
+
+    Without requirements on drawn beds the margin counts at every frequency, and the roll-off nowhere.
 
     Raises
     ------
@@ -52,8 +54,7 @@ def sensitivity(case: Case, modes: list[float]) -> SensitivityCurves:
     T = np.eye(S.shape[-1]) - S
     largest_S, begins = 1 / case.limits["modulus_margin"], float(f[0])
     limits = [CurveLimit("|S|", largest_S, begins)]
-    if case.loop.structure.is_observer:
-        required = requirements(case)
+    if required is not None:
         limits = [
             CurveLimit("|S|", largest_S, required.margin_from),
             CurveLimit("|T|", LARGEST_ROLLED_OFF, required.rolled_off_from),

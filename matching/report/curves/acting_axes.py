@@ -11,6 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 
 from matching.report.common.decimation import MOST_POINTS, decimated
 from matching.report.curves.acting_bars import draw_bars, has_bars
@@ -23,6 +24,8 @@ from matching.report.curves.acting_scales import (
 )
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend, wrapping_row
 
+PIXELS_PER_POINT = 96 / 72
+BASELINES = {"top": "top", "bottom": "bottom", "baseline": "alphabetic"}
 DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "v": "inverted_triangle", "x": "x"}
 
@@ -93,6 +96,7 @@ def _panel(axes: Any) -> Any:
         _curve(fig, line)
     if has_bars(axes):
         draw_bars(fig, axes)
+    _texts(fig, axes)
     place_legend(fig)
     return fig
 
@@ -125,6 +129,21 @@ def _curve(fig: Any, line: Any) -> None:
         fig.scatter(
             "x", "y", source=columns, size=float(line.get_markersize()), marker=marker, name=name, **looks, **named
         )
+
+
+def _texts(fig: Any, axes: Any) -> None:
+    """Texts that stand beside a point or a bar."""
+    for text in axes.texts:
+        if not isinstance(text, Annotation) or text.xycoords != "data" or not text.get_text().strip():
+            continue
+        x, y = text.xy
+        right, up = text.xyann if text.anncoords == "offset points" else (0.0, 0.0)
+        fig.text(
+            [float(x)], placed(axes.yaxis, [float(y)]), [text.get_text()], x_offset=right * PIXELS_PER_POINT,
+            y_offset=-up * PIXELS_PER_POINT, text_font_size="11px", text_color=to_hex(text.get_color()), name="",
+            text_align=text.get_ha(), text_baseline=BASELINES.get(text.get_va(), "middle"), angle=text.get_rotation(),
+            angle_units="deg",
+        )  # fmt: skip
 
 
 def _area(fig: Any, area: Any) -> None:

@@ -12,6 +12,7 @@ from matplotlib.container import BarContainer
 from matplotlib.patches import StepPatch
 
 HATCHES = {"/": "right_diagonal_line", ".": "dot", "\\": "left_diagonal_line", "x": "diagonal_cross"}
+ROW_PX, AROUND_PX = 20, 130  # height of a lying bar with its name; of what stands above and below all of them
 CENTRED = 0.51  # of an axis' unit: how far from its tick a named bar may stand
 
 
@@ -44,6 +45,8 @@ def draw_bars(fig: Any, axes: Any) -> None:
     ticks = _named_ticks(axes.yaxis if lies else axes.xaxis)
     if ticks:
         axis = fig.yaxis if lies else fig.xaxis
+        if lies:
+            fig.height = max(fig.height, AROUND_PX + ROW_PX * len(ticks))
         axis.ticker, axis.major_label_overrides = sorted(ticks), ticks
     for hover in fig.hover:
         hover.renderers = [line for line in fig.renderers if line.name]

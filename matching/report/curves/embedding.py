@@ -10,6 +10,15 @@ HEIGHT_PX = 260
 RANDOM = re.compile(
     r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 )  # names that Bokeh draws: the same page twice differs
+LETTER_PX = 7.4  # width of a letter of titles and labels, on average
+WRAP = """\
+const lines = [""]
+for (const word of whole.split(" ")) {
+  const longer = (lines[lines.length - 1] + " " + word).trim()
+  if (longer.length * letter <= cb_obj[room] || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
+  else lines.push(word)
+}
+setTimeout(() => { model[key] = lines.join("\\n") })  // the layout that told the width is not over"""
 NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
 MANY_PANELS, WIDER_PX = 4, 360  # of so many panels, with room for their legends; a narrow screen has 372
 
@@ -31,7 +40,20 @@ def acting_figure(title: str, x: str, y: str, **options: Any) -> Any:
         ("y", "@y{0.00000}"),
     ]
     fig.add_tools(HoverTool(tooltips=tips, mode="vline"))
+    wrap_texts(fig)
     return fig
+
+
+def wrap_texts(fig: Any) -> None:
+    """Break title and labels of a figure into lines wherever it gets narrower than they are long."""
+    from bokeh.models import CustomJS
+
+    texts = [(fig.title, "text", "inner_width"), (fig.xaxis[0], "axis_label", "inner_width")]
+    texts.append((fig.yaxis[0], "axis_label", "inner_height"))
+    for model, key, room in texts:
+        if whole := getattr(model, key):
+            args = {"model": model, "key": key, "whole": whole, "room": room, "letter": LETTER_PX}
+            fig.js_on_change(room, CustomJS(args=args, code=WRAP))
 
 
 def place_legend(fig: Any) -> None:

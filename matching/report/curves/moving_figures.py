@@ -10,7 +10,7 @@ import numpy as np
 from matching.frequency.search.result import MatchResult
 from matching.report.common.decimation import decimated
 from matching.report.common.line_styles import LINES
-from matching.report.common.style import LIMIT, MATCHED, RIG
+from matching.report.common.style import BAND, LIMIT, MATCHED, RIG
 from matching.report.controller.sensitivity_figure import sensitivity
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend
 from matching.report.match.checks import signals
@@ -40,6 +40,8 @@ def _responses(result: MatchResult) -> list[Any]:
         labels = ("Frequency in Hz", magnitude_label(result, pair))
         modulus = acting_figure(title, *labels, x_axis_type="log", y_axis_type="log", **shared)
         phase = acting_figure("", "Frequency in Hz", "Phase in °", x_axis_type="log", x_range=modulus.x_range)
+        for fig in (modulus, phase):
+            _band(fig, result.response_error.band)
         for who, values in curves_of(result, index).items():
             line = _line(modulus, frequencies, np.abs(values), who)
             below = _line(phase, frequencies, np.degrees(np.angle(values)), who)
@@ -63,7 +65,7 @@ def _manoeuvre(result: MatchResult) -> list[Any]:
 
 
 def _sensitivity(result: MatchResult) -> list[Any]:
-    loop = sensitivity(result.tuned, drawn_modes(result))
+    loop = sensitivity(result.tuned, drawn_modes(result), result.robust.required if result.robust else None)
     fig = acting_figure("", "Frequency in Hz", "Largest singular value", x_axis_type="log", y_axis_type="log")
     _curve(fig, loop.frequencies, loop.S, "|S|", color=MATCHED, line_width=1.6)
     _curve(fig, loop.frequencies, loop.T, "|T|", color=RIG, line_width=1.4, line_dash="dashed")
@@ -72,6 +74,13 @@ def _sensitivity(result: MatchResult) -> list[Any]:
         _curve(fig, ends, np.full(2, limit.largest), limit.words, color=LIMIT, line_width=1.2, line_dash="dotted")
     place_legend(fig)
     return [fig]
+
+
+def _band(fig: Any, band: tuple[float, float]) -> None:
+    """The matched band, Hz."""
+    from bokeh.models import BoxAnnotation
+
+    fig.add_layout(BoxAnnotation(left=band[0], right=band[1], fill_color=BAND, fill_alpha=1, level="image"))
 
 
 def _line(fig: Any, x: np.ndarray, y: np.ndarray, who: str) -> Any:

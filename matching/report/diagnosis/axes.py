@@ -11,16 +11,16 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from matching.diagnosis.verdict.result import PlotData
 from matching.report.common.log_ticks import plain_ticks
-from matching.report.common.style import BAND, MATCHED, NOISE, RIG, VEHICLE
+from matching.report.common.style import BAND, EXTENDED, NOISE, RIG, VEHICLE
 from matching.report.common.wording import unit
 from modelling.model.components import Sensor
 from modelling.model.system import System
 
-# Different in grey too: broad and pale against thin and solid; smooth curves dashed against solid.
+# Different in grey too: broad and pale against thin and dark; smooth curves dashed against solid.
 BEFORE: dict[str, Any] = {
     "color": RIG, "linewidth": 1.8, "alpha": 0.5, "label": "base model, fitted", "zorder": 2.2,
 }  # fmt: skip
-AFTER: dict[str, Any] = {"color": MATCHED, "linewidth": 0.8, "label": "extended model", "zorder": 2.4}
+AFTER: dict[str, Any] = {"color": EXTENDED, "linewidth": 0.8, "label": "extended model", "zorder": 2.4}
 SMOOTH: dict[str, dict[str, Any]] = {
     BEFORE["label"]: {"linestyle": (0, (5, 1.6)), "linewidth": 1.6, "alpha": 1.0},
     AFTER["label"]: {"linewidth": 1.6},

@@ -14,7 +14,8 @@ from matching.report.drawing import symbols
 from matching.report.drawing.layout import Joint, Layout, layout
 from modelling.model.system import System
 
-COLUMN, TALLEST, LEAST_HEIGHT = 3.5, 0.62, 0.12  # units: from disc to disc; half the height of discs
+COLUMN, TALLEST, LEAST_HEIGHT = 3.5, 0.62, 0.12  # units: from disc to disc at least; half the height of discs
+LETTER, BETWEEN = 0.08, 0.15  # units: width of a letter on average; between texts
 LINE_HEIGHT = 0.2  # units of a line of text
 TOP = TALLEST + 0.7  # units above the first lane
 LANE = 2.1  # units between lanes, with one line of text below a disc
@@ -49,7 +50,10 @@ class Emphasis:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drivetrain laid out: notes by component, distance of lanes (units), inertia of the tallest disc (kg·m²)."""
+    """A drivetrain laid out: notes by component, distance of lanes (units), inertia of the tallest disc (kg·m²).
+
+    ``column`` is the distance of columns, units.
+    """
 
     system: System
     layout: Layout
@@ -57,11 +61,12 @@ class Drawing:
     notes: dict[str, list[str]]
     lane: float
     largest: float
+    column: float = COLUMN
 
     @property
     def width(self) -> float:
         """Units."""
-        return COLUMN * (self.layout.columns - 1) + 2.0
+        return self.column * (self.layout.columns - 1) + 2.0
 
     @property
     def height(self) -> float:
@@ -70,7 +75,7 @@ class Drawing:
 
     def place(self, inertia: str) -> tuple[float, float]:
         """Centre of an inertia, units."""
-        return COLUMN * self.layout.column[inertia], -self.lane * self.layout.lane[inertia]
+        return self.column * self.layout.column[inertia], -self.lane * self.layout.lane[inertia]
 
     def is_geared(self, shaft: str) -> bool:
         """Whether a shaft has a ratio."""
@@ -98,7 +103,22 @@ def drawing(system: System, emphasis: Emphasis | None = None, largest: float | N
     notes = _notes(system)
     most = max((len(lines) for lines in notes.values()), default=0)
     largest = largest or max(part.J.value for part in system.inertias)
-    return Drawing(system, layout(system), emphasis or Emphasis(), notes, LANE + LINE_HEIGHT * most, largest)
+    emphasis = emphasis or Emphasis()
+    lane, column = LANE + LINE_HEIGHT * most, _column(system, emphasis, notes)
+    return Drawing(system, layout(system), emphasis, notes, lane, largest, column)
+
+
+def _column(system: System, emphasis: Emphasis, notes: dict[str, list[str]]) -> float:
+    """Distance of columns, units, with room for the widest texts of an inertia and of a shaft beside each other."""
+
+    def longest(table: str, names: list[str]) -> int:
+        lines = [*names, *(line for part, each in notes.items() if part.startswith(table) for line in each)]
+        return max(map(len, lines), default=0)
+
+    machines = [f"(dynamometer {name})" for name in emphasis.machines.values()]
+    of_inertia = longest("inertias.", [*(part.name for part in system.inertias), *machines])
+    of_shaft = longest("shafts.", [part.name for part in system.shafts])
+    return max(COLUMN, LETTER * (of_inertia + of_shaft) + 2 * BETWEEN)
 
 
 def draw(axes: Axes, drawn: Drawing) -> None:
@@ -167,20 +187,22 @@ def _joint(axes: Axes, drawn: Drawing, joint: Joint) -> None:
             to_x, to_y = drawn.place(end)
             symbols.line(axes, (middle, y), (middle, to_y), (to_x, to_y))
         symbols.differential(axes, middle, y)
-        _text(axes, middle, y + 0.32, spaced(joint.name), va="bottom")
+        beside = middle + 0.3 + LETTER * len(joint.name) / 2  # between the branches
+        _text(axes, beside, y - 0.07, spaced(joint.name), va="bottom")
         return
     (end,) = joint.far
-    to_x, to_y = drawn.place(end)
-    symbols.line(axes, (x, y), (x + ELBOW, y), (x + ELBOW, to_y))
+    (to_x, to_y), across = drawn.place(end), -drawn.lane * joint.lane
     geared = joint.table == "shafts" and drawn.is_geared(joint.name)
-    centre = (x + to_x) / 2 + (0.25 if geared else 0.12 if y != to_y else 0.0)
+    centre = x + drawn.column / 2 + (0.25 if geared else 0.12 if y != to_y else 0.0)
     reach = symbols.ELEMENT / 2 if joint.table == "shafts" else 0.0
-    symbols.line(axes, (x + ELBOW, to_y), (centre - reach, to_y))
-    symbols.line(axes, (centre + reach, to_y), (to_x, to_y))
-    (_shaft if joint.table == "shafts" else _gear)(axes, drawn, joint.name, centre, to_y)
+    turn = x + ELBOW
+    symbols.line(axes, (x, y), (turn, y), (turn, across), (centre - reach, across))
+    back = [] if across == to_y else [(to_x - ELBOW, across), (to_x - ELBOW, to_y)]
+    symbols.line(axes, (centre + reach, across), *back, (to_x, to_y))
+    (_shaft if joint.table == "shafts" else _gear)(axes, drawn, joint.name, centre, across)
     if joint.name in drawn.emphasis.cuts and joint.table == "shafts":
         behind = drawn.place(drawn.emphasis.cuts[joint.name])[0]
-        symbols.cut(axes, behind + (-CUT if behind >= to_x else CUT), to_y, RIG)
+        symbols.cut(axes, behind + (-CUT if behind >= to_x else CUT), across, RIG)
 
 
 def _shaft(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from matplotlib.figure import Figure
 
 from matching.frequency.case.case import Case
@@ -69,7 +71,9 @@ def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
         cuts={interface.shaft: interface.rig_end for interface in interfaces},
     )
     largest = max(part.J.value for system in (case.vehicle, case.rig) for part in system.inertias)
-    return drawing(case.vehicle, of_vehicle, largest), drawing(case.rig, of_rig, largest)
+    both = drawing(case.vehicle, of_vehicle, largest), drawing(case.rig, of_rig, largest)
+    column = max(drawn.column for drawn in both)  # parts of both stand below each other
+    return replace(both[0], column=column), replace(both[1], column=column)
 
 
 def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figure:

@@ -100,7 +100,7 @@ def attribution_figure(xil: XilFidelity) -> Figure:
         axes.grid(visible=False, axis="y")
         for place, loss in enumerate(losses):
             bar = axes.barh(place, 100 * loss.gain, label=loss.origin, **_look(loss.origin))
-            axes.bar_label(bar, [f" {100 * loss.gain:.2g}"], fontsize=8)
+            axes.bar_label(bar, [f"{100 * loss.gain:.2g}"], padding=3, fontsize=8)
         axes.set_yticks(range(len(losses)), [f"{loss.signal}: {loss.cause}" for loss in losses])
         axes.invert_yaxis()
         axes.margins(x=0.1)

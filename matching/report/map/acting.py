@@ -19,6 +19,7 @@ from matching.report.curves.embedding import acting_figure, embedded_figures, pl
 from matching.report.map.figure import SHADES, edges, panels, scale_words
 from matching.report.map.marks import HATCHES, kinds
 
+MOST_TICKS = 8  # of an axis that has one at each of its values
 EDGE = 1.02  # by which the scale of colours reaches beyond the least and the largest error
 BAR: dict[str, Any] = {
     "orientation": "horizontal", "width": "auto", "height": 14, "title_text_font_size": "12px", "padding": 4,
@@ -57,15 +58,19 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
     }
     fig = acting_figure(title, axis_words(result.x), axis_words(result.y), **options)
     fig.height = 420
+    for drawn, axis in ((fig.xaxis, result.x), (fig.yaxis, result.y)):
+        if axis.by_ratio and len(axis.values) <= MOST_TICKS:  # the library leaves a short logarithmic axis almost bare
+            ticks = [float(value) * shown_scale(axis) for value in axis.values]
+            drawn.ticker, drawn.major_label_overrides = ticks, {tick: number(tick, 3) for tick in ticks}
     fig.grid.visible = False
     fields, colours = _fields(result, errors), _colours(errors)
-    drawn = [
+    quads = [
         _draw(fig, [field for field in fields if field["limited"] is limited], colours, limited)
         for limited in (False, True)
     ]
     tips = [("error", "@error"), ("margin", "@margin"), ("", "@what"), ("x", "@at_x"), ("y", "@at_y")]
     fig.hover[0].renderers = []
-    fig.add_tools(HoverTool(tooltips=tips, renderers=[fields for fields in drawn if fields is not None]))
+    fig.add_tools(HoverTool(tooltips=tips, renderers=[each for each in quads if each is not None]))
     here = (result.x.here * shown_scale(result.x), result.y.here * shown_scale(result.y))
     if all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y)):
         look: dict[str, Any] = {"size": 16, "fill_color": None}

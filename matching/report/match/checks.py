@@ -162,6 +162,12 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
     if name == "simulation":
         outcome = "diverges" if verification.traces is None else "stays bounded"
         return "Simulated manoeuvre with delay line and sampled controller", outcome
+    if name == "dynamic stiffness":
+        return "Nyquist criterion by a second method, from the dynamic stiffness", (
+            f"{number(verification.independent.unstable_poles)} unstable poles"
+            if verification.independent.unstable_poles
+            else "met"
+        )
     return name.capitalize(), ""
 
 

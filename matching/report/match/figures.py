@@ -35,9 +35,10 @@ CAPTIONS = {
     "errors": "Response error of every compared function. Dashed: what the case allows.",
     "sensitivity": "Sensitivity S and complementary sensitivity T of the feedback loop on the bed as planned. Grey: "
     "the limits, each from the frequency on from which it counts.",
-    "margin": "Distance of the feedback loop from instability, with the exact dead time.",
+    "margin": "Distance of the feedback loop from instability, with the exact dead time; grey: too near.",
     "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
-    "quantities": "Tuned quantities between their bounds, and the weight on a change of each.",
+    "quantities": "Tuned quantities between their bounds, on a logarithmic scale where these are four decades apart or "
+    "more, and the weight on a change of each where one was set.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest tuned for "
     "each value, and the range that is as good within 2 %. Dotted: what the bed as planned reaches.",
     "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
@@ -69,8 +70,10 @@ def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
     if of_worst_bed := in_time_signals(result):
         made["in_time"] = lambda: trace_figure(of_worst_bed, begins)
     frequencies = drawn_modes(result)
-    made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies))
-    made["margin"] = lambda: margin_figure(tuned, frequencies)
+    required = result.robust.required if result.robust else None
+    margin_from = required.margin_from if required else 0.0
+    made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
+    made["margin"] = lambda: margin_figure(tuned, frequencies, margin_from)
     if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = lambda: case_figure(tuned)
     if result.robust and result.robust.beds.unmeasured:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from matching.report.common.wording import component, number, unit
 
 COLUMNS, PANEL_HEIGHT = 3, 2.9  # inches
 LOGARITHMIC_FROM = 8.0  # largest over smallest value tried
+DECADES_FROM = 1e4  # upper over lower bound: such a bar is logarithmic, or every value would stand at its lower end
 
 
 def quantity_figure(result: MatchResult) -> Figure:
@@ -21,35 +23,43 @@ def quantity_figure(result: MatchResult) -> Figure:
     rows = result.parameters
     with styled():
         fig = figure(12.4, 1.2 + 0.36 * max(len(rows), 1))
-        bars, weights = fig.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
+        weighted = any(row.weight for row in rows)
+        bars, *weights = fig.subplots(
+            1, 1 + weighted, sharey=True, squeeze=False, width_ratios=[3.2, 1][: 1 + weighted]
+        )[0]
         for place, row in enumerate(rows):
             _bar(bars, place, row)
-            weights.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
-            weights.annotate(
-                number(row.weight, 2),
-                (row.weight, place),
-                (3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=7.5,
-            )
+        for axes in weights:
+            _weights(axes, rows)
         bars.set_yticks(range(len(rows)), [_label(row) for row in rows], fontsize=8)
         bars.set_ylim(len(rows) - 0.4, -0.6)
         bars.set_xlim(-0.22, 1.22)
         bars.set_xticks([0, 0.5, 1], ["lower bound", "middle", "upper bound"])
         bars.grid(False, axis="y")
-        weights.grid(False, axis="y")
-        weights.set_xlabel("Weight on a change")
-        weights.tick_params(left=False)
-        weights.margins(x=0.2)
         handles, labels = bars.get_legend_handles_labels()
         unique = dict(zip(labels, handles))
         fig.legend(list(unique.values()), list(unique), loc="outside upper center", ncols=4)
     return fig
 
 
+def _weights(axes: Any, rows: Sequence[ParameterResult]) -> None:
+    for place, row in enumerate(rows):
+        axes.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
+        axes.annotate(
+            number(row.weight, 2), (row.weight, place), (3, 0), textcoords="offset points", va="center", fontsize=7.5
+        )
+    axes.grid(False, axis="y")
+    axes.set_xlabel("Weight on a change")
+    axes.tick_params(left=False)
+    axes.margins(x=0.2)
+
+
 def _bar(axes: Any, place: int, row: ParameterResult) -> None:
+    decades = row.lower > 0 and row.upper >= DECADES_FROM * row.lower
+
     def at(value: float) -> float:
+        if decades:
+            return math.log(max(value, row.lower) / row.lower) / math.log(row.upper / row.lower)
         return (value - row.lower) / (row.upper - row.lower)
 
     axes.barh(place, 1, height=0.34, color="#ECECEC", edgecolor="#AAAAAA", linewidth=0.6)

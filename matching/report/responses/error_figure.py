@@ -20,7 +20,7 @@ def error_figure(result: MatchResult) -> Figure:
     with styled():
         fig = figure(8.0, 1.3 + 0.42 * len(rows))
         axes = fig.subplots()
-        places = np.arange(len(rows))[::-1]
+        places, written = np.arange(len(rows))[::-1], set[tuple[str, int]]()
         for who, (key, mark) in KINDS.items():
             values = [getattr(row, key) for row in rows]
             known = [(value, place) for value, place in zip(values, places, strict=True) if value is not None]
@@ -30,6 +30,9 @@ def error_figure(result: MatchResult) -> Figure:
             axes.plot(drawn, at, mark, color=LINES[who]["color"], label=LINES[who]["label"], markersize=8,
                       markeredgecolor="#222222", fillstyle="none" if who == "unmeasured" else "full")  # fmt: skip
             for value, place in known:
+                if (said := (number(value, 2), int(place))) in written:
+                    continue
+                written.add(said)
                 axes.annotate(number(value, 2), (max(value, SMALLEST_DRAWN), place), (0, 6),
                               textcoords="offset points", ha="center", fontsize=7)  # fmt: skip
         for allowed, words in ((case.tolerance, "measured"), (case.unmeasured_tolerance, "unmeasured")):

@@ -26,7 +26,7 @@ def contributions(result: MeasurandResult) -> Figure:
         axes = fig.add_subplot()
         axes.grid(visible=False, axis="y")
         bars = axes.barh([row.name for row in rows], sizes, color=style.VEHICLE)
-        axes.bar_label(bars, [f" {100 * row.share:.3g} %" for row in rows], fontsize=8)
+        axes.bar_label(bars, [f"{100 * row.share:.3g} %" for row in rows], padding=3, fontsize=8)
         combined = unit.difference_from_si(result.propagation.first_order)
         axes.axvline(combined, color=style.LIMIT, linestyle="--", label=f"combined, {combined:.3g}{_unit(result)}")
         axes.invert_yaxis()
