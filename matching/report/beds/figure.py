@@ -19,8 +19,8 @@ def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
             ("unmeasured torques", beds.unmeasured, MATCHED, "--", 1.5),
         ):
             share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
-            look = {"color": colour, "linewidth": width, "alpha": 0.5 if width > 2 else 1.0}
-            axes.plot(errors, 100 * share, stroke, label=name, **look)
+            opacity = 0.5 if width > 2 else 1.0
+            axes.plot(errors, 100 * share, stroke, label=name, color=colour, linewidth=width, alpha=opacity)
             parts = np.array([0.5, 0.95])
             if errors:
                 axes.plot(np.quantile(errors, parts), 100 * parts, "o", color=colour)

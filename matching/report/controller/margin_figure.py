@@ -62,9 +62,11 @@ def margin_figure(case: Case, modes: list[float], margin_from: float = 0.0) -> F
         left.fill_between([begins, f[-1]], 0, required, color="#EEEEEE", zorder=0, linewidth=0)
         left.plot([begins, f[-1]], [required, required], color=LIMIT, linestyle="--", linewidth=1.2)
         where = {"textcoords": "offset points", "fontsize": 8}
-        words = f"required: {required:g}" + (f" from {number(begins, 3)} Hz" if margin_from > f[0] else "")
-        beside = {"xytext": (4, -11)} if margin_from <= f[0] else {"xytext": (-4, -3), "ha": "right"}
-        left.annotate(words, (begins, required), color=LIMIT, **beside, **where)
+        from_there = margin_from > f[0]
+        words = f"required: {required:g}" + (f"\nfrom {number(begins, 3)} Hz" if from_there else "")
+        left.annotate(
+            words, (begins, 0 if from_there else required), (4, 4 if from_there else -11), color=LIMIT, **where
+        )
         left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
         said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
         beside = (0, -13 if distance[least] > 0.2 else 9)

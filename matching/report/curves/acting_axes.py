@@ -141,7 +141,8 @@ def _texts(fig: Any, axes: Any) -> None:
         fig.text(
             [float(x)], placed(axes.yaxis, [float(y)]), [text.get_text()], x_offset=right * PIXELS_PER_POINT,
             y_offset=-up * PIXELS_PER_POINT, text_font_size="11px", text_color=to_hex(text.get_color()), name="",
-            text_align=text.get_ha(), text_baseline=BASELINES.get(text.get_va(), "middle"), angle=text.get_rotation(),
+            text_align=text.get_horizontalalignment(),
+            text_baseline=BASELINES.get(text.get_verticalalignment(), "middle"), angle=text.get_rotation(),
             angle_units="deg",
         )  # fmt: skip
 

@@ -18,7 +18,10 @@ for (const word of whole.split(" ")) {
   if (longer.length * letter <= cb_obj[room] || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
   else lines.push(word)
 }
-setTimeout(() => { model[key] = lines.join("\\n") })  // the layout that told the width is not over"""
+setTimeout(() => {  // the layout that told the width is not over
+  model[key] = lines.join("\\n")
+  if (key === "text") cb_obj.min_border_top = lines.length  // less than a title needs, but has the page laid out anew
+})"""
 NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
 MANY_PANELS, WIDER_PX = 4, 360  # of so many panels, with room for their legends; a narrow screen has 372
 

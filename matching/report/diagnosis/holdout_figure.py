@@ -54,8 +54,10 @@ def errors_figure(diagnosis: Diagnosis) -> Figure:
                 edgecolor="white", linewidth=0,
             )  # fmt: skip
             for place, ratio in zip(places, ratios, strict=True):
-                beside = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
-                axes.annotate(number(ratio, 3), (max(ratio, 1.0), place), **beside)
+                axes.annotate(
+                    number(ratio, 3), (max(ratio, 1.0), place), xytext=(3, 0), textcoords="offset points",
+                    va="center", fontsize=8,
+                )  # fmt: skip
             largest = max([largest, *ratios])
         axes.axvline(1.0, color=NOISE, linewidth=1.6, label="noise")
         axes.set_xscale("log")

@@ -26,7 +26,8 @@ def excitation(plan: ExcitationPlan) -> Figure:
             first = first or ax
             for part in plan.parts[::2]:
                 ax.axvspan(part.begin, part.end, color=BAND, linewidth=0)
-            ax.plot(plan.time, plan.torques[:, j], linewidth=0.6, rasterized=True, **curve(j))
+            look = curve(j) | {"linestyle": "-"}  # alone in its panel
+            ax.plot(plan.time, plan.torques[:, j], linewidth=0.6, rasterized=True, **look)
             ax.set_ylabel(f"{spaced(name)}\nin N·m")
             if j == 0:
                 for part in plan.parts:
@@ -39,12 +40,13 @@ def excitation(plan: ExcitationPlan) -> Figure:
                 ax.tick_params(labelbottom=False)
         ax = fig.add_subplot(grid[count])
         rows = np.arange(len(expected))
-        for share, colour, label in (("share_before", RIG, "now"), ("share_after", MATCHED, "expected after")):
+        looks = (("share_before", RIG, "o", "now"), ("share_after", MATCHED, "D", "expected after"))
+        for share, colour, mark, label in looks:
             values = np.maximum([getattr(quantity, share) for quantity in expected], SMALLEST_SHARE)
-            ax.plot(values, rows, "o", color=colour, label=label)
+            ax.plot(values, rows, mark, color=colour, label=label, fillstyle="full" if mark == "o" else "none")
         ax.set_xscale("log")
         ax.set_yticks(rows, [spaced(quantity.name) for quantity in expected])
         ax.invert_yaxis()
         ax.set_xlabel("part of the response error")
-        ax.legend(loc="lower right")
+        fig.legend(loc="outside lower center", ncols=2)
     return fig

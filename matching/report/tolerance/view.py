@@ -31,7 +31,7 @@ def plot(study: Tolerance) -> Figure:
             left.set_xlabel(result_words(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
             left.set_ylabel("share of draws\nin %")
             left.locator_params(axis="x", nbins=6)
-            left.legend(fontsize=7)
+            left.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0)
             drivers = spread.drivers[:DRIVERS_DRAWN][::-1]
             right.barh(range(len(drivers)), [100 * share for _, share in drivers], color=VEHICLE)
             right.set_yticks(range(len(drivers)), [short_name(name) for name, _ in drivers], fontsize=7)
