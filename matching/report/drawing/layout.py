@@ -80,10 +80,10 @@ class _Tree:
 
     def below(self, name: str) -> list[str]:
         """An inertia and all that hang on it."""
-        found = [name]
-        for each in found:  # grows while it is worked through
-            found += self.children[each]
-        return found
+        names = [name]
+        for each in names:  # grows while it is worked through
+            names += self.children[each]
+        return names
 
 
 def _grown(system: System) -> _Tree:
@@ -144,15 +144,15 @@ def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
     busy = {name for name, below in tree.children.items() if not ends.issuperset(below)}
     following, placed = max(lane.values()) + 1, list[Joint]()
     for joint in tree.joints:
-        own = lane[joint.near if joint.table == "differentials" else joint.far[0]]
+        its_lane = lane[joint.near if joint.table == "differentials" else joint.far[0]]
         if joint in tree.again and joint.table != "differentials":
-            own = lane[joint.near]
+            its_lane = lane[joint.near]
             if joint.near in busy:
-                own, following = following, following + 1
+                its_lane, following = following, following + 1
             busy.add(joint.near)
         elif ends.intersection(joint.far):
             busy.add(joint.near)
-        placed.append(replace(joint, lane=own))
+        placed.append(replace(joint, lane=its_lane))
     column, lane = dict(tree.column), dict(lane)
     for name in ends:
         arriving = [joint.lane for joint in placed if name in joint.far and joint.table != "differentials"]
