@@ -44,8 +44,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
     print("preparing the page …", file=sys.stderr, flush=True)
 
+    from bokeh.settings import settings
+
     from matching.explore.page.server import page, serve
 
+    settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
     interrupt = signal.getsignal(signal.SIGINT)
     server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
     signal.signal(signal.SIGINT, interrupt)  # with Panel's own the command would end as if it had answered

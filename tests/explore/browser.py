@@ -28,9 +28,14 @@ def browser_path() -> str:
 
 @contextmanager
 def served(arguments: Iterable[str], out: Path) -> Iterator[str]:
-    """Address of the page that Python serves with such arguments and, as the last, the folder for results."""
+    """Address of the page that Python serves with such arguments and, as the last, the folder for results.
+
+    `rigmatch explore` is begun by a user whose own pages of Bokeh come from the internet.
+    """
     command = [sys.executable, *arguments, str(out)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = (
+        os.environ | {"PYTHONPATH": str(ROOT)} | ({"BOKEH_RESOURCES": "cdn"} if "explore" in arguments else {})
+    )
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
         try:
             address = next((found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))), "")
@@ -46,6 +51,11 @@ def explored(*files: Path) -> tuple[str, ...]:
     return ("-m", "matching", "explore", *map(str, files), "--no-browser", "--out")
 
 
+def complaint(message) -> str:
+    """What the console says, and of which address."""
+    return f"{message.text} {(message.location or {}).get('url', '')}".strip()
+
+
 @contextmanager
 def opened_page(address: str, width: int = 1366) -> Iterator[tuple]:
     """The page in the browser, and what its console complains of."""
@@ -56,7 +66,7 @@ def opened_page(address: str, width: int = 1366) -> Iterator[tuple]:
         page = browser.new_page(viewport={"width": width, "height": 900})
         page.set_default_timeout(WAIT_MS)
         complaints: list[str] = []
-        page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
+        page.on("console", lambda message: message.type == "error" and complaints.append(complaint(message)))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.goto(address)
         page.get_by_role("tab").first.wait_for()
