@@ -148,7 +148,7 @@ def test_a_wrong_torque_gain_is_found_and_the_second_round_is_better(tmp_path, m
     """
     matched = match_of(tmp_path / "match", LIMITS)
     out = tmp_path / "out"
-    command = ["commission", str(matched), "--bed", str(bed(matched, 1.04)), "--out", str(out)]
+    command = ["commission", str(matched), "--bed", str(bed(matched, 1.05)), "--out", str(out)]
     assert main(command) == 0
     result = json.loads((out / "commission.json").read_text(encoding="utf-8"))
     judged = [one.get("against_last_vehicle", one["verification"]) for one in result["rounds"]]
@@ -157,7 +157,7 @@ def test_a_wrong_torque_gain_is_found_and_the_second_round_is_better(tmp_path, m
     assert result["status"] == "as_predicted"
     assert result["best_round"] == len(errors)
     gain = result["rounds"][1]["identification"]["torque_gains"]["dyno"]
-    assert gain == pytest.approx(1.04, abs=0.005)
+    assert gain == pytest.approx(1.05, abs=0.005)
     monkeypatch.delattr(circle, "plan_excitation")
     assert main(command) == 0
     assert json.loads((out / "commission.json").read_text(encoding="utf-8")) == result
