@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -63,22 +63,16 @@ def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehic
     """
     if vehicle.operating_point is None:
         return rig
-    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
     dynamometers = {dynamometer.torque_input for dynamometer in loop.dynamometers}
-    point = OperatingPoint(
-        tuple((cut.rig_end, speeds[cut.vehicle_end]) for cut in residual.interfaces),
-        tuple((part.name, torques.get(part.name, 0.0)) for part in rig.inputs if part.name not in dynamometers),
-    )
-    rig = replace(rig, operating_point=point)
+    held = [part.name for part in rig.inputs if part.name not in dynamometers]
     try:
-        operating_motion(rig)
+        return _turning_as(vehicle, rig, [(cut.rig_end, cut.vehicle_end) for cut in residual.interfaces], held)
     except InputError as fault:
         raise InputError(
             f"{where}: operating_point",
             f"the vehicle has it, the rig does not: {fault.wrong}",
             "what both have under one name has to be the same",
         ) from None
-    return rig
 
 
 def simple_at_operating_point(
@@ -101,21 +95,33 @@ def simple_at_operating_point(
     if "road_load" in table:
         bodies = _largest_of_each_part(simple, near)
         simple = _with_road_load(simple, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
-    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
-    point = OperatingPoint(
-        tuple((interface.vehicle_end, speeds[interface.vehicle_end]) for interface in residual.interfaces),
-        tuple((part.name, torques.get(part.name, 0.0)) for part in simple.inputs if part.on not in near),
-    )
-    simple = replace(simple, operating_point=point)
+    acting = [part.name for part in simple.inputs if part.on not in near]
     try:
-        operating_motion(simple)
+        return _turning_as(vehicle, simple, [(cut.vehicle_end, cut.vehicle_end) for cut in residual.interfaces], acting)
     except InputError as fault:
         raise InputError(
             place,
             f"the vehicle has it, with the residual vehicle of the case it does not: {fault.wrong}",
             "where the shafts of the cut end, both have to be able to turn at the same speeds",
         ) from None
-    return simple
+
+
+def _turning_as(vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]) -> System:
+    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at ``inputs``.
+
+    Raises
+    ------
+    InputError
+        If it has no such steady motion.
+    """
+    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+    point = OperatingPoint(
+        tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),
+        tuple((name, torques.get(name, 0.0)) for name in inputs),
+    )
+    system = replace(system, operating_point=point)
+    operating_motion(system)
+    return system
 
 
 def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
