@@ -6,7 +6,7 @@ from site_pages.result_keys import result_keys_tables
 FUNCTIONS = """# Functions
 
 `import rigmatch as rm`. Paths or loaded objects go in, results come out. Every result has `to_dict()` (what the command
-writes as JSON), `plot()`, and shows itself in a notebook. The examples are run as tests.
+writes as JSON) and shows itself in a notebook, most with `plot()`. The examples are run as tests.
 """
 RESULTS = """# Results
 
@@ -42,7 +42,14 @@ CLASSES = {
         "matching.validity.uncertainty.result": ["Uncertainty", "MeasurandResult", "Row"],
         "matching.validity.fidelity.result": ["XilFidelity"],
     },
-    "Verification of a bed": {"matching.bed_test.result": ["BedVerification", "ErrorJudgement", "ModeJudgement"]},
+    "Verification of a bed": {
+        "matching.bed_test.result": ["BedVerification", "ErrorJudgement", "ModeJudgement", "RecordedFidelity"],
+    },
+    "Commissioning": {
+        "matching.commissioning.rounds": ["Commissioning", "Round"],
+        "matching.commissioning.from_recordings": ["FromRecordings", "Identification"],
+        "matching.commissioning.identified": ["IdentifiedValue"],
+    },
 }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from matching.api.files import File
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matching.bed_test.result import BedVerification
     from matching.commissioning.circle import CommissionOrder
     from matching.commissioning.from_recordings import FromRecordings
+    from matching.commissioning.rounds import Commissioning
     from matching.excitation.plan import ExcitationOrder
     from matching.excitation.result import ExcitationPlan
     from matching.frequency.case.case import Case
@@ -157,7 +158,7 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
 
 def commission(
     case: File, bed: File, out: File, order: CommissionOrder | None = None, *, tell: Callable[[str], None] | None = None
-) -> dict[str, Any]:
+) -> Commissioning:
     """Go the whole way onto the bed: match, run, verify; excite, record, diagnose, match again.
 
     Parameters
@@ -175,8 +176,8 @@ def commission(
 
     Returns
     -------
-    dict
-        As ``commission.json`` holds it.
+    Commissioning
+        What each round found, and why it ended or what it waits for.
 
     Raises
     ------
@@ -186,7 +187,7 @@ def commission(
     Examples
     --------
     >>> result = rm.commission("case.toml", "bed.fmu", "out/commission")  # doctest: +SKIP
-    >>> result["status"]  # doctest: +SKIP
+    >>> result.status  # doctest: +SKIP
     """
     from matching.commissioning.circle import Circle, CommissionOrder
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy
 
 from matching.bed_test.prediction import box_values
 from matching.bed_test.recorded import BedRecordings
+from matching.bed_test.result import COVERAGE_FACTOR, RecordedFidelity
 from matching.frequency.case.case import Case
 from matching.frequency.case.uncertainty import of_system
 from modelling.fidelity.assess import fidelity_of_signals
@@ -19,14 +18,13 @@ from modelling.linear.state_space import state_space
 from modelling.measurement.recording import Recording
 from modelling.model.system import System
 
-COVERAGE_FACTOR = 2.0
 DRAWS = 2_000
 VEHICLES = 8  # drawn evenly
 LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity
 SAMPLES_A_PERIOD = 8.0  # of the highest frequency that are enough
 
 
-def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording) -> dict[str, Any]:
+def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording) -> RecordedFidelity:
     """R_SD of the compared sensors, R_MU and R_XiL with its standard uncertainty (Eqs. 14 to 23) of one recording.
 
     The vehicle starts at rest with the recording's first sample; both lose their mean, for only deviations are
@@ -40,13 +38,16 @@ def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording)
     ]
     of_vehicle = float(np.sqrt(np.mean((np.array(others) - fidelity.total) ** 2))) if others else 0.0
     below, above = (np.hypot(fidelity.total - end, COVERAGE_FACTOR * of_vehicle) for end in drawn.interval)
-    interval = [fidelity.total - below, fidelity.total + above] if others else list(drawn.interval)
-    return {
-        "recording": recording.source, "R_SD": fidelity.domains.get("system_dynamics"),
-        "R_MU": fidelity.domains.get("measurement_uncertainty"), "R_XiL": fidelity.total,
-        "standard_uncertainty": float(np.hypot(drawn.standard_uncertainty, of_vehicle)),
-        "of_vehicle": of_vehicle, "interval": [float(end) for end in interval],
-    }  # fmt: skip
+    lower, upper = (fidelity.total - below, fidelity.total + above) if others else drawn.interval
+    return RecordedFidelity(
+        recording.source,
+        system_dynamics=fidelity.domains.get("system_dynamics"),
+        measurement_uncertainty=fidelity.domains.get("measurement_uncertainty"),
+        total=fidelity.total,
+        standard_uncertainty=float(np.hypot(drawn.standard_uncertainty, of_vehicle)),
+        of_vehicle=of_vehicle,
+        interval=(float(lower), float(upper)),
+    )
 
 
 def _against(case: Case, system: System, recorded: BedRecordings, recording: Recording) -> Fidelity:

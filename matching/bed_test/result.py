@@ -74,6 +74,41 @@ class ModeJudgement:
 
 
 @dataclass(frozen=True)
+class RecordedFidelity:
+    """XiL fidelity of one recording of the bed against the vehicle's model on the recorded torques (Eqs. 14 to 23).
+
+    Attributes
+    ----------
+    recording : str
+        Path of its file.
+    system_dynamics, measurement_uncertainty : float or None
+        R_SD and R_MU; None where the recording or the case has nothing to judge them by.
+    total, standard_uncertainty : float
+        R_XiL and its standard uncertainty.
+    of_vehicle : float
+        The part of the uncertainty that comes from the vehicle's model.
+    interval : tuple of float
+        95 % interval of R_XiL.
+    """
+
+    recording: str
+    system_dynamics: float | None
+    measurement_uncertainty: float | None
+    total: float
+    standard_uncertainty: float
+    of_vehicle: float
+    interval: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it."""
+        return {
+            "recording": self.recording, "R_SD": self.system_dynamics, "R_MU": self.measurement_uncertainty,
+            "R_XiL": self.total, "standard_uncertainty": self.standard_uncertainty, "of_vehicle": self.of_vehicle,
+            "interval": list(self.interval),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class FunctionCurves:
     """One compared function at frequencies (f,): measured with standard uncertainty of its modulus, and the others.
 
@@ -102,8 +137,8 @@ class BedVerification(Displayed):
     errors, functions : tuple of ErrorJudgement
         By kind of torque, and by compared function.
     modes : tuple of ModeJudgement
-    fidelity : dict
-        R_SD, R_MU, R_XiL with uncertainty of every recording.
+    fidelity : tuple of RecordedFidelity
+        Of every recording.
     curves : tuple of FunctionCurves
     band : tuple of float
         Hz.
@@ -116,7 +151,7 @@ class BedVerification(Displayed):
     errors: tuple[ErrorJudgement, ...]
     functions: tuple[ErrorJudgement, ...]
     modes: tuple[ModeJudgement, ...]
-    fidelity: tuple[dict[str, Any], ...]
+    fidelity: tuple[RecordedFidelity, ...]
     curves: tuple[FunctionCurves, ...]
     notes: tuple[str, ...]
 
@@ -130,6 +165,6 @@ class BedVerification(Displayed):
             "errors": [error.to_dict() for error in self.errors],
             "functions": [function.to_dict() for function in self.functions],
             "modes": [mode.to_dict() for mode in self.modes],
-            "fidelity": list(self.fidelity),
+            "fidelity": [fidelity.to_dict() for fidelity in self.fidelity],
             "notes": list(self.notes),
         }

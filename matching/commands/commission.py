@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     )  # fmt: skip
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
-        result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case))
+        result = Circle(Path(arguments.out), Path(arguments.bed), order, tell).run(Path(arguments.case)).to_dict()
     case = Path(arguments.case)
     made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
     write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result, made)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from matching.bed_test.judge import judge
 from matching.bed_test.recorded import read_recordings
 from matching.commissioning.bed_system import bed_system
 from matching.commissioning.by_hand import ByHand, Tell, Waiting, so_far
-from matching.commissioning.ending import best_round, end_of
 from matching.commissioning.fmu_bed import FmuBed, FmuController
 from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
+from matching.commissioning.rounds import Commissioning, Round, end_of
 from matching.commissioning.runs import excited_recording, proof_recording
 from matching.commissioning.stages import Files, Stages, checksum
 from matching.excitation.plan import ExcitationOrder, plan_excitation, steady_speed
@@ -76,8 +76,9 @@ class Circle:
         self._stages = Stages(folder)
         self._by_hand = ByHand(bed, order.follow, tell)
         self._tuned: dict[int, Case] = {}  # the case of each round
+        self._rounds: list[Round] = []
 
-    def run(self, path: Path) -> dict[str, Any]:
+    def run(self, path: Path) -> Commissioning:
         """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
 
         Parameters
@@ -87,8 +88,8 @@ class Circle:
 
         Returns
         -------
-        dict
-            As ``commission.json`` holds it.
+        Commissioning
+            What each round found, and why it ended or what it waits for.
 
         Raises
         ------
@@ -96,26 +97,26 @@ class Circle:
             If a file is not what it has to be, or the bed's controller gives up.
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
-        rounds: list[dict[str, Any]] = []
+        self._rounds = []
         waiting = end = vehicle = None
         if self._order.vehicle:
             vehicle = self._vehicle_known(path)
             path = self._folder / VEHICLE / "case.toml"
         try:
             for number in range(1, self._order.rounds + 1):
-                rounds.append({"round": number})
-                path = self._round(path, number, rounds[-1])
-                end = end_of(rounds)
+                self._rounds.append(Round(number))
+                path = self._round(path, number)
+                end = end_of(self._rounds)
                 if end:
                     break
         except Waiting as reason:
             waiting = reason.what
-        self._on_one_scale(rounds)
-        last = next((entry["verification"]["status"] for entry in reversed(rounds) if "verification" in entry), None)
-        return {
-            "status": "waiting" if waiting else last, "waiting_for": waiting, "end": end,
-            "best_round": best_round(rounds), "vehicle": vehicle, "rounds": rounds,
-        }  # fmt: skip
+        self._on_one_scale()
+        return Commissioning(tuple(self._rounds), end, waiting, vehicle)
+
+    def _found(self, **of_step: Any) -> None:
+        """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
+        self._rounds[-1] = replace(self._rounds[-1], **of_step)
 
     def _vehicle_known(self, path: Path) -> dict[str, Any]:
         """Diagnose the recordings of the vehicle; what became of it."""
@@ -136,12 +137,12 @@ class Circle:
         had, limit = identification.get("ended_early"), self._order.diagnosis_limit
         return had is None or (limit is not None and had >= limit)
 
-    def _on_one_scale(self, rounds: list[dict[str, Any]]) -> None:
+    def _on_one_scale(self) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
-        judged = [entry for entry in rounds if "verification" in entry]
-        for entry in judged[:-1]:
-            name, case = f"{entry['round']}_verify", self._tuned[judged[-1]["round"]]
-            self._tell(f"round {entry['round']}: judge against the vehicle of round {judged[-1]['round']}")
+        judged = [entry.number for entry in self._rounds if entry.verification is not None]
+        for number in judged[:-1]:
+            name, case = f"{number}_verify", self._tuned[judged[-1]]
+            self._tell(f"round {number}: judge against the vehicle of round {judged[-1]}")
             path = self._folder / name / RECORDING
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
@@ -149,22 +150,23 @@ class Circle:
                 return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
 
             inputs = checksum(self._stages.of_files(path) + _of_case(case))
-            entry["against_last_vehicle"] = self._stages.run(f"{name}_again", inputs, work)
+            again = self._stages.run(f"{name}_again", inputs, work)
+            self._rounds[number - 1] = replace(self._rounds[number - 1], against_last_vehicle=again)
 
-    def _round(self, path: Path, number: int, entry: dict[str, Any]) -> Path:
+    def _round(self, path: Path, number: int) -> Path:
         """One round; where the next one begins from."""
         if number > 1:
-            entry["identification"] = self._identified(path, number)
+            self._found(identification=self._identified(path, number))
             path = self._folder / f"{number}_diagnose" / "case.toml"
-        matched = self._matched(path, number, entry)
+        matched = self._matched(path, number)
         case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, number)
-        entry["verification"] = self._verified(case, number)
+        self._found(verification=self._verified(case, number))
         return matched
 
-    def _matched(self, path: Path, number: int, entry: dict[str, Any]) -> Path:
+    def _matched(self, path: Path, number: int) -> Path:
         if path.is_dir():
-            entry["match"] = {"status": "as given"}
+            self._found(match={"status": "as given"})
             return path
         self._tell(f"round {number}: match")
         case = load_case(path)
@@ -176,7 +178,7 @@ class Circle:
             return files, {"status": result.status, "limits": list(result.limits)}
 
         name = f"{number}_match"
-        entry["match"] = self._stages.run(name, _of_case(case), work)
+        self._found(match=self._stages.run(name, _of_case(case), work))
         return self._folder / name
 
     def _exported(self, case: Case, number: int) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from matching.commissioning.bed_system import bed_system
-from matching.commissioning.identified import identified_case
+from matching.commissioning.identified import IdentifiedValue, identified_case
 from matching.commissioning.vehicle import known_vehicle, recorded_vehicle
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.verdict.result import Diagnosis
@@ -33,8 +33,8 @@ class Identification:
     case : Case
         With the values found, and under ``[uncertainty]`` what is still not known of them.
     diagnosis : Diagnosis
-    values : tuple of dict
-        A row a quantity: ``name`` as ``[uncertainty]`` has it, ``before``, ``after``, ``half_width``, SI.
+    values : tuple of IdentifiedValue
+        One a quantity.
     notes : tuple of str
         What of the diagnosis the case does not hold, and whether it ended early.
     ended_early : float or None
@@ -43,7 +43,7 @@ class Identification:
 
     case: Case
     diagnosis: Diagnosis
-    values: tuple[dict[str, Any], ...]
+    values: tuple[IdentifiedValue, ...]
     notes: tuple[str, ...]
     ended_early: float | None = None
 
@@ -53,7 +53,7 @@ class Identification:
         return {
             "verdict": self.diagnosis.verdict,
             "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],
-            "notes": list(self.notes), "values": list(self.values),
+            "notes": list(self.notes), "values": [value.to_dict() for value in self.values],
             "torque_gains": {part.name: part.torque_gain for part in self.case.loop.dynamometers},
             "ended_early": self.ended_early,
         }  # fmt: skip
@@ -100,12 +100,9 @@ def bed_from_recordings(
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(
-        {
-            "name": quantity.name, "before": quantity.value, "after": after[quantity.name].value,
-            "half_width": after[quantity.name].half_width,
-        }
+        IdentifiedValue(quantity.name, quantity.value, after[quantity.name].value, after[quantity.name].half_width)
         for quantity in case.uncertainty.uncertain
-    )  # fmt: skip
+    )
     early = _ended_early(limit)
     return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from matching.commissioning.bed_system import bed_system, names_in_system
 from matching.commissioning.ranges import WIDER
@@ -22,6 +23,30 @@ COVERAGE = 2.0  # half-width of the box over the standard uncertainty
 LEAST_SHARE = 0.002  # of a value: half-widths are no smaller, for a model is never as exact as its noise says
 LEAST_DELAY = 2e-5  # s: the same for the dead time
 GAIN = ".torque_gain"
+
+
+@dataclass(frozen=True)
+class IdentifiedValue:
+    """A quantity before and after an identification.
+
+    Attributes
+    ----------
+    name : str
+        As ``[uncertainty]`` has it.
+    before, after : float
+        SI.
+    half_width : float
+        Of the interval that is left after it, k = 2, SI.
+    """
+
+    name: str
+    before: float
+    after: float
+    half_width: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """A row of ``identification.json``."""
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)

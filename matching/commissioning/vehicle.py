@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from matching.commissioning.identified import narrowed
+from matching.commissioning.identified import IdentifiedValue, narrowed
 from matching.commissioning.ranges import WIDER, around, with_quantities
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.frequency.case.case import Case, Move
@@ -26,13 +25,10 @@ KNOWN = 0.1  # of half the range of a quantity
 
 @dataclass(frozen=True)
 class KnownVehicle:
-    """A case whose vehicle has the values of its recordings, what was said of each, and sentences on the rest.
-
-    ``values`` has a row a quantity: ``name`` as ``[uncertainty]`` has it, ``before``, ``after``, ``half_width``, SI.
-    """
+    """A case whose vehicle has the values of its recordings, what was said of each, and sentences on the rest."""
 
     case: Case
-    values: tuple[dict[str, Any], ...]
+    values: tuple[IdentifiedValue, ...]
     notes: tuple[str, ...]
 
 
@@ -107,7 +103,7 @@ def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehi
         start = case.vehicle.parameters[name]
         stated = before.get(full, Uncertain(full, start.value, _half_range(fitted.parameters[name])))
         box[full] = narrowed(stated, estimate, 0.0)
-        rows.append({"name": full, "before": start.value, "after": estimate.value, "half_width": box[full].half_width})
+        rows.append(IdentifiedValue(full, start.value, estimate.value, box[full].half_width))
     made = replace(
         case, vehicle=vehicle, rig=rig, residual_vehicle=cut(vehicle, rig), uncertainty=Box(tuple(box.values())),
         moves=tuple(_moved(move, values) for move in case.moves),

@@ -4,6 +4,7 @@ from importlib import import_module
 
 VIEWS = {
     "matching.bed_test.result.BedVerification": "matching.report.bed_test.view",
+    "matching.commissioning.rounds.Commissioning": "matching.report.commissioning.view",
     "modelling.modal.result.Mode": "matching.report.modes.animation",
     "matching.excitation.result.ExcitationPlan": "matching.report.excitation.view",
     "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",

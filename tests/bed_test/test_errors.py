@@ -1,13 +1,14 @@
 """When a measured error counts as predicted, in closed form."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from matching.bed_test.errors import Figures, judged
 from matching.bed_test.local_rational import MeasuredResponse
-from matching.commissioning.ending import best_round, end_of
+from matching.commissioning.rounds import Commissioning, Round, best_round, end_of
 
 
 def figures(error, spread=0.0, predicted=0.005, unknown=0.0, resolution=0.0):
@@ -63,21 +64,33 @@ def verification(error, status="as_predicted", uncertainty=0.001, predicted=0.00
 
 
 def test_a_circle_goes_on_as_long_as_a_round_would_gain():
-    first = {"round": 1, "verification": verification(0.06)}
+    first = Round(1, verification=verification(0.06))
     assert end_of([first]) is None  # allowed, and far above what a match with the true values reaches
-    good = {"round": 2, "verification": verification(0.012)}
+    good = Round(2, verification=verification(0.012))
     assert "as well as the match can make it" in end_of([first, good])
-    same = {"round": 2, "verification": verification(0.0595, "short")}
+    same = Round(2, verification=verification(0.0595, "short"))
     assert "gained nothing" in end_of([first, same])
-    assert end_of([{"round": 1, "verification": verification(0.01, "short")}]) is None
-    assert end_of([{"round": 1, "verification": verification(None)}]) is None
+    assert end_of([Round(1, verification=verification(0.01, "short"))]) is None
+    assert end_of([Round(1, verification=verification(None))]) is None
 
 
 def test_the_best_round_is_the_one_nearest_to_the_same_vehicle():
     rounds = [
-        {"round": 1, "verification": verification(0.01), "against_last_vehicle": verification(0.08)},
-        {"round": 2, "verification": verification(0.02)},
-        {"round": 3},
+        Round(1, verification=verification(0.01), against_last_vehicle=verification(0.08)),
+        Round(2, verification=verification(0.02)),
+        Round(3),
     ]
     assert best_round(rounds) == 2
-    assert best_round([{"round": 1}]) is None
+    assert best_round([Round(1)]) is None
+
+
+def test_a_commissioning_that_waits_says_so_and_keeps_what_it_had():
+    verified = Round(1, match={"status": "as given"}, verification=verification(0.02, "short"))
+    result = Commissioning((verified, Round(2)), waiting_for="put the recording there")
+    assert result.status == "waiting"
+    assert replace(result, waiting_for=None).status == "short"
+    assert result.to_dict()["rounds"] == [
+        {"round": 1, "match": {"status": "as given"}, "verification": verification(0.02, "short")},
+        {"round": 2},
+    ]
+    assert replace(result, rounds=(), waiting_for=None).status is None

@@ -125,7 +125,7 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
     assert error.predicted == pytest.approx(error_figures(case).after, abs=0.002)  # on the recording's frequencies
     for mode in found.modes:
         assert abs(mode.measured.frequency - mode.vehicle[0]) < 0.01 * mode.vehicle[0]
-    assert 0.8 < found.fidelity[0]["R_XiL"] <= 1
+    assert 0.8 < found.fidelity[0].total <= 1
     assert str(found).startswith("as_predicted")
     assert found._repr_html_().startswith("<p>as_predicted")
     drawn = found.plot()

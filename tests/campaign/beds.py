@@ -80,19 +80,20 @@ def work(seed: int, number: int, folder: Path) -> dict[str, Any]:
     except InputError as fault:
         return row | {"failed": str(fault)}
     known = tuned_case(folder / "true" / "1_match").tuned
-    recordings = [folder / "circle" / f"{one['round']}_verify" / "recording.csv" for one in result["rounds"]]
+    recordings = [folder / "circle" / f"{one.number}_verify" / "recording.csv" for one in result.rounds]
     errors = [measured(known, one) for one in (*recordings, folder / "true" / "1_verify" / "recording.csv")]
-    causes = [cause for one in result["rounds"] for cause in one.get("identification", {}).get("causes", [])]
+    known_of_bed = [one.identification for one in result.rounds if one.identification is not None]
+    causes = [cause for one in known_of_bed for cause in one["causes"]]
     first = tuned_case(folder / "circle" / "1_match").tuned
     for one, stated in zip(drawn.hidden, hidden, strict=True):
         stated["named"] = any(cause["kind"] == one.kind and one.at in cause["at"] for cause in causes)
         stated["change"] = change(first, drawn, one, folder, recordings[0])
         stated["matters"] = stated["change"] > MATTERS
     return row | {
-        "status": result["status"], "end": result["end"], "best_round": result["best_round"],
+        "status": result.status, "end": result.end, "best_round": result.best_round,
         "rounds": errors[:-1], "true": errors[-1], "causes": [f"{one['kind']} at {one['at']}" for one in causes],
         "torque_gain": drawn.gain, "limits_used": max(limits_used(first, one) for one in recordings),
-        "gains_found": [one["identification"]["torque_gains"] for one in result["rounds"] if "identification" in one],
+        "gains_found": [one["torque_gains"] for one in known_of_bed],
         "processor_time": time.process_time() - began,
     }  # fmt: skip
 
@@ -127,7 +128,7 @@ def measured(known: Case, recording: Path) -> dict[str, float | None]:
     found = judge(known, read_recordings([recording], known))
     error = found.errors[0].to_dict()
     return {"error": error["error"], "standard_uncertainty": error["standard_uncertainty"],
-            "R_XiL": found.fidelity[0]["R_XiL"]}  # fmt: skip
+            "R_XiL": found.fidelity[0].total}  # fmt: skip
 
 
 def change(case: Case, drawn: DrawnBed, one: Any, folder: Path, recording: Path) -> float:

@@ -67,11 +67,11 @@ def measure(out: Path) -> list[dict[str, Any]]:
     out.mkdir(parents=True, exist_ok=True)
     bed = reference_bed(case).write(out / "bed.fmu", case.loop["sample_time"])
     result = Circle(out / "circle", bed, ROUNDS, lambda step: print(step, flush=True)).run(CASE)
-    last = tuned_case(out / "circle" / f"{len(result['rounds'])}_match").tuned
+    last = tuned_case(out / "circle" / f"{len(result.rounds)}_match").tuned
     rows = [{"what": "without emulation", **_figures(_without_emulation(out, bed, last))}]
-    for entry in result["rounds"]:
-        judged = entry.get("against_last_vehicle", entry["verification"])
-        rows.append({"what": f"match {entry['round']}", **_figures(judged)})
+    for entry in result.rounds:
+        judged = entry.against_last_vehicle or entry.verification
+        rows.append({"what": f"match {entry.number}", **_figures(judged)})
     (out / "rows.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return rows
 
