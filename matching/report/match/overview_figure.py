@@ -110,4 +110,4 @@ def _targets(axes: Any, result: MatchResult) -> None:
     axes.set_yticks(list(places.values()), [LINES[name]["label"] for name in places])
     axes.grid(False, axis="y")
     axes.set_xlabel("Frequency of the target modes in Hz")
-    axes.legend(loc="lower center", fontsize=7.5, ncols=2, borderaxespad=0.1)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), fontsize=7.5, ncols=2, borderaxespad=0.1)

@@ -53,7 +53,7 @@ def curves_of(result: MatchResult, index: int) -> dict[str, np.ndarray]:
 
 
 def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) -> None:
-    """Magnitude of one compared function, with the band shaded and the error in the corner."""
+    """Magnitude of one compared function, with the band shaded and the error above."""
     f = result.curves.frequencies
     curves = curves_of(result, index)
     shade(axes, result.response_error.band)
@@ -68,11 +68,12 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
     largest = max(np.abs(values).max() for values in curves.values())
     smallest = min(np.abs(values).min() for name, values in curves.items() if name in ("vehicle", "matched"))
     axes.set_ylim(smallest / 3, largest * 2)
-    clear: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5}
-    axes.annotate(_error(result, index), (0.03, 0.04), xycoords="axes fraction", fontsize=8, va="bottom", bbox=clear)
+    axes.annotate(
+        _error(result, index), (0.5, 1), (0, 4), "axes fraction", textcoords="offset points", ha="center", fontsize=8
+    )
     if title:
         pair = result.case.compared[index]
-        axes.set_title(f"{_said(pair.input)} → {_said(pair.sensor)}", fontsize=9)
+        axes.set_title(f"{_said(pair.input)} → {_said(pair.sensor)}", fontsize=9, pad=16)
 
 
 def phase(axes: Any, result: MatchResult, index: int) -> None:
@@ -107,7 +108,7 @@ def _error(result: MatchResult, index: int) -> str:
         parts.append(f"without control {number(errors.before, 2)}")
     if "unmeasured" in curves_of(result, index):
         parts.append(f"not measured {number(errors.unmeasured, 2)}")
-    return "\n".join(parts)
+    return ", ".join(parts)
 
 
 def _said(name: str) -> str:
