@@ -12,6 +12,7 @@ from matching.report.common.provenance import Provenance
 from matching.report.common.screen_point import ScreenPoint
 from matching.report.common.wording import percent, spaced
 from matching.report.curves.acting_axes import acting
+from matching.report.fidelity.text import LEAST_SHOWN
 from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
 from matching.validity.fidelity.result import XilFidelity
 
@@ -21,7 +22,6 @@ CAPTIONS = {
     "bands": "At which frequencies the signals deviate: amplitude plain, phase hatched.",
 }
 FIRST = 4  # causes on the first screen
-LEAST_SHOWN = 5e-5  # of an uncertainty: less is 0.00 %
 
 
 def page(

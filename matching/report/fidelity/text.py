@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 RANKED = 8  # causes that are listed
+LEAST_SHOWN = 5e-5  # of an uncertainty: less is 0.00 %
 
 
 def summary(answer: dict[str, Any]) -> str:
@@ -25,13 +26,16 @@ def _fidelities(answer: dict[str, Any]) -> list[str]:
     lines = []
     for name, value in [("R_XiL", answer["R_XiL"]), *answer["domains"].items()]:
         spread = answer["uncertainty"]["total" if name == "R_XiL" else name]
-        low, high = spread["interval"]
         weight = f"weight {answer['weights'][name]:g}" if name in answer["weights"] else "total"
-        lines.append(
-            f"{name:44} {_percent(value)}   u = {100 * spread['standard_uncertainty']:.2f} %, "
-            f"{100 * low:.2f} ... {100 * high:.2f} %   {weight}"
-        )
+        lines.append(f"{name:44} {_percent(value)}   {_uncertainty(spread):32} {weight}")
     return lines
+
+
+def _uncertainty(spread: dict[str, Any]) -> str:
+    if spread["standard_uncertainty"] < LEAST_SHOWN:
+        return "without uncertainty"
+    low, high = spread["interval"]
+    return f"u = {100 * spread['standard_uncertainty']:.2f} %, {100 * low:.2f} ... {100 * high:.2f} %"
 
 
 def _losses(attribution: dict[str, Any]) -> list[str]:
