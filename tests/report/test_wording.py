@@ -4,7 +4,9 @@ import math
 
 import pytest
 
-from matching.report.common.wording import amount, change, component, hertz, number, percent, practical, sentence, unit
+from matching.report.common.wording import (
+    amount, change, component, enough_digits, hertz, number, percent, practical, sentence, unit,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0, -0.5, 438_500.0, 1.234e6, 12_345.678, 5e-4, 7.16e-6, -2.2e9, 99_999.6])
@@ -55,3 +57,15 @@ def test_names_and_sentences():
     assert component("dynamometers.dynamometer.speed") == "dynamometer, speed"
     assert component("loop.dead_time") == "dead time"
     assert [sentence(parts) for parts in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
+
+
+@pytest.mark.parametrize("apart", [1.3e-4, 1e-3, 0.2])
+@pytest.mark.parametrize("size", [1e-5, 0.65, 8.149, 4e5])
+def test_close_numbers_have_enough_digits_to_differ(size, apart):
+    ends = [size, size * (1 + apart)]
+    low, high = (float(number(end, enough_digits(ends))) for end in ends)
+    assert high - low == pytest.approx(size * apart, rel=0.11)
+
+
+def test_equal_and_unknown_ends_get_the_least_digits():
+    assert enough_digits([8.1, 8.1], 4) == enough_digits([None, 8.1], 4) == enough_digits([], 4) == 4

@@ -191,6 +191,17 @@ def test_shares_of_a_sum_are_those_of_its_terms():
     assert own.counts.sum() == 20_000
 
 
+def test_no_share_is_more_than_the_whole_and_they_add_up_to_what_is_explained():
+    """Of few draws, whose inputs are correlated by chance, with values that a square and a straight part share."""
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        x = random.random((60, 2))
+        alone = spread("one input", "", 0.0, x[:, 0] + x[:, 0] ** 2, Regressors(["a"], x[:, :1]))
+        assert alone.drivers[0][1] == pytest.approx(1.0)
+        both = spread("two", "", 0.0, x[:, 0] + x[:, 1] ** 2 + 0.1 * random.normal(size=60), Regressors(["a", "b"], x))
+        assert sum(share for _, share in both.drivers) == pytest.approx(both.explained)
+
+
 def test_intervals_of_quantiles_cover_the_true_ones():
     """Of an exponential distribution, whose quantiles are known: each interval covers in at least 93 of 100 studies."""
     random = np.random.default_rng(4)

@@ -26,9 +26,10 @@ class Spread:
         Confidence interval (95 %) of each quantile from order statistics, whatever the distribution; None for an end
         that so few draws do not bound (David and Nagaraja, Order Statistics, 2003, 7.1).
     drivers : tuple of (str, float)
-        Share of the variance that goes along with each input, straight or as its square, largest first: squared
-        standardised regression coefficients (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2.5), which add up
-        to ``explained`` for independent, symmetric inputs.
+        Share of the variance that goes along with each input, straight or as its square, largest first: covariance of
+        its part of a regression with the regression (Pratt 1987). For independent inputs these are the squared
+        standardised regression coefficients (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2.5); they add up
+        to ``explained`` also where the draws are correlated by chance.
     explained : float
         Share of the variance that all inputs explain so (R²), each for itself; NaN where nothing spreads.
     edges, counts : ndarray (b + 1,), (b,)
@@ -78,7 +79,8 @@ class Regressors:
             return [0.0] * len(self.inputs), float("nan")
         wanted = (values - values.mean()) / values.std()
         coefficients = np.linalg.lstsq(self._products, self._terms.T @ wanted, rcond=None)[0]
-        shares = np.sum(coefficients.reshape(2, -1) ** 2, axis=0).tolist()
+        along = coefficients * (self._products @ coefficients) / len(self)  # covariance of each term with the fit
+        shares = np.clip(np.sum(along.reshape(2, -1), axis=0), 0, 1).tolist()
         return shares, float(1 - np.mean((wanted - self._terms @ coefficients) ** 2))
 
 

@@ -30,6 +30,16 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{float(text):.0f}"  # the format g writes small numbers of these powers without exponent
 
 
+def enough_digits(values: Sequence[float | None], least: int = 3, most: int = 6) -> int:
+    """Significant digits with which numbers that lie close together differ in two digits, as far as ``most`` allows."""
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    width = max(known, default=0.0) - min(known, default=0.0)
+    if width == 0.0:
+        return least
+    digits = 2 + math.floor(math.log10(max(abs(value) for value in known))) - math.floor(math.log10(width))
+    return min(max(digits, least), most)
+
+
 def hertz(value: float | None) -> str:
     """A frequency with four digits, zeros kept so that columns compare."""
     return ABSENT if value is None or not math.isfinite(value) else f"{value:#.4g}".rstrip(".")

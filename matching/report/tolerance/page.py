@@ -9,7 +9,7 @@ from matching.frequency.studies.tolerance import Tolerance
 from matching.report.common.csv_table import csv_table
 from matching.report.common.provenance import Provenance
 from matching.report.common.screen_point import ScreenPoint
-from matching.report.common.wording import number, percent
+from matching.report.common.wording import enough_digits, number, percent
 from matching.report.curves.acting_axes import acting
 from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
 from matching.report.tolerance.view import result_words, short_name
@@ -75,10 +75,16 @@ def _to_tighten(study: Tolerance) -> list[ScreenPoint]:
 
 
 def _expected(spread: Spread) -> ScreenPoint:
-    low, high = (number(spread.quantiles[level], 3) for level in (LOW, HIGH))
+    digits = _digits(spread)
+    low, high = (number(spread.quantiles[level], digits) for level in (LOW, HIGH))
     ends = " and ".join(_interval(spread, level) for level in (LOW, HIGH))
-    note = f"9 of 10 beds; by {spread.draws} draws the ends lie within {ends}; as planned {number(spread.nominal, 3)}"
+    planned = number(spread.nominal, digits)
+    note = f"9 of 10 beds; by {spread.draws} draws the ends lie within {ends}; as planned {planned}"
     return ScreenPoint(f"{_named(spread)}: {low} to {high}", note)
+
+
+def _digits(spread: Spread) -> int:
+    return enough_digits([spread.quantiles[LOW], spread.quantiles[HIGH]])
 
 
 def _to_watch(study: Tolerance) -> list[ScreenPoint]:
@@ -107,19 +113,22 @@ def _required(study: Tolerance, name: str) -> str:
 
 
 def _row(spread: Spread) -> dict[str, str]:
+    digits = max(_digits(spread), 4)
     return {
-        "result": _named(spread), "as planned": number(spread.nominal, 4), "mean": number(spread.mean, 4),
+        "result": _named(spread), "as planned": number(spread.nominal, digits), "mean": number(spread.mean, digits),
         "5 %": _quantile(spread, LOW), "95 %": _quantile(spread, HIGH), "draws": str(spread.draws),
     }  # fmt: skip
 
 
 def _quantile(spread: Spread, level: float) -> str:
-    return f"{number(spread.quantiles[level], 4)} ({_interval(spread, level)})"
+    digits = max(_digits(spread), enough_digits(spread.intervals[level], 4))
+    return f"{number(spread.quantiles[level], digits)} ({_interval(spread, level)})"
 
 
 def _interval(spread: Spread, level: float) -> str:
     """Confidence interval of a quantile."""
-    return " to ".join("…" if end is None else number(end, 3) for end in spread.intervals[level])
+    ends = spread.intervals[level]
+    return " to ".join("…" if end is None else number(end, enough_digits(ends)) for end in ends)
 
 
 def _named(spread: Spread) -> str:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matching.frequency.studies.tolerance import Tolerance
 from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
 from matching.report.common.table import preformatted
-from matching.report.common.wording import ABSENT, spaced
+from matching.report.common.wording import ABSENT, enough_digits, number, spaced
 from modelling.common import display
 
 DRIVERS_DRAWN, DRIVERS_PRINTED = 5, 3  # quantities with the largest shares of the variance
@@ -62,7 +62,7 @@ def summary(result: Mapping[str, Any]) -> str:
         f"{result['modulus_margin_asked']:g} from {result['modulus_margin_from']:.3g} Hz on "
         f"{shares['modulus_margin']:.1%}"
         + "".join(f", {result_words(name)} {share:.1%}" for name, share in shares.items() if name.startswith("target")),
-        f"{'':46} {'nominal':>9} {'5 %':>9} {'(interval)':20} {'95 %':>9} {'(interval)':20} {'draws':>8}   driven by",
+        f"{'':46} {'nominal':>9} {'5 %':>9} {'(interval)':23} {'95 %':>9} {'(interval)':23} {'draws':>8}   driven by",
     ]
     for spread in result["quantities"]:
         drivers = [
@@ -86,8 +86,10 @@ def summary(result: Mapping[str, Any]) -> str:
 
 def _quantile(spread: Mapping[str, Any], level: str) -> str:
     """A quantile and its confidence interval; an open end where the draws do not bound it."""
-    low, high = (f"{end:.4g}" if end is not None else "…" for end in spread["quantile_intervals"][level])
-    return f"{spread['quantiles'][level]:9.4g} {f'({low} to {high})':20}"
+    ends = spread["quantile_intervals"][level]
+    digits = max(enough_digits(ends, 4), enough_digits(list(spread["quantiles"].values())))
+    low, high = (number(end, digits) if end is not None else "…" for end in ends)
+    return f"{number(spread['quantiles'][level], digits):>9} {f'({low} to {high})':23}"
 
 
 def result_words(name: str) -> str:
