@@ -5,8 +5,17 @@ import math
 import pytest
 
 from matching.report.common.wording import (
-    amount, change, component, enough_digits, hertz, number, percent, practical, sentence, unit,
-)  # fmt: skip
+    amount,
+    change,
+    component,
+    enough_digits,
+    hertz,
+    number,
+    percent,
+    practical,
+    sentence,
+    unit,
+)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0, -0.5, 438_500.0, 1.234e6, 12_345.678, 5e-4, 7.16e-6, -2.2e9, 99_999.6])
@@ -44,9 +53,16 @@ def test_units_amounts_and_shares():
 
 @pytest.mark.parametrize(
     ("before", "after", "text"),
-    [(2.0, 3.0, "+50 %"), (2.0, 1.0, "-50 %"), (1.0, 4.0, "× 4"), (4.0, 1.0, "× 0.25"), (1.0, 1.0004, "unchanged"),
-     (1.0, 1.001, "+0.1 %"), (0.0, 1.0, "")],
-)  # fmt: skip
+    [
+        (2.0, 3.0, "+50 %"),
+        (2.0, 1.0, "-50 %"),
+        (1.0, 4.0, "× 4"),
+        (4.0, 1.0, "× 0.25"),
+        (1.0, 1.0004, "unchanged"),
+        (1.0, 1.001, "+0.1 %"),
+        (0.0, 1.0, ""),
+    ],
+)
 def test_changes(before, after, text):
     assert change(before, after) == text
 

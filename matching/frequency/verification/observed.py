@@ -21,14 +21,13 @@ from matching.frequency.verification.peaks import peaks_of, violations_of
 from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
 from matching.frequency.verification.robustness import Deviation
 from matching.frequency.verification.simulation import Traces, simulate_case
-from matching.frequency.verification.verify import Verification, inside, target_modes_of
+from matching.frequency.verification.verify import Verification, inside, remarks_on, target_modes_of
 from modelling.bed.observer.design import regulator
 from modelling.bed.observer.model import observer_model
 from modelling.bed.observer_controller import ObserverController
 from modelling.bed.residual_vehicle import ResidualVehicle, cut
 from modelling.common.errors import InputError
 from modelling.controller.law import law_of_observer
-from modelling.linear.reference_motion import is_linear
 from modelling.model.mirror import mirror_image
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
@@ -90,7 +89,7 @@ def verify_observer(
         "sampled loop": inside(poles, neutral),
         "twin": resting_and_right(ahead.poles, neutral)[1] == 0,
     }
-    notes = _notes(case, neutral)
+    notes = remarks_on(case, neutral)
     traces, identified = _simulated(parts, controller, checks, notes)
     modes = _modes(case, parts, reference)
     swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
@@ -120,15 +119,6 @@ def controller_of(case: Case) -> ObserverController:
             f"{case.path}: loop.structure", f"{case.loop.structure.name!r} is no observer", "take 'observer'"
         )
     return made
-
-
-def _notes(case: Case, neutral: int) -> list[str]:
-    notes = []
-    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
-        notes.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
-    if neutral:
-        notes.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
-    return notes
 
 
 def _simulated(

@@ -211,7 +211,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
         target_modes_of(case, designed or every), least, identified, peaks, violations_of(case, peaks, margin, least),
         errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
-        (*notes, *_remarks(case, neutral)),
+        (*notes, *remarks_on(case, neutral)),
     )  # fmt: skip
 
 
@@ -227,7 +227,7 @@ def _simulated(
         return None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
 
 
-def _remarks(case: Case, neutral: int) -> list[str]:
+def remarks_on(case: Case, neutral: int) -> list[str]:
     """What of case and simulation differs, in sentences; ``neutral`` rigid motions coast."""
     remarks = []
     if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
@@ -235,7 +235,8 @@ def _remarks(case: Case, neutral: int) -> list[str]:
     if case.loop["dead_time"] < case.loop["sample_time"] / 2:
         remarks.append("the hold of a sample alone takes longer than the dead time: simulated with the hold")
     if neutral:
-        remarks.append(f"{neutral} rigid motions without drag stand at 0: they coast, as in the vehicle")
+        rigid = "1 rigid motion stands" if neutral == 1 else f"{neutral} rigid motions stand"
+        remarks.append(f"{rigid} at 0 without drag and coast, as in the vehicle")
     return remarks
 
 
