@@ -1,15 +1,15 @@
-"""Work for one more process beside this one, which takes it in order; this one does what that has not begun."""
+"""Work for one more process beside this one, or two, which take it in order; this one does what they have not begun."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from matching.executors import can_fork, executor_of
+from matching.executors import executor_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -33,11 +33,12 @@ class BesideTask(Generic[R]):
 
 
 class Aside:
-    """One process beside this one; without it everything is worked out here, when it is asked for."""
+    """A process beside this one, or two; without it everything is worked out here, when it is asked for."""
 
-    def __init__(self, process: Executor | None = None, begins: Callable[[], Executor] | None = None):
+    def __init__(self, process: Executor | None = None, begins: Callable[[], Executor] | None = None, helpers: int = 1):
         self._process = process
         self._begins = begins
+        self._helpers = helpers
         self._prepared: list[str] = []
         self._shared: dict[int, Any] = {}  # the values are kept, so that an id is not used again
 
@@ -55,23 +56,11 @@ class Aside:
             self._send_prepared()
 
     def share(self, value: Any) -> None:
-        """Send a value that several tasks take as an argument once for all of them."""
+        """Send a value that several tasks take as an argument once for all of them, where one process takes them."""
         self.start()
-        if self._process is not None and id(value) not in self._shared:
+        if self._helpers == 1 and self._process is not None and id(value) not in self._shared:
             self._shared[id(value)] = value
             self._submit(_keep, id(value), value)
-
-    def lend(self, value: Any) -> None:
-        """Begin the other process as a copy of this one, which has a value that could not well be sent.
-
-        Where the machine cannot do that, or the process has begun, everything from now on is worked out here.
-        """
-        if self._process is not None or self._begins is None or not can_fork():
-            self._process = self._begins = None
-            return
-        _KEPT[id(value)] = self._shared[id(value)] = value
-        self.start()
-        del _KEPT[id(value)]
 
     def begin(self, function: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> BesideTask[R]:
         """A task: function of a module, with arguments that can be sent to another process."""
@@ -81,8 +70,9 @@ class Aside:
         return BesideTask(lambda: function(*arguments, **options), promise)
 
     def _send_prepared(self) -> None:
-        while self._prepared:
-            self._submit(import_module, self._prepared.pop(0))
+        modules, self._prepared = self._prepared, []
+        for _ in range(self._helpers if modules else 0):
+            self._submit(_import, modules)
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any] | None:
         if self._process is not None:
@@ -94,13 +84,23 @@ class Aside:
 
 
 @contextmanager
-def beside(processes: int) -> Iterator[Aside]:
-    """One process beside this one where there may be two or more; it begins when it is needed, ends with the block."""
+def beside(processes: int, helpers: int = 1) -> Iterator[Aside]:
+    """Processes beside this one, where there may be two or more; they begin when they are needed, end with the block.
+
+    Parameters
+    ----------
+    processes : int
+        How many may run at a time.
+    helpers : int
+        How many there are beside this one, which may wait for them.
+    """
     if processes < 2:
         yield Aside()
         return
     with ExitStack() as until_the_end:
-        yield Aside(begins=lambda: until_the_end.enter_context(executor_of(1, like_this_process=True)))
+        yield Aside(
+            begins=lambda: until_the_end.enter_context(executor_of(helpers, like_this_process=True)), helpers=helpers
+        )
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,12 @@ _KEPT: dict[int, Any] = {}  # in the other process: what was shared with it
 
 def _keep(number: int, value: Any) -> None:
     _KEPT[number] = value
+
+
+def _import(modules: Sequence[str]) -> None:
+    for module in modules:
+        with suppress(ImportError):  # no part of a plain installation
+            import_module(module)
 
 
 def _call(function: Callable[..., R], arguments: Sequence[Any], options: dict[str, Any]) -> R:

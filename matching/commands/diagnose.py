@@ -1,9 +1,6 @@
 """`rigmatch diagnose`: find what a model lacks, from recordings."""
 
 import argparse
-import threading
-from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +14,8 @@ EXAMPLES = (
     "rigmatch diagnose model.toml a.csv+a_second_logger.mf4 --out out/diagnosis",
     "rigmatch diagnose model.toml a.mf4 b.mf4 --holdout c.mf4 --channels channels.toml --out out/diagnosis",
 )
+
+PICTURING = 2  # processes: one draws, one makes figures that act in the browser
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,24 +48,24 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.model.files import dumps, load
     from modelling.writing.output import write_results
 
-    loading = threading.Thread(target=_load_figures, daemon=True)
-    loading.start()
-    system = load(arguments.model)
-    channels = read_channels(arguments.channels) if arguments.channels else None
-    recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
-    holdout = [read_loggers(paths, system, channels) for paths in arguments.holdout]
     tqdm.monitor_interval = 0  # no thread of its own, as for the copy below
     looks = {"desc": "diagnose", "bar_format": "{desc} [{elapsed}]"}
-    with tqdm(disable=not watched(), leave=False, **looks) as bar, beside(cores()) as aside:
+    with tqdm(disable=not watched(), leave=False, **looks) as bar, beside(cores(), PICTURING) as aside:
+        aside.prepare("matching.report.diagnosis.figures", "bokeh.plotting")  # while this process searches
+        aside.start()
+        system = load(arguments.model)
+        channels = read_channels(arguments.channels) if arguments.channels else None
+        recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]
+        holdout = [read_loggers(paths, system, channels) for paths in arguments.holdout]
+        pictures = _Pictures(aside, system)
 
         def tell(step: str) -> None:
             bar.set_description_str(f"{step:50.50}")
             bar.update()
 
-        diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest)
+        diagnosis = diagnose(system, recordings, holdout, tell, arguments.keep_rest, pictures.begin)
         tell("report")
-        loading.join()  # a process that has threads cannot be copied
-        result, files = _written(diagnosis, system, aside, _made(arguments))
+        result, files = _written(diagnosis, system, pictures, _made(arguments))
     files["extended.toml"] = dumps(diagnosis.extended)
     return write_results(arguments.out, "diagnosis.json", result, files)
 
@@ -82,31 +81,50 @@ def _made(arguments: argparse.Namespace) -> Any:
     return with_recordings(made_from(arguments.model, None), zip(paths, paths, strict=True))
 
 
-def _written(diagnosis: Any, system: Any, aside: Any, made: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
-    """Result and files by name; the figures become files aside, from the first on, and here, from the last on."""
-    from matching.report.curves.acting_axes import acting
-    from matching.report.diagnosis.figures import figures, svg
+class _Pictures:
+    """The figures as files and for the browser, made by other processes while this one judges the causes."""
+
+    def __init__(self, aside: Any, system: Any):
+        self._aside, self._system = aside, system
+
+    def begin(self, shown: Any) -> None:
+        """Have them made."""
+        self._drawn = self._aside.begin(_drawn, shown, self._system)
+        self._moving = self._aside.begin(_moving, shown, self._system)
+
+    def files(self) -> dict[str, bytes]:
+        """SVG by name."""
+        drawn: dict[str, bytes] = self._drawn.result()
+        return drawn
+
+    def moving(self) -> dict[str, str]:
+        """Scripts and elements by name."""
+        acting: dict[str, str] = self._moving.result()
+        return acting
+
+
+def _drawn(shown: Any, system: Any) -> dict[str, bytes]:
+    from matching.report.diagnosis.figures import pictures  # here: the process that begins this does not draw
+
+    return pictures(shown, system)
+
+
+def _moving(shown: Any, system: Any) -> dict[str, str]:
+    from matching.report.diagnosis.figures import acting_figures
+
+    return acting_figures(shown, system)
+
+
+def _written(
+    diagnosis: Any, system: Any, pictures: _Pictures, made: Any
+) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+    """Result and files by name."""
     from matching.report.diagnosis.page import content, page
 
-    shown = figures(diagnosis, system)
-    aside.lend(shown)
-    moving = aside.begin(acting, shown)
-    tasks = {name: aside.begin(svg, shown, name) for name in shown}
-    result = content(diagnosis)
-    drawn = {name: tasks[name].result() for name in reversed(tasks)}
-    drawn = {name: drawn[name] for name in tasks}
+    result, drawn = content(diagnosis), pictures.files()
     units = {sensor.name: sensor.unit for sensor in system.sensors}
-    files: dict[str, str | bytes] = {"report.html": page(result, system.title, units, drawn, moving.result(), made)}
+    files: dict[str, str | bytes] = {"report.html": page(result, system.title, units, drawn, pictures.moving(), made)}
     return result, files | {f"figures/{name}.svg": picture for name, picture in drawn.items()}
-
-
-def _load_figures() -> None:
-    """Load what the fits need late and what draws, while they simulate in compiled code on the other core."""
-    report = ("diagnosis.figures", "diagnosis.page", "curves.acting_axes")
-    for module in ("scipy.signal", *(f"matching.report.{name}" for name in report)):
-        import_module(module)
-    with suppress(ImportError):  # no part of a plain installation
-        import_module("bokeh.plotting")
 
 
 def summary(result: dict[str, Any]) -> str:

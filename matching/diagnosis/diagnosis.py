@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,7 +54,7 @@ from matching.diagnosis.verdict.named_causes import (
     recording_to_tell_rivals,
     refitted_candidates,
 )
-from matching.diagnosis.verdict.result import Diagnosis, PlotData
+from matching.diagnosis.verdict.result import Diagnosis, Pictured, PlotData
 from modelling.measurement.recording import Recording
 from modelling.model.system import System
 from modelling.simulation.speed_units import check_speed_units
@@ -68,6 +68,7 @@ def diagnose(
     holdout: Recording | Sequence[Recording] | None = None,
     progress: Progress = lambda _: None,
     keep_rest: bool = False,
+    pictured: Callable[[Pictured], None] = lambda _: None,
 ) -> Diagnosis:
     """Find out what a model lacks against recordings of the system.
 
@@ -82,6 +83,8 @@ def diagnose(
         Is given the name of each step.
     keep_rest : bool
         Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
+    pictured : callable
+        Is given what the figures show before the causes are judged.
 
     Raises
     ------
@@ -89,8 +92,6 @@ def diagnose(
         If the recordings lack what is needed, or have speeds without a unit that fit in 1/min only.
     """
     judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
-    for recording in [*recordings, *judging]:
-        check_speed_units(system, recording)
     stated, system = system, with_clocks(system, [*recordings, *judging])
     whole, train, judge, notes = _data(system, recordings, judging)
     remembered = RememberedHoldout(judge)
@@ -106,22 +107,25 @@ def diagnose(
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict, rest = _verdict(final, after), remaining_errors(final)
     explained = verdict == "explained"
+    unseen = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
+    curves = discrepancy_curves(final) if rest else []
+    errors = errors_by_sensor(system, base, final, before, after)
+    pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, unseen)))
     values = _estimates(final, fits)
     judged = _judged_causes(identified)
-    base_data, final_data = (
-        ModelResiduals(judge.segments(model.fit), r) for model, r in zip((base, final), residuals, strict=True)
-    )
-    unseen = holdout_data(train.noise, base_data, final_data)
-    curves = discrepancy_curves(final) if rest else []
     kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
     return Diagnosis(
         verdict, named_causes(system, final, values, judged, explained),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-        errors_by_sensor(system, base, final, before, after), pooled_errors(whole, before, after),
-        fidelity(system, unseen), refitted_candidates(judged), identified.fitted, rest,
-        curves, recording_to_tell_rivals(final, judged, explained), notes,
-        _extended(stated, final, kept), _plot_data(state, final, unseen), kept,
+        errors, pooled_errors(whole, before, after), fidelity(system, unseen), refitted_candidates(judged),
+        identified.fitted, rest, curves, recording_to_tell_rivals(final, judged, explained), notes,
+        _extended(stated, final, kept), plot_data, kept,
     )  # fmt: skip
+
+
+def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:
+    """The residuals of several models on held-out data with the segments they belong to."""
+    return (ModelResiduals(judge.segments(model.fit), r) for model, r in zip(models, residuals, strict=True))
 
 
 def _estimates(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
@@ -144,6 +148,8 @@ def _data(
     system: System, recordings: Sequence[Recording], judging: Sequence[Recording]
 ) -> tuple[FitData, FitData, Holdout, list[str]]:
     """All data of the recordings, those to fit, those to judge, and notes."""
+    for recording in [*recordings, *judging]:
+        check_speed_units(system, recording)
     whole, remarks = prepare_data(system, recordings)
     notes = [note for recording in recordings for note in recording.notes] + remarks
     if not judging:

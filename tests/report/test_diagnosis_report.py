@@ -16,7 +16,9 @@ from result_keys import same_keys
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
-from matching.report.diagnosis.figures import CAPTIONS, figures
+from matching.diagnosis.diagnosis import diagnose
+from matching.report.diagnosis.captions import CAPTIONS
+from matching.report.diagnosis.figures import figures
 from matching.report.diagnosis.page import page
 from matching.report.diagnosis.sentences import answer, measured
 
@@ -62,13 +64,14 @@ def run(folder: Path) -> tuple[str, list]:
     """What the command prints; the diagnosis that it draws, with the figures by name."""
     drawn: list = []
 
-    def kept(diagnosis, system):
-        drawn.extend((diagnosis, figures(diagnosis, system)))
-        return drawn[1]
+    def kept(system, *arguments):
+        found = diagnose(system, *arguments)
+        drawn.extend((found, figures(found.pictured, system)))
+        return found
 
     words = ["diagnose", folder / "model.toml", folder / "recording.csv", "--out", folder / "out"]
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
-        patch.setattr("matching.report.diagnosis.figures.figures", kept)
+        patch.setattr("matching.diagnosis.diagnosis.diagnose", kept)
         assert main([str(word) for word in words]) in (0, None)
     return out.getvalue(), drawn
 

@@ -81,6 +81,26 @@ def test_a_shared_value_is_sent_once():
         assert Counted.sent == 1
 
 
+def both_work(mine, other):
+    """Waits for the other: one process alone would never end."""
+    mine.touch()
+    wait_for(other)
+    return os.getpid()
+
+
+def test_two_helpers_work_at_the_same_time_and_get_a_shared_value_each(tmp_path):
+    with beside(2, helpers=2) as aside:
+        aside.prepare("json", "no_such_module")  # the second is no part of this installation
+        value = Cached()
+        value.known = 3
+        aside.share(value)
+        a, b = tmp_path / "a", tmp_path / "b"
+        tasks = [aside.begin(both_work, *pair) for pair in ((a, b), (b, a))]
+        processes = {task.promise.result(60) for task in tasks}
+        assert len(processes | {os.getpid()}) == 3
+        assert [aside.begin(keys_of, value).promise.result(60) for _ in range(2)] == [["known"], ["known"]]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked here")
 def test_the_other_process_knows_what_was_worked_out_before_it_began(monkeypatch):
     with beside(2) as aside:
@@ -93,41 +113,6 @@ def test_the_other_process_knows_what_was_worked_out_before_it_began(monkeypatch
 
 def call_fail():
     return fail()
-
-
-class Unsendable:
-    """A value that only a copy of this process can know."""
-
-    def __reduce__(self):
-        raise TypeError("cannot be sent")
-
-
-def process_of(value, number):
-    return type(value).__name__, number, os.getpid()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked here")
-def test_a_lent_value_is_known_to_a_copy_of_this_process_without_being_sent(monkeypatch):
-    with beside(2) as aside:
-        monkeypatch.setattr(executors, "active_count", lambda: 1)  # a thread watches over the test's time
-        value = Unsendable()
-        aside.lend(value)
-        task = aside.begin(process_of, value, 3)
-        name, number, process = task.promise.result(60)
-        assert (name, number) == ("Unsendable", 3)
-        assert process != os.getpid()
-
-
-@pytest.mark.parametrize("prepared", [False, True])
-def test_a_lent_value_is_worked_with_here_where_no_copy_can_be_made(monkeypatch, prepared):
-    """With threads, and where the other process has begun before."""
-    with beside(2) as aside:
-        monkeypatch.setattr(executors, "active_count", lambda: 2 - prepared)
-        if prepared:
-            aside.start()
-        value = Unsendable()
-        aside.lend(value)
-        assert aside.begin(process_of, value, 4).result() == ("Unsendable", 4, os.getpid())
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")

@@ -61,6 +61,23 @@ class SensorErrors:
 
 
 @dataclass(frozen=True)
+class Pictured:
+    """What the figures show: known before the causes are judged, so that they can be drawn meanwhile.
+
+    Attributes
+    ----------
+    errors : dict of str to SensorErrors
+        By sensor.
+    discrepancy : list of DiscrepancyCurve
+    plot_data : PlotData
+    """
+
+    errors: dict[str, SensorErrors]
+    discrepancy: list[DiscrepancyCurve]
+    plot_data: PlotData = field(repr=False)
+
+
+@dataclass(frozen=True)
 class PooledErrors:
     """Errors on held-out data over each sensor's range, root mean square over the sensors; NaN without any."""
 
@@ -154,6 +171,11 @@ class Diagnosis(Displayed):
     extended: System = field(repr=False)
     plot_data: PlotData = field(repr=False)
     kept: KeptTable | None = None
+
+    @property
+    def pictured(self) -> Pictured:
+        """What its figures show."""
+        return Pictured(self.errors, self.discrepancy, self.plot_data)
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 from matching.diagnosis.data.holdout_residuals import HoldoutData
-from matching.diagnosis.verdict.result import Diagnosis
+from matching.diagnosis.verdict.result import SensorErrors
 from matching.report.common.style import NOISE, figure, styled
 from matching.report.common.wording import number
 from matching.report.diagnosis.axes import (
@@ -32,21 +33,19 @@ MEAN_OVER = 25  # samples of the running mean by which the largest error is loca
 BAR_OFFSET = 0.17  # of a bar from its sensor's line
 
 
-def errors_figure(diagnosis: Diagnosis) -> Figure:
+def errors_figure(errors: Mapping[str, SensorErrors]) -> Figure:
     """Errors on held-out data in times the noise, by sensor."""
-    names = list(diagnosis.errors)[::-1]
+    names = list(errors)[::-1]
     keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, BAR_OFFSET)}
     keys["after_holdout"] = (AFTER | {"hatch": None}, -BAR_OFFSET)
-    if all(error.before_holdout == error.after_holdout for error in diagnosis.errors.values()):
+    if all(error.before_holdout == error.after_holdout for error in errors.values()):
         keys = {"before_holdout": (keys["before_holdout"][0], 0.0)}
     with styled():
         fig = figure(7.2, 1.1 + 0.42 * len(names))
         axes = fig.subplots()
         largest = 2.0
         for key, (look, shift) in keys.items():
-            rows = [
-                (i, getattr(diagnosis.errors[name], key), diagnosis.errors[name].noise) for i, name in enumerate(names)
-            ]
+            rows = [(i, getattr(errors[name], key), errors[name].noise) for i, name in enumerate(names)]
             known = [(i, value / noise) for i, value, noise in rows if np.isfinite(value) and noise]
             places, ratios = [i + shift for i, _ in known], [ratio for _, ratio in known]
             axes.barh(
@@ -73,9 +72,8 @@ def errors_figure(diagnosis: Diagnosis) -> Figure:
     return fig
 
 
-def holdout_figure(diagnosis: Diagnosis, sensor_views: list[View]) -> Figure:
+def holdout_figure(data: HoldoutData, sensor_views: list[View]) -> Figure:
     """Traces around the largest error of the base model, and the residuals of all held-out data."""
-    data = diagnosis.plot_data.holdout
     with styled():
         fig = figure(11, 0.9 + 1.75 * len(sensor_views))
         rows = fig.subplots(len(sensor_views), 2, squeeze=False, width_ratios=[1, 1.3])

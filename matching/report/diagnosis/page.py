@@ -9,7 +9,7 @@ from matching.diagnosis.verdict.result import Diagnosis
 from matching.report.common.environment import embedded, environment
 from matching.report.common.provenance import Provenance
 from matching.report.common.wording import number, percent, spaced
-from matching.report.diagnosis.figures import CAPTIONS
+from matching.report.diagnosis.captions import CAPTIONS
 from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place, shape
 from modelling.common.escape import html
 

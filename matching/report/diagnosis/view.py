@@ -18,7 +18,7 @@ from modelling.common import display
 def plot(diagnosis: Diagnosis) -> Figure:
     """Measurement, base model and extended model on data that no fit used."""
     with styled():
-        return holdout_figure(diagnosis, views(diagnosis.extended, diagnosis.plot_data))
+        return holdout_figure(diagnosis.plot_data.holdout, views(diagnosis.extended, diagnosis.plot_data))
 
 
 @display.text.register
