@@ -46,6 +46,7 @@ from matching.diagnosis.verdict.errors import (
     residual_once,
     scatter_notes,
 )
+from matching.diagnosis.verdict.indistinguishable import KnownScreening
 from matching.diagnosis.verdict.influence import correlated_uncertainties
 from matching.diagnosis.verdict.kept_table import KeptTable, kept_table
 from matching.diagnosis.verdict.named_causes import (
@@ -191,7 +192,10 @@ def _judged_causes(identified: IdentifiedCauses) -> list[JudgedCause]:
     """Every cause of the best hypothesis with its rivals, and the best hypothesis without it."""
     state = identified.state
     causes = zip(state.best.causes, identified.rated, strict=True)
-    return [JudgedCause(cause, ratings, best_without(state, place)) for place, (cause, ratings) in enumerate(causes)]
+    known = KnownScreening(state.screening, state.screened)
+    return [
+        JudgedCause(cause, ratings, best_without(state, place), known) for place, (cause, ratings) in enumerate(causes)
+    ]
 
 
 def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> PlotData:

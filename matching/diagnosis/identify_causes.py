@@ -87,6 +87,7 @@ def _identify(system: System, base: Fit, holdout: Holdout, progress: Progress) -
         best = final_fit_on(state.best, base)
         if at_noise(best) or not at_noise(state.best) or search_is_over():
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
+            state.screened = []
             return identified
     return _search_and_rate(system, base, holdout, progress)
 

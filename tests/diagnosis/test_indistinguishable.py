@@ -1,9 +1,13 @@
 """What a recording cannot tell from a named cause: by the equations of one inertia, where that is known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from matching.diagnosis.candidates.screening import ScreenedCandidate
 from matching.diagnosis.diagnosis import Diagnosis, diagnose
+from matching.diagnosis.verdict.indistinguishable import KnownScreening
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
 
@@ -57,3 +61,16 @@ def test_friction_is_told_apart_where_the_speed_changes_its_sign() -> None:
 def test_confidences_of_what_is_alike_add_to_no_more_than_one(one_sign: Diagnosis) -> None:
     (cause,) = one_sign.causes
     assert cause.confidence + sum(rival.confidence for rival in cause.alternatives) <= 1 + 1e-9
+
+
+def test_what_the_search_has_screened_changes_no_answer(one_sign: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates that take too little of the whole residual are left out beforehand; all are asked here."""
+    monkeypatch.setattr(KnownScreening, "of", lambda *_: None)
+    left_out = diagnosed(mean=20.0)
+    assert left_out.to_dict() == one_sign.to_dict()
+
+
+def test_candidates_are_left_out_by_their_best_guess() -> None:
+    guesses = [("lag", 4.0), ("lag", 100.0), ("slip", 9.0)]
+    screened = [ScreenedCandidate(kind, "inputs.motor", {}, reduction) for kind, reduction in guesses]
+    assert KnownScreening(SimpleNamespace(), screened).too_small(5.0) == {("slip", "inputs.motor")}

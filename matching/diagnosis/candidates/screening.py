@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -147,13 +147,17 @@ class Screening:
             return weighted
         return np.concatenate([weighting.weigh_transposed(weighted[p], self.mask[p]) for p in self.response.parts])
 
-    def candidates(self, system: System | None = None) -> Iterator[ScreenedCandidate]:
+    def candidates(
+        self, system: System | None = None, left_out: Collection[tuple[str, str]] = ()
+    ) -> Iterator[ScreenedCandidate]:
         """Every kind at every place that can lower χ², each guess by itself, unsorted.
 
         Parameters
         ----------
         system : System, optional
             Effects that it has are not repeated; the fit's system if not given.
+        left_out : collection of (str, str), optional
+            Kinds and places that are not asked for.
         """
         system = system or self.system
         present = {(effect.kind, place) for effect in system.effects for place in effect.places}
@@ -162,7 +166,8 @@ class Screening:
             places = [
                 at
                 for at in (*effect.candidate_places(system), *effect.shared_places(system))
-                if not any((kind, place) in present for place in members(at))
+                if (kind, at) not in left_out
+                and not any((kind, place) in present for place in members(at))
                 and not (effect.replaces_quantity and system.parameters[at].uncertain)
             ]
             guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))

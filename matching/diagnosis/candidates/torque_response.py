@@ -40,10 +40,10 @@ class TorqueResponse:
         for part in self.parts if torques else ():
             size = part.stop - part.start
             length = fft.next_fast_len(2 * size, real=True)
-            total = np.zeros((length // 2 + 1, self._sensors), dtype=complex)
+            total = np.zeros((self._sensors, length // 2 + 1), dtype=complex)
             for name, torque in torques.items():
-                total += self._spectrum(name, size) * fft.rfft(torque[part], length)[:, None]
-            out[part] = fft.irfft(total, length, axis=0)[:size]
+                total += self._spectrum(name, size) * fft.rfft(torque[part], length)
+            out[part] = fft.irfft(total, length)[:, :size].T
         return out
 
     def correlation(self, weights: np.ndarray) -> dict[str, np.ndarray]:
@@ -59,16 +59,16 @@ class TorqueResponse:
             for part in self.parts:
                 size = part.stop - part.start
                 length = fft.next_fast_len(2 * size, real=True)
-                spectrum = np.conj(self._spectrum(name, size)) * fft.rfft(weights[part], length, axis=0)
-                values[part] = fft.irfft(spectrum.sum(axis=1), length)[:size]
+                spectrum = np.conj(self._spectrum(name, size)) * fft.rfft(weights[part].T, length)
+                values[part] = fft.irfft(spectrum.sum(axis=0), length)[:size]
             out[name] = values
         return out
 
     def _spectrum(self, name: str, size: int) -> np.ndarray:
-        """Spectrum (f, y) of the readings after a pulse on an inertia, for as many samples."""
+        """Spectrum (y, f) of the readings after a pulse on an inertia, for as many samples."""
         if (name, size) not in self._spectra:
             length = fft.next_fast_len(2 * size, real=True)
-            self._spectra[name, size] = fft.rfft(self._pulses[name][:size], length, axis=0)
+            self._spectra[name, size] = fft.rfft(self._pulses[name][:size].T, length)
         return self._spectra[name, size]
 
 

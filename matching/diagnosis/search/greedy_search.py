@@ -103,7 +103,7 @@ def search_causes(
     draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
     candidates = best_by_candidate(list(screening.candidates()))
     screening.draws = None
-    state = SearchState(base, base, screening, draws.threshold())
+    state = SearchState(base, base, screening, candidates, draws.threshold())
     screenings = _Screenings({(): _Node(screening, candidates)})
     budget = RefitBudget()
     beam = [base]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -46,14 +47,14 @@ class Hypothesis:
         """Kind and place of each cause."""
         return {(cause.kind, cause.at) for cause in self.causes}
 
-    @property
+    @cached_property
     def mean_squares(self) -> np.ndarray:
         """(y,) mean square of each sensor's error in times its noise; NaN without readings."""
         square = np.sum([np.sum(part**2, axis=0) for part in self.fit.errors], axis=0)
         count = self.fit.problem.data.readings_by_sensor
         return np.where(count, square / np.maximum(count, 1), np.nan)
 
-    @property
+    @cached_property
     def chi_square(self) -> float:
         """How much the fit leaves, in times the noise: χ².
 
@@ -84,6 +85,10 @@ class Hypothesis:
 
     def whiteness(self) -> list[WhitenessTest]:
         """The error of each sensor against white noise of its stated uncertainty."""
+        return self._whiteness
+
+    @cached_property
+    def _whiteness(self) -> list[WhitenessTest]:
         parts = [
             np.where(segment.measured, errors, np.nan)
             for errors, segment in zip(self.fit.errors, self.fit.problem.data.segments, strict=True)

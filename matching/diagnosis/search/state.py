@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from matching.diagnosis.candidates.screening import Screening
+from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
 from matching.diagnosis.search.hypothesis import Hypothesis
 
 
@@ -19,6 +19,8 @@ class SearchState:
     best : Hypothesis
     screening : Screening
         Of the base fit.
+    screened : list of ScreenedCandidate
+        What it found, the best guess of each candidate; empty where it was made anew after the search.
     noise_threshold : float
         Decrease of χ² that the best of all candidates seldom reaches in pure noise.
     rivals : list of list of Hypothesis
@@ -30,6 +32,7 @@ class SearchState:
     base: Hypothesis
     best: Hypothesis
     screening: Screening
+    screened: list[ScreenedCandidate]
     noise_threshold: float
     rivals: list[list[Hypothesis]] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)

@@ -8,10 +8,15 @@ noncentrality of a test between both (Silvey, Statistical Inference, 1975, secti
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
 import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause
 from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
+from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.reweighting import reweighted
 from matching.diagnosis.search.hypothesis import Hypothesis
 from modelling.effects import EFFECTS
@@ -20,7 +25,29 @@ TOLD_APART = 9.0  # χ² over its inflation by which a candidate has to fall sho
 ABOVE_NOISE = 4.0  # times that which the cause itself has to explain, or everything would be alike
 
 
-def not_told_apart(final: Hypothesis, without: Hypothesis, cause: Cause, inflation: float) -> list[tuple[str, str]]:
+@dataclass(frozen=True)
+class KnownScreening:
+    """A screening that the search has made, and the best guess of each candidate of it; none where it is not known."""
+
+    screening: Screening
+    screened: Sequence[ScreenedCandidate]
+
+    def of(self, fit: Fit) -> Screening | None:
+        """The screening, to be asked something else; None where it is that of another fit."""
+        return copy(self.screening) if self.screening.fit is fit else None
+
+    def too_small(self, least: float) -> set[tuple[str, str]]:
+        """Kinds and places that take less than that of the residual's length."""
+        best: dict[tuple[str, str], float] = {}
+        for candidate in self.screened:
+            name = candidate.kind_and_place
+            best[name] = max(best.get(name, 0.0), candidate.reduction)
+        return {name for name, reduction in best.items() if np.sqrt(reduction) < least}
+
+
+def not_told_apart(
+    final: Hypothesis, without: Hypothesis, cause: Cause, inflation: float, known: KnownScreening | None = None
+) -> list[tuple[str, str]]:
     """Kinds and places of no more parameters that a recording cannot tell from a cause, the nearest first.
 
     Parameters
@@ -29,20 +56,27 @@ def not_told_apart(final: Hypothesis, without: Hypothesis, cause: Cause, inflati
         The final hypothesis, and the same without the cause.
     inflation : float
         By how much χ² overstates what is known.
+    known : KnownScreening, optional
+        Taken where it is that of ``without``.
     """
     fit = without.fit
     if fit.residual.shape != final.fit.residual.shape:  # one of them fitted to windows, where shafts rattle
         return []
     if fit.problem.weighting is not final.fit.problem.weighting:
         fit = reweighted(fit, final.fit.problem.weighting)
-    screening = Screening(fit)
-    screening.residual = screening.free(fit.residual - final.fit.residual)
+    again = known.of(fit) if known else None
+    screening = again or Screening(fit)
+    left = screening.free(final.fit.residual)
+    screening.residual = screening.free(fit.residual) - left
     explained = float(screening.residual @ screening.residual)
     limit = TOLD_APART * inflation
     if explained < ABOVE_NOISE * limit:
         return []
     best: dict[tuple[str, str], float] = {}
-    for candidate in screening.candidates(without.model.system()):
+    # what takes so little of the whole residual cannot take what the cause took of it: triangle inequality
+    least = np.sqrt(explained - limit) - np.linalg.norm(left)
+    hopeless = known.too_small(float(least)) if known and again else set()
+    for candidate in screening.candidates(without.model.system(), hopeless):
         if len(candidate.parameters) > len(cause.keys) or explained - candidate.reduction > limit:
             continue
         if _within_recorded(candidate, without):

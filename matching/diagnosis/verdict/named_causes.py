@@ -17,7 +17,7 @@ from matching.diagnosis.verdict.confidence import (
     chi_square_inflation,
     confidence,
 )
-from matching.diagnosis.verdict.indistinguishable import not_told_apart
+from matching.diagnosis.verdict.indistinguishable import KnownScreening, not_told_apart
 from matching.diagnosis.verdict.next_recording import propose_manoeuvre
 from modelling.effects import EFFECTS
 from modelling.effects.place import place_in_words
@@ -40,11 +40,14 @@ class JudgedCause:
         Itself and its rivals, with their shares of the evidence.
     without : Hypothesis
         The final hypothesis without it.
+    known : KnownScreening, optional
+        The screening of what that leaves, where the search has made it.
     """
 
     cause: Cause
     rated: Sequence[RatedCause]
     without: Hypothesis
+    known: KnownScreening | None = None
 
 
 def named_causes(
@@ -129,7 +132,7 @@ def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
 def _all_alike(system: System, final: Hypothesis, judgement: JudgedCause) -> list[tuple[str, str]]:
     """What no recording tells from a cause, then what this one does not, with what no recording tells from that."""
     cause = judgement.cause
-    alike = not_told_apart(final, judgement.without, cause, chi_square_inflation(final))
+    alike = not_told_apart(final, judgement.without, cause, chi_square_inflation(final), judgement.known)
     names = [(cause.kind, cause.at), *alike]
     names += [same for kind, at in names for same in EFFECTS[kind].same_as(at, system)]
     return list(dict.fromkeys(names))[1:]
