@@ -84,7 +84,7 @@ def summary(result: dict[str, Any]) -> str:
         best = min(matched or points, key=lambda point: point["error"])
         place = ", ".join(f"{result[key]['name']} {amount(best[key], result[key]['unit'])}" for key in ("x", "y"))
         lines.append(f"least error {number(best['error'], 3)} at {place} ({best['status']})")
-    better = [point for point in points if point["objective"] != point["first"]]
+    better = [point for point in points if point["objective"] != point["objective_from_own_starts"]]
     if better:
         lines.append(f"{len(better)} points improved from their neighbours' solutions")
     return "\n".join([*lines, f"report: {result['report']}"] if "report" in result else lines)

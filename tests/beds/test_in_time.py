@@ -142,7 +142,7 @@ def test_a_limit_cycle_is_told_from_a_motion_that_dies_out():
     vehicle = decaying * np.exp(-time)[:, None]
     motions = [BedMotion(own, own) for own in (swinging, decaying)] + [None]
     found = open_lash([vehicle] * 3, motions, [0], 1e-3)
-    assert (found.drawn, found.cycling) == (3, 2)
+    assert (found.drawn, found.limit_cycles) == (3, 2)
     assert open_lash([vehicle], motions[:1], [0], 1e-3).largest_swing == pytest.approx(100 / np.sqrt(2), rel=0.02)
 
 
@@ -159,9 +159,9 @@ def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     runs = lash_runs(small_case, {"motor_torque": np.full(3000, 60.0)}, ("motor_torque",), 3, count=6)[:4]
     vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, law, runs, SENSORS)
     found = open_lash(vehicles, beds, [1], law.sample_time)
-    assert (found.drawn, found.cycling) == (4, 1)
+    assert (found.drawn, found.limit_cycles) == (4, 1)
     assert found.largest_swing > 5 > 0.5 > found.vehicle_swing  # N·m
-    assert open_lash(vehicles[1:], beds[1:], [1], law.sample_time).cycling == 0
+    assert open_lash(vehicles[1:], beds[1:], [1], law.sample_time).limit_cycles == 0
 
 
 def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, table):
@@ -192,7 +192,7 @@ def test_no_limit_cycle_of_the_reference_with_twenty_lashes():
     time = np.arange(8000) * 1e-3
     runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, count=20)
     found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)
-    assert (found.drawn, found.cycling) == (20, 0)
+    assert (found.drawn, found.limit_cycles) == (20, 0)
     assert found.largest_swing < found.vehicle_swing + 2.0  # N·m
 
 

@@ -83,7 +83,12 @@ def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
         assert checked.opened[left] == judge.damping(softened(small_case, {}, left))
     for entry, left in zip(checked.to_dict()["opened_cut_shafts"], SHARES, strict=True):
         ratio = checked.opened[left]
-        assert entry == {"share_left": left, "damping_ratio": ratio, "stable": ratio > 0, "least_alone": ratio}
+        assert entry == {
+            "share_left": left,
+            "damping_ratio": ratio,
+            "stable": ratio > 0,
+            "smallest_damping_ratio_alone": ratio,
+        }
     assert {ratio > 0 for ratio in checked.opened.values()} == {True, False}
 
 
@@ -103,6 +108,6 @@ def test_of_two_cut_shafts_each_opens_alone_as_well():
     beds = BedsCheck(0, 0, 0, 0.0, 0.0, (), (), opened=together, opened_alone=alone)
     entry = beds.to_dict()["opened_cut_shafts"][3]
     assert entry["stable"]
-    assert entry["least_alone"] == pytest.approx(0.2 - 0.3)
+    assert entry["smallest_damping_ratio_alone"] == pytest.approx(0.2 - 0.3)
     (said,) = noted(case, RobustVerification(None, Requirements(0.0, 0.0, 0.0, 0.0, None), None, beds, None))
     assert "0.001, 0.05, 0.1, 0.2 times the stiffness and damping of the cut shaft side_right alone" in said

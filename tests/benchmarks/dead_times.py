@@ -56,7 +56,7 @@ def line(row: dict) -> str:
     wide, narrow = row["response_error"]
     cells = [f"{1e3 * row['dead_time']:g} ms", f"`{row['structure']}`", row["status"]]
     cells += [digits(wide["before"]), f"**{digits(wide['after'])}**"]
-    cells += [digits(wide[key]) for key in ("bound", "bound_unsampled", "unannounced")]
+    cells += [digits(wide[key]) for key in ("bound", "bound_unsampled", "unmeasured_after")]
     cells += [digits(narrow["before"]), f"**{digits(narrow['after'])}**", digits(narrow["bound"])]
     cells.append(f"{row['processor_time']:.1f} s")
     return f"| {' | '.join(cells)} |"

@@ -147,7 +147,7 @@ def test_closed_round_the_fmu_the_rig_shows_the_same_shuffle(
         found, _ = run(case)
         (speed,) = one.get(["wheel_left_interface_speed"])
     assert one.time == pytest.approx(5.0)
-    assert (abs(speed) > 1) == (not shown)  # an exact twin leaves nothing to the feedback
+    assert (abs(speed) > 1) == (not shown)  # an exact feed-forward leaves nothing to the feedback
     for near in shown or (1.9, 8.4):
         there, here = ringing(wanted, begin, near), ringing(found, begin, near)
         assert here[0] == pytest.approx(there[0], rel=1e-3)

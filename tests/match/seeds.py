@@ -19,7 +19,7 @@ def main(count: int = 10) -> None:
         error = result.response_error
         print(
             f"seed {seed}: {result.status}, objective {result.objective:.5f}, {len(result.starts)} starts, "
-            f"after {error.after:.5f}, unannounced {error.unmeasured:.4f}, "
+            f"after {error.after:.5f}, unmeasured {error.unmeasured:.4f}, "
             f"margin {result.verification.modulus_margin:.4f}, {result.seconds:.0f} s",
             flush=True,
         )

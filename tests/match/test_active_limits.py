@@ -51,7 +51,7 @@ def test_a_limit_that_binds_releases_a_quantity(stiff):
     assert NOTHING_MOVED not in result.notes
     (own,) = (part for part in result.parameters if part.name == FLANGE)
     assert own.share < 0.01
-    assert not own.frozen
+    assert not own.fixed
     assert own.tuned > 1.3 * STIFF
     assert (
         demands(tight).broken({f"rig.{name}": part.value for name, part in result.tuned.rig.parameters.items()}) == []

@@ -23,7 +23,7 @@ def test_never_wrong(seed, tmp_path):
     checks, tuned = result.verification, result.tuned
 
     own = independent.poles(tuned)
-    assert checks.checks["encirclements"] == (own.real.max() < 0)
+    assert checks.checks["Nyquist criterion"] == (own.real.max() < 0)
     near_poles = np.outer(np.abs(own) / (2 * np.pi), 1 + np.linspace(-0.03, 0.03, 121)).ravel()  # dips are as narrow
     grid = np.concatenate([GRID, near_poles[(near_poles > GRID[0]) & (near_poles < GRID[-1])]])
     assert independent.margin(tuned, grid) == pytest.approx(checks.modulus_margin, rel=5e-3)
@@ -57,7 +57,7 @@ def test_never_wrong(seed, tmp_path):
     got = independent.rig_motion(tuned, feed_forward, torque, step)
     # what swings: each motion less its own smooth rise
     swing = [motion - np.polyval(np.polyfit(time, motion, 3), time) for motion in (wanted, got)]
-    # of the swing: with the twin what the result says of the motor speed, else 1 % in frequency and 0.02 in damping
+    # of the swing: with feed-forward the error stated for the motor speed, else 1 % in frequency and 0.02 in damping
     allowed = result.response_error.functions[0].after + 0.01 if feed_forward else 0.3
     assert np.std(swing[1] - swing[0]) < allowed * np.std(swing[0])
 

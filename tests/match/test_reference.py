@@ -28,7 +28,13 @@ def test_targets(reference):
 def test_stable_under_every_check(reference):
     checks = reference.verification
     assert checks.stable
-    assert set(checks.checks) >= {"poles, order 8", "encirclements", "sampled loop", "twin", "simulation"}
+    assert set(checks.checks) >= {
+        "poles, order 8",
+        "Nyquist criterion",
+        "sampled loop",
+        "feed-forward poles",
+        "simulation",
+    }
     assert all(checks.checks.values())
     assert checks.spectral_abscissa < 0
     assert checks.modulus_margin >= 0.5
@@ -45,10 +51,10 @@ def test_response_error(reference):
     assert narrow.after <= narrow.before / 5
 
 
-def test_unannounced_torques_are_told_apart(reference):
+def test_unmeasured_torques_have_an_error_of_their_own(reference):
     """The honest figure: what the feedback alone does is far from the vehicle, and the result says so."""
     assert reference.response_error.unmeasured > 20 * reference.response_error.after
-    assert {mode["answers"] for mode in reference.matched_modes} == {"announced", "feedback"}
+    assert {mode["belongs_to"] for mode in reference.matched_modes} == {"feed_forward", "feedback"}
 
 
 def test_free_rig_is_the_one_before_tuning(reference):
@@ -58,15 +64,15 @@ def test_free_rig_is_the_one_before_tuning(reference):
     assert reference.tuned.rig.parameters != reference.case.rig.parameters
 
 
-def test_frozen_quantities_stay_and_are_listed(reference):
-    listed = reference.to_dict()["needs_no_identification"]
-    frozen = [own for own in reference.parameters if own.frozen]
-    assert listed == [own.name for own in frozen] != []
+def test_insensitive_quantities_stay_and_are_listed(reference):
+    listed = reference.to_dict()["insensitive_parameters"]
+    fixed = [own for own in reference.parameters if own.fixed]
+    assert listed == [own.name for own in fixed] != []
     for own in reference.parameters:
-        assert own.frozen == (own.share < 0.01)
+        assert own.fixed == (own.share < 0.01)
         assert own.weight == pytest.approx(1 / max(own.share, 0.01))
         assert own.lower <= own.tuned <= own.upper
-        if own.frozen:
+        if own.fixed:
             assert own.tuned == own.start
     assert "residual_vehicle.inertias.wheel_left.J" in listed  # 0.7 of 180 kg·m² moves neither target
 

@@ -54,7 +54,7 @@ duration = 3
 
 @pytest.fixture(scope="session")
 def reference():
-    """The reference case, feedback stable; targets must be seen in the twin."""
+    """The reference case, feedback stable; targets show in the feed-forward."""
     case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
     return replace(case, loop=case.loop.with_values(STABLE))
 

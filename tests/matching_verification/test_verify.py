@@ -33,7 +33,7 @@ def test_errors_of_the_reference_case(reference):
     half_a_sample = np.pi * 30 * 1e-3 / np.sqrt(2 * np.log(60))
     assert found.after < 0.15 * half_a_sample < 0.05 < found.unmeasured
     like = [own.after**2 for own in found.functions if own.before is not None]
-    assert found.after_like_before == pytest.approx(np.sqrt(np.mean(like)))
+    assert found.after_same_functions == pytest.approx(np.sqrt(np.mean(like)))
     assert found.after == pytest.approx(np.sqrt(np.mean([own.after**2 for own in found.functions])))
     assert found.unmeasured == pytest.approx(np.sqrt(np.mean([own.unmeasured**2 for own in found.functions])))
 
@@ -85,9 +85,9 @@ def test_reference_case_is_stable_under_every_check(verified):
     assert verified.stable
     assert set(verified.checks) == {f"poles, order {n}" for n in (3, 5, 8)} | {
         "dynamic stiffness",
-        "encirclements",
+        "Nyquist criterion",
         "sampled loop",
-        "twin",
+        "feed-forward poles",
         "simulation",
     }
     assert verified.spectral_abscissa < 0
@@ -95,12 +95,10 @@ def test_reference_case_is_stable_under_every_check(verified):
 
 
 def test_targets_are_read_off_the_simulation(verified):
-    for seen, (number, mode, likeness), wanted in zip(
-        verified.identified, verified.targets, (1.5997, 8.4421), strict=True
-    ):
+    for seen, (number, mode, mac), wanted in zip(verified.identified, verified.targets, (1.5997, 8.4421), strict=True):
         assert seen.vehicle_mode == number
-        assert mode.answers == "announced"
-        assert likeness > 0.99
+        assert mode.belongs_to == "feed_forward"
+        assert mac > 0.99
         assert seen.vehicle.frequency == pytest.approx(wanted, rel=1e-4)
         assert seen.matched.frequency == pytest.approx(mode.frequency, rel=1e-4)
         assert seen.matched.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-4)
@@ -109,7 +107,7 @@ def test_targets_are_read_off_the_simulation(verified):
 def test_feedback_modes_are_read_off_too(feedback):
     checked = verify(feedback, deviations=False)
     for seen, (_, mode, _) in zip(checked.identified, checked.targets, strict=True):
-        assert mode.answers == "feedback"
+        assert mode.belongs_to == "feedback"
         assert seen.matched.frequency == pytest.approx(mode.frequency, rel=2e-3)
         assert seen.matched.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-3)
         assert abs(seen.matched.frequency / seen.vehicle.frequency - 1) > 0.05  # honest: this gain does not match
@@ -150,7 +148,7 @@ def test_dictionary_is_plain(verified):
 def test_an_unstable_loop_is_never_called_stable(reference):
     checked = verify(replace(reference, loop=reference.loop.with_values({"proportional_gain": 10.0})), deviations=False)
     assert not checked.stable
-    assert not checked.checks["encirclements"]
+    assert not checked.checks["Nyquist criterion"]
     assert checked.spectral_abscissa > 0
     json.dumps(checked.to_dict(), allow_nan=False)
 
@@ -173,7 +171,7 @@ def test_one_residual_vehicle_with_two_interfaces(compact):
 def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
     known = modes(reference.vehicle)
     inertia = {f"inertias.{own.name}": own.J.value for own in reference.vehicle.inertias}
-    announced = [mode for mode in verified.modes if mode.answers == "announced"]
+    of_feed_forward = [mode for mode in verified.modes if mode.belongs_to == "feed_forward"]
     for number, symmetry in (
         (2, "antisymmetric"),
         (3, "symmetric"),
@@ -181,11 +179,11 @@ def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
         (5, "antisymmetric"),
         (6, "symmetric"),
     ):
-        mode, likeness = match_mode(known[number - 1], announced, inertia)
-        assert (mode.symmetry, likeness > 0.9) == (symmetry, True)
+        mode, mac = match_mode(known[number - 1], of_feed_forward, inertia)
+        assert (mode.symmetry, mac > 0.9) == (symmetry, True)
         assert sum(mode.kinetic.values()) == pytest.approx(1)
         assert sum(mode.potential.values()) == pytest.approx(1)
-    assert match_mode(known[0], announced, inertia) is None
+    assert match_mode(known[0], of_feed_forward, inertia) is None
 
 
 @pytest.mark.parametrize("structure", ["pi", "model_based"])

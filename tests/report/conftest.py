@@ -86,7 +86,7 @@ def hand_made(case):
             errors.band,
             errors.before,
             errors.after,
-            errors.after_like_before,
+            errors.after_same_functions,
             errors.unmeasured,
             0.004,
             0.003,

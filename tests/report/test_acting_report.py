@@ -81,7 +81,7 @@ def test_the_terminal_names_every_quantity_that_moved_and_wraps_at_its_width(han
     named = summary(result)
     moved = [row["name"] for row in result["parameters"] if row["tuned"] != row["start"]]
     many = [
-        dict(result["parameters"][0], name=f"loop.quantity_{n}", frozen=False, start=1.0, tuned=2.0) for n in range(30)
+        dict(result["parameters"][0], name=f"loop.quantity_{n}", fixed=False, start=1.0, tuned=2.0) for n in range(30)
     ]
     crowded = summary(result | {"parameters": many})
     assert moved

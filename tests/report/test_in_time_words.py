@@ -4,10 +4,14 @@ import pytest
 
 from matching.report.in_time.in_words import in_time_lines
 
-RIGHT = {"words": "as modelled", "measured": {"a": 0.01, "b": 0.02}, "unmeasured": {"a": 0.02, "b": 0.005}}
-WRONG = {"words": "everything at once", "measured": {"a": 0.03, "b": 0.015}, "unmeasured": {"a": 0.25, "b": 0.4}}
-UNSTABLE = {"words": "everything at once", "measured": None, "unmeasured": None}
-NO_LASH = {"cycling": 0, "drawn": 4}
+RIGHT = {"what_is_wrong": "as modelled", "measured": {"a": 0.01, "b": 0.02}, "unmeasured": {"a": 0.02, "b": 0.005}}
+WRONG = {
+    "what_is_wrong": "everything at once",
+    "measured": {"a": 0.03, "b": 0.015},
+    "unmeasured": {"a": 0.25, "b": 0.4},
+}
+UNSTABLE = {"what_is_wrong": "everything at once", "measured": None, "unmeasured": None}
+NO_LASH = {"limit_cycles": 0, "drawn": 4}
 
 
 @pytest.mark.parametrize(
@@ -18,14 +22,14 @@ NO_LASH = {"cycling": 0, "drawn": 4}
         (RIGHT, NO_LASH, "as modelled 2.00 %, as modelled 2.00 %; open lash: 4 of 4 drawn ones come to rest"),
         (
             RIGHT,
-            {"cycling": 3, "drawn": 20},
+            {"limit_cycles": 3, "drawn": 20},
             "as modelled 2.00 %, as modelled 2.00 %; "
             "open lash: 3 of 20 drawn ones swing on where the vehicle comes to rest",
         ),
     ],
 )
 def test_the_largest_error_of_both_kinds_of_torques_and_what_lashes_do(last, lash, said):
-    (line,) = in_time_lines({"in_time": {"rows": [RIGHT, last], "seconds": 3.0, "open_lash": lash}})
+    (line,) = in_time_lines({"in_time": {"rows": [RIGHT, last], "duration": 3.0, "open_lash": lash}})
     assert line == f"in time, 3 s on beds that are not the model, largest error over range: {said}"
 
 

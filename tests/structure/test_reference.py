@@ -17,7 +17,7 @@ BY_NAME = {  # tables whose keys are names of components, quantities, checks, le
     "alone", "asked", "by_origin", "checks", "command_noise", "dimensions", "domains", "errors", "integration_error",
     "kinetic",
     "largest_difference", "limits_used", "measured", "misfit", "operating_point", "operating_torques", "parameters",
-    "potential", "seconds", "speed_hold",
+    "potential", "judged_seconds", "speed_hold",
     "states", "together", "torque_gains", "uncertainty", "unmeasured", "yield",
 }  # fmt: skip
 

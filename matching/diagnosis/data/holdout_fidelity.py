@@ -89,7 +89,7 @@ class HoldoutFidelity:
         return {
             "f_max": self.f_max, "weights": {DOMAINS[name]: share for name, share in self.weights.items()},
             "before": self.before.to_dict(), "after": self.after.to_dict(),
-            "noise_floor": {"R_RVM": self.noise_floor}, "seconds": self.seconds, "notes": self.notes,
+            "noise_floor": {"R_RVM": self.noise_floor}, "judged_seconds": self.seconds, "notes": self.notes,
         }  # fmt: skip
 
 

@@ -115,7 +115,7 @@ class MapView:
         self.figure[:] = [pn.pane.Bokeh(fig, sizing_mode=WIDE)]
         for field, key, label in ((self.at_x, "x", names[0]), (self.at_y, "y", names[1])):
             if field.name != label:  # else what was asked last stays
-                field.param.update(name=label, value=number(content[key]["here"], 6))
+                field.param.update(name=label, value=number(content[key]["value_in_case"], 6))
         self.questions[:] = [
             pn.FlexBox(self.at_x, self.at_y, self.ask), self.message, self.answer, self.exactly.panel()
         ]  # fmt: skip

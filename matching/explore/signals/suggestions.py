@@ -13,7 +13,7 @@ from modelling.measurement.readers.table import TIME_NAMES
 from modelling.model.system import System
 from modelling.units import SENSOR_UNITS, factor
 
-LEAST_LIKENESS = 0.45  # of two names, below which nothing is suggested
+LEAST_SIMILARITY = 0.45  # of two names, below which nothing is suggested
 UNIT_BONUS = 0.2  # for a unit that fits
 KIND_BONUS = 0.25  # for a word that means the same kind of quantity
 # What test benches call the kinds of quantities, in English and German, whole words
@@ -46,7 +46,7 @@ class Suggestion:
 
     column: str
     unit: str
-    likeness: float
+    similarity: float
 
 
 def wanted_channels(system: System) -> list[Wanted]:
@@ -65,7 +65,7 @@ def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggest
     """
     pairs = sorted(
         (
-            (_likeness(wanted, column, unit), wanted, column)
+            (_similarity(wanted, column, unit), wanted, column)
             for wanted in wanted_channels(system)
             for column, unit in columns.items()
             if _fits(wanted, unit)
@@ -74,9 +74,9 @@ def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggest
     )
     by_channel: dict[str, Suggestion] = {}
     used: set[str] = set()
-    for likeness, wanted, column in pairs:
-        if likeness >= LEAST_LIKENESS and wanted.name not in by_channel and column not in used:
-            by_channel[wanted.name] = Suggestion(column, columns[column] or wanted.si, likeness)
+    for similarity, wanted, column in pairs:
+        if similarity >= LEAST_SIMILARITY and wanted.name not in by_channel and column not in used:
+            by_channel[wanted.name] = Suggestion(column, columns[column] or wanted.si, similarity)
             used.add(column)
     return {w.name: by_channel.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
 
@@ -109,7 +109,7 @@ def _words(name: str) -> list[str]:
     return [word.lower() for word in re.split(r"[^A-Za-z]+", parted) if word]
 
 
-def _likeness(wanted: Wanted, column: str, unit: str) -> float:
+def _similarity(wanted: Wanted, column: str, unit: str) -> float:
     """Likeness of the names without the words for the kind of quantity, and bonuses for kind and unit."""
     kinds = set().union(*KIND_WORDS.values())
     mine, theirs = _words(wanted.name), _words(column)

@@ -26,14 +26,14 @@ class OpenLash:
 
     Attributes
     ----------
-    drawn, cycling : int
-        ``cycling`` swing on where the vehicle comes to rest, or are not stable.
+    drawn, limit_cycles : int
+        ``limit_cycles`` swing on where the vehicle comes to rest, or are not stable.
     largest_swing, vehicle_swing : float
         N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle beside it.
     """
 
     drawn: int
-    cycling: int
+    limit_cycles: int
     largest_swing: float
     vehicle_swing: float
 
@@ -74,17 +74,17 @@ def open_lash(
     """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts; ``step`` in s."""
     count = min(round(JUDGED_S / step), len(vehicles[0]) // 2)
     before, last = slice(-2 * count, -count), slice(-count, None)
-    swings, cycling = [], 0
+    swings, limit_cycles = [], 0
     for vehicle, bed in zip(vehicles, beds, strict=True):
         of_vehicle, of_bed = _swing(vehicle[last][:, at]), np.inf
         if bed is not None:
             of_bed = _swing(bed.readings[last][:, at])
             decaying = of_bed < DECAYING * _swing(bed.readings[before][:, at])
             least = of_vehicle + EXCESS * float(np.ptp(vehicle[:, at], axis=0).max())
-        cycling += bed is None or (of_bed > least and not decaying)
+        limit_cycles += bed is None or (of_bed > least and not decaying)
         swings.append((of_bed, of_vehicle))
     worst = max(swings, key=lambda pair: pair[0] - pair[1])
-    return OpenLash(len(beds), cycling, *worst)
+    return OpenLash(len(beds), limit_cycles, *worst)
 
 
 def _swing(torques: np.ndarray) -> float:

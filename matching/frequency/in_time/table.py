@@ -37,7 +37,7 @@ class TimeErrors:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        return dict(vars(self))
+        return {"what_is_wrong": self.words, "measured": self.measured, "unmeasured": self.unmeasured}
 
     def largest(self) -> float:
         """Over sensors and both kinds of torques; infinite where a bed is not stable."""
@@ -86,7 +86,7 @@ class TruthInTime:
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         return {
-            "seconds": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
+            "duration": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
             "open_lash": None if self.lash is None else self.lash.to_dict(), "not_simulated": self.not_simulated,
         }  # fmt: skip
 

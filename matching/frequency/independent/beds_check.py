@@ -53,7 +53,7 @@ class BedsCheck:
     opened : mapping of float to float
         Least damping ratio of the bed as planned, by the share that is left of its cut shafts' stiffness and damping;
         −1 where it grows without swinging. In ``result.json``: ``opened_cut_shafts``, a list with ``share_left``,
-        ``damping_ratio``, ``stable`` and ``least_alone``, the least of those with one cut shaft opened alone.
+        ``damping_ratio``, ``stable`` and ``smallest_damping_ratio_alone``, that with one cut shaft opened alone.
     opened_alone : mapping of str to mapping of float to float
         The same where one cut shaft opens and the others do not, by its name.
     """
@@ -88,7 +88,9 @@ class BedsCheck:
             "largest_error": None if self.largest_error is None else self.largest_error.to_dict(),
             "opened_cut_shafts": [
                 {"share_left": share, "damping_ratio": ratio, "stable": ratio > 0,
-                 "least_alone": min((alone[share] for alone in self.opened_alone.values()), default=ratio)}
+                 "smallest_damping_ratio_alone": min(
+                     (alone[share] for alone in self.opened_alone.values()), default=ratio
+                 )}
                 for share, ratio in self.opened.items()
             ],
             "not_covered": self.not_covered,

@@ -28,9 +28,9 @@ class LoopMode:
     ----------
     frequency, damping_ratio : float
         |λ|/2π in Hz and −Re λ/|λ|; a rigid motion stands at 0.0 with damping ratio 0.
-    answers : str
-        ``announced`` for modes of the model-based feed-forward, which measured torques show, ``feedback`` for those of
-        the feedback loop, which any other torque shows.
+    belongs_to : str
+        ``feed_forward``: a mode of the model-based feed-forward, which measured torques excite; ``feedback``: of the
+        feedback loop, which all other torques excite.
     symmetry : str
     kinetic, potential : dict
         Energy shares of the rig (``inertias.NAME``) and the emulated vehicle (``residual_vehicle.inertias.NAME``); each
@@ -45,7 +45,7 @@ class LoopMode:
     number: int
     frequency: float
     damping_ratio: float
-    answers: str
+    belongs_to: str
     symmetry: str
     kinetic: dict[str, float]
     potential: dict[str, float]
@@ -54,7 +54,7 @@ class LoopMode:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("number", "frequency", "damping_ratio", "symmetry", "answers", "kinetic", "potential")
+        keys = ("number", "frequency", "damping_ratio", "symmetry", "belongs_to", "kinetic", "potential")
         return {key: getattr(self, key) for key in keys}
 
 
@@ -72,7 +72,7 @@ def feedback_modes(parts: Parts, order: int = ORDERS[-1]) -> tuple[LoopMode, ...
 
 
 def feed_forward_modes(
-    parts: Parts, feed_forward: FeedForward, reference: ResidualVehicle, answers: str = "announced"
+    parts: Parts, feed_forward: FeedForward, reference: ResidualVehicle, belongs_to: str = "feed_forward"
 ) -> tuple[LoopMode, ...]:
     """Modes of the feed-forward's model, which follows ``reference``, up to 0.45 of its sampling frequency."""
     z, vectors = np.linalg.eig(feed_forward.A - feed_forward.B @ feed_forward.F)
@@ -81,7 +81,7 @@ def feed_forward_modes(
     residual = tuple(body(part) for part in reference.parts)
     start = len(parts.bed.A)
     limit = 0.45 / feed_forward.sample_time
-    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, answers))
+    return tuple(_listed(parts, residual, eigenvalues, vectors[:, alive], start, limit, belongs_to))
 
 
 # more than six parameters: eigenpairs, and what they are read with
@@ -92,7 +92,7 @@ def _listed(
     vectors: np.ndarray,
     start: int,
     limit: float,
-    answers: str,
+    belongs_to: str,
 ) -> Iterable[LoopMode]:
     rig = parts.rig
     rows = [(rig, slice(0, len(rig.space.A)), "")]
@@ -112,7 +112,7 @@ def _listed(
             number,
             0.0 if rigid else abs(value) / (2 * np.pi),
             0.0 if rigid else -value.real / abs(value),
-            answers,
+            belongs_to,
             str(labels(turns[:, None], rig.J, rig.image)[0]),
             kinetic,
             {} if rigid else potential,

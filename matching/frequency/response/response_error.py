@@ -34,7 +34,7 @@ class FunctionError:
         """As ``result.json`` holds it."""
         return {
             "input": self.input, "sensor": self.sensor, "before": self.before, "after": self.after,
-            "unannounced": self.unmeasured,
+            "unmeasured": self.unmeasured,
         }  # fmt: skip
 
 
@@ -48,7 +48,7 @@ class ErrorFigures:
         The rig without control over the functions that have a path there; None where none has.
     after, unmeasured : float
         The matched rig, and the same by feedback alone, over all compared functions.
-    after_like_before : float or None
+    after_same_functions : float or None
         The matched rig over the functions of ``before``.
     nodes : BandNodes
         Frequencies at which these means have converged to 1 %.
@@ -57,7 +57,7 @@ class ErrorFigures:
     band: tuple[float, float]
     before: float | None
     after: float
-    after_like_before: float | None
+    after_same_functions: float | None
     unmeasured: float
     functions: tuple[FunctionError, ...]
     nodes: BandNodes
@@ -122,7 +122,7 @@ def figures_of(bed: ComparedBed) -> ErrorFigures:
         band=bed.case.band,
         before=pooled(before[path]) if path.any() else None,
         after=pooled(after),
-        after_like_before=pooled(after[path]) if path.any() else None,
+        after_same_functions=pooled(after[path]) if path.any() else None,
         unmeasured=pooled(unmeasured),
         functions=functions,
         nodes=nodes,

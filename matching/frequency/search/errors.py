@@ -32,7 +32,7 @@ def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
         band=figures.band,
         before=figures.before,
         after=figures.after,
-        after_like_before=figures.after_like_before,
+        after_same_functions=figures.after_same_functions,
         unmeasured=figures.unmeasured,
         bound=lower_bound(whole, 1),
         bound_unsampled=lower_bound(whole, UNSAMPLED_REFINEMENT),

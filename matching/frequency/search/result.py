@@ -45,7 +45,7 @@ class TargetResult:
             "vehicle_mode": self.vehicle_mode, "symmetry": self.symmetry, "vehicle": self.vehicle,
             "vehicle_damping": self.vehicle_damping, "rig": self.rig, "matched": self.matched,
             "matched_damping": self.matched_damping, "seen_in_simulation": self.identified,
-            "seen_damping": self.identified_damping, "met": self.met,
+            "identified_damping": self.identified_damping, "met": self.met,
         }  # fmt: skip
 
 
@@ -53,7 +53,7 @@ class TargetResult:
 class ParameterResult:
     """A quantity that was allowed to move, SI.
 
-    ``share`` of a target mode's energy, ``weight`` on its change, ``frozen`` where the share is too small to move it.
+    ``share`` of a target mode's energy, ``weight`` on its change, ``fixed`` where the share is too small to move it.
     """
 
     name: str
@@ -64,7 +64,7 @@ class ParameterResult:
     upper: float
     weight: float
     share: float
-    frozen: bool
+    fixed: bool
     logarithmic: bool = False
     change_cost: float = 0.0
 
@@ -86,7 +86,7 @@ class ParameterResult:
             "upper",
             "weight",
             "share",
-            "frozen",
+            "fixed",
             "at_bound",
             "change_cost",
         )
@@ -98,7 +98,7 @@ class ResponseError:
     """Root mean square over band and compared functions of abs(log(H_rig/H_vehicle)).
 
     ``before`` is the rig without control over the functions that have a path there; ``after`` the matched rig over all
-    compared ones, ``after_like_before`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
+    compared ones, ``after_same_functions`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
     unmeasured torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time,
     ``bound_unsampled`` the same without sampling (:func:`matching.frequency.search.errors.lower_bound`): their
     difference is the cost of sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
@@ -109,7 +109,7 @@ class ResponseError:
     band: tuple[float, float]
     before: float | None
     after: float
-    after_like_before: float | None
+    after_same_functions: float | None
     unmeasured: float
     bound: float
     bound_unsampled: float
@@ -118,11 +118,10 @@ class ResponseError:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        keys = ("before", "after", "after_like_before", "bound", "bound_unsampled", "unmeasured_bound")
+        keys = ("before", "after", "after_same_functions", "bound", "bound_unsampled", "unmeasured_bound")
         return {
             "band": list(self.band),
             **{key: getattr(self, key) for key in keys},
-            "unannounced": self.unmeasured,
             "unmeasured_before": self.before,
             "unmeasured_after": self.unmeasured,
             "functions": [function.to_dict() for function in self.functions],
@@ -254,7 +253,7 @@ class MatchResult(Displayed):
             "matched": {"modes": list(self.matched_modes)},
             "targets": [target.to_dict() for target in self.targets],
             "parameters": [parameter.to_dict() for parameter in self.parameters],
-            "needs_no_identification": [parameter.name for parameter in self.parameters if parameter.frozen],
+            "insensitive_parameters": [parameter.name for parameter in self.parameters if parameter.fixed],
             "stable": checks.stable,
             "modulus_margin": checks.modulus_margin,
             "spectral_abscissa": checks.spectral_abscissa,

@@ -136,7 +136,7 @@ def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
             name = f"target_mode_{mode}_{what}"
             values[name], units[name], nominal[name] = of(root).tolist(), unit, float(of(np.array([goal]))[0])
     here = prepared.center_errors
-    names = ["response_error", "response_error_not_announced"] if len(here) == 2 else ["response_error"]
+    names = ["response_error", "response_error_unmeasured"] if len(here) == 2 else ["response_error"]
     at_once = prepared.drawn_errors
     errors = np.array([prepared.errors(row) for row in x[:few]]) if at_once is None else at_once(x)
     for j, name in enumerate(names):

@@ -41,7 +41,7 @@ class Map(Displayed):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``map.json``."""
-        axes = {key: {**vars(axis), "values": list(axis.values)} for key, axis in (("x", self.x), ("y", self.y))}
+        axes = {"x": self.x.to_dict(), "y": self.y.to_dict()}
         points = [point.to_dict() for row in self.points for point in row]
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,10 @@ class Axis:
     unit: str
     values: tuple[float, ...]
     here: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``map.json`` holds it."""
+        return {"name": self.name, "unit": self.unit, "values": list(self.values), "value_in_case": self.here}
 
     @property
     def by_ratio(self) -> bool:

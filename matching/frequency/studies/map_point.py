@@ -67,8 +67,8 @@ class Point:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``map.json`` holds it."""
-        keys = {"unmeasured": "unannounced"}  # map.json was fixed before the words were
-        return {keys.get(key, key): value for key, value in vars(self).items() if key != "pairs"}
+        entries = {key: value for key, value in vars(self).items() if key not in ("first", "pairs")}
+        return {**entries, "objective_from_own_starts": self.first}
 
     def beats(self, other: Point) -> bool:
         """Whether it is matched where the other is not, stable where the other is not, or of a smaller objective."""

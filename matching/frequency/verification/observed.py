@@ -87,7 +87,7 @@ def verify_observer(
     )
     checks = {
         "sampled loop": inside(poles, neutral),
-        "twin": resting_and_right(ahead.poles, neutral)[1] == 0,
+        "feed-forward poles": resting_and_right(ahead.poles, neutral)[1] == 0,
     }
     notes = remarks_on(case, neutral)
     traces, identified = _simulated(parts, controller, checks, notes)

@@ -80,7 +80,7 @@ class Verification:
         rad/s; empty without a model-based feed-forward. Measured torques do not go round the feedback and the feedback
         does not reach the feed-forward, so the poles of both together are the poles of each.
     modes : tuple of LoopMode
-        Of the feed-forward (``announced``), then of the feedback loop.
+        Of the feed-forward, then of the feedback loop.
     targets : tuple of ReachedTarget
         The mode that each target became: with a feed-forward among its modes.
     least_damping : tuple of (damping ratio, Hz)
@@ -130,7 +130,7 @@ class Verification:
             "spectral_abscissa": self.spectral_abscissa,
             "modulus_margin": self.modulus_margin,
             "margin_frequency": self.margin_frequency,
-            "encirclements": None if self.winding is None else {
+            "nyquist": None if self.winding is None else {
                 "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
                 "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
             },
@@ -143,18 +143,18 @@ class Verification:
                 }
                 for approximation in self.approximations
             ],
-            "sampled_largest": float(np.abs(self.sampled).max()),
-            "twin_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
+            "largest_sampled_pole": float(np.abs(self.sampled).max()),
+            "feed_forward_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
             "targets": [
                 {
                     "vehicle_mode": target.vehicle_mode,
                     "mode": None if target.mode is None else target.mode.to_dict(),
-                    "likeness": target.mac,
+                    "mac": target.mac,
                 }
                 for target in self.targets
             ],
-            "seen": [mode.to_dict() for mode in self.identified],
+            "identified": [mode.to_dict() for mode in self.identified],
             "peaks": dict(self.peaks),
             "violations": [violation.to_dict() for violation in self.violations],
             "robustness": [deviation.to_dict() for deviation in self.robustness],
@@ -186,7 +186,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     orders = approximations(parts, orders=orders_for(delay, winding.gain_edge))
     counted = _believed(orders, delay, winding.gain_edge, notes)
     checks = {f"poles, order {mode.order}": mode.unstable(neutral) == 0 for mode in counted}
-    checks["encirclements"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
+    checks["Nyquist criterion"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
     independent = _independent(case, parts)
     if independent.unstable_poles is not None:
         checks["dynamic stiffness"] = independent.unstable_poles == 0
@@ -195,7 +195,7 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     checks["sampled loop"] = inside(sampled, neutral)
     feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
     if feed_forward is not None:
-        checks["twin"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
+        checks["feed-forward poles"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
     traces, identified = _simulated(parts, feed_forward, notes)
     checks["simulation"] = traces is not None
     designed = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)

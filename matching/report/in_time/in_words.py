@@ -18,8 +18,8 @@ def in_time_lines(result: Mapping[str, Any]) -> list[str]:
     lash = in_time["open_lash"]
     swinging = f"; open lash: {_lash(lash)}" if lash else ""
     return [
-        f"in time, {number(in_time['seconds'], 2)} s on beds that are not the model, largest error over range: as "
-        f"modelled {_pair(first)}, {last['words']} {_pair(last)}{swinging}"
+        f"in time, {number(in_time['duration'], 2)} s on beds that are not the model, largest error over range: as "
+        f"modelled {_pair(first)}, {last['what_is_wrong']} {_pair(last)}{swinging}"
     ]
 
 
@@ -33,9 +33,9 @@ def _largest(errors: Mapping[str, float] | None) -> str:
 
 
 def _lash(lash: Mapping[str, Any]) -> str:
-    if not lash["cycling"]:
+    if not lash["limit_cycles"]:
         return f"{lash['drawn']} of {lash['drawn']} drawn ones come to rest"
-    return f"{lash['cycling']} of {lash['drawn']} drawn ones swing on where the vehicle comes to rest"
+    return f"{lash['limit_cycles']} of {lash['drawn']} drawn ones swing on where the vehicle comes to rest"
 
 
 def lash_sentence(truth: TruthInTime) -> str:

@@ -147,7 +147,7 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
         return f"Poles of the feedback loop, dead time by a Padé approximation of order {order}", (
             f"rightmost at {number(poles.abscissa, 3)} 1/s"
         )
-    if name == "encirclements" and verification.winding is not None:
+    if name == "Nyquist criterion" and verification.winding is not None:
         count = verification.winding.unstable
         return "Nyquist criterion with the exact dead time", "met" if count == 0 else f"{number(count)} unstable poles"
     if name == "sampled loop":
@@ -155,7 +155,7 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
             "Poles of the sampled loop",
             f"largest magnitude {number(max(abs(verification.sampled)), 5)}, below 1 is stable",
         )
-    if name == "twin":
+    if name == "feed-forward poles":
         return "Poles of the model-based feed-forward", (
             f"rightmost at {number(max(verification.feed_forward_poles.real), 3)} 1/s"
         )

@@ -23,7 +23,7 @@ def match_modes_figure(result: MatchResult) -> Figure:
 def columns(result: MatchResult) -> list[Column]:
     """Vehicle, rig without control and matched rig with the target modes; a system without modes is left out."""
     # modes of the feed-forward: what the matched rig shows for measured torques
-    measured = [entry for entry in result.matched_modes if entry.get("answers") == "announced"]
+    measured = [entry for entry in result.matched_modes if entry.get("belongs_to") == "feed_forward"]
     matched = [mode_of(entry) for entry in measured or result.matched_modes]
     drawn = []
     for title, colour, modes, aims in (

@@ -119,7 +119,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "residual": residual,
         "own_residual": result.simple_vehicle is not None,
         "diagram": block_diagram(tuned.loop, _entries(residual)),
-        "frozen": [row for row in result.parameters if row.frozen],
+        "fixed": [row for row in result.parameters if row.fixed],
         "checks": checks(result),
         "search": _search(result),
         "animations": _animations(result),

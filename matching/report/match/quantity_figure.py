@@ -80,7 +80,7 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
         if row.at_bound
         else {"label": "tuned", "markerfacecolor": MATCHED, "marker": "D"}
     )
-    if row.frozen:
+    if row.fixed:
         marker = {"label": "not moved, need not be identified accurately", "markerfacecolor": "white", "marker": "D"}
     axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
     axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=7.5)
@@ -88,7 +88,7 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
 
 
 def _label(row: ParameterResult) -> str:
-    moved = number(row.tuned) if row.frozen or row.start == row.tuned else f"{number(row.start)} → {number(row.tuned)}"
+    moved = number(row.tuned) if row.fixed or row.start == row.tuned else f"{number(row.start)} → {number(row.tuned)}"
     return f"{row.name}\n{moved} {unit(row.unit)}"
 
 

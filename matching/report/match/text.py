@@ -51,7 +51,7 @@ def summary(result: Mapping[str, Any]) -> str:
     body += [_errors(result), *_fidelity(result), _loop(result), *_beds(result), *in_time_lines(result)]
     body += [operating_point(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
     tail = _not_moved(result["parameters"])
-    moved = [row for row in result["parameters"] if not row["frozen"] and row["tuned"] != row["start"]]
+    moved = [row for row in result["parameters"] if not row["fixed"] and row["tuned"] != row["start"]]
     moved.sort(key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
     room = max(1, MOST_LINES - len(head) - len(body) - len(tail))
     of_checks = result.get("verification", {}).get("notes", [])
@@ -66,7 +66,7 @@ def _band(error: Mapping[str, Any]) -> str:
 def _errors(result: Mapping[str, Any]) -> str:
     error = result["response_error"]
     before = "" if error["before"] is None else f", rig without control {number(error['before'], 3)}"
-    unmeasured = f"; {number(error['unannounced'], 3)} for an unmeasured torque"
+    unmeasured = f"; {number(error['unmeasured_after'], 3)} for an unmeasured torque"
     if error.get("unmeasured_bound") is not None:
         unmeasured += f" ({number(error['unmeasured_bound'], 2)} with an ideal estimator on these sensors)"
     structure = STRUCTURES[result["structure"]]
@@ -139,7 +139,7 @@ def _of_its_own(beds: Mapping[str, Any]) -> str:
 def _simulated(result: Mapping[str, Any]) -> str:
     """What the beds' errors count otherwise than that of the bed as planned; nothing without a feed-forward."""
     functions = result["response_error"].get("functions", ())
-    with_two_errors = any(row["before"] is None and row["unannounced"] != row["after"] for row in functions)
+    with_two_errors = any(row["before"] is None and row["unmeasured"] != row["after"] for row in functions)
     if result["structure"] != "model_based" or not with_two_errors:
         return ""
     return " (torques inside the residual vehicle count as measured on the beds, as unmeasured in the error above)"
@@ -172,7 +172,7 @@ def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
 
 
 def _not_moved(parameters: list[Mapping[str, Any]]) -> list[str]:
-    names = [component(row["name"]) for row in parameters if row["frozen"]]
+    names = [component(row["name"]) for row in parameters if row["fixed"]]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return [f"need not be identified accurately: {'; '.join(names[:MOST_NAMES])}{more}"] if names else []
 

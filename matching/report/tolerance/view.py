@@ -95,7 +95,7 @@ def _quantile(spread: Mapping[str, Any], level: str) -> str:
 def result_words(name: str) -> str:
     """A result of the study in words."""
     words = name.replace("target_mode", "loop mode near vehicle mode", 1)
-    return spaced(words.replace("error_not_announced", "error to unmeasured torques"))  # the file's name stays
+    return spaced(words.replace("error_unmeasured", "error to unmeasured torques"))
 
 
 def short_name(name: str) -> str:
