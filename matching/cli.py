@@ -18,13 +18,12 @@ from typing import Any, NoReturn
 from matching import dry_run
 from matching.commands import available
 from modelling.common import memory_limits
-from modelling.common.errors import InputError, of_the_machine
+from modelling.common.errors import ANSWERED, BAD_INPUT, FAULT, InputError, of_the_machine
 from modelling.common.escape import terminal
 from modelling.common.interruption import Interrupted, whatever_it_became
 from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
 
-ANSWERED, FAULT, BAD_INPUT = 0, 1, 2
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
 

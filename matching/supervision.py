@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from modelling.common import interruption, memory_limits
+from modelling.common.errors import BAD_INPUT, FAULT
 from modelling.common.interruption import ENDING_SIGNALS, Interrupted
 
 GRACE_SECONDS = 0.5  # from a signal until the command is killed
 CLEARING_SECONDS = 2.0  # at most, until killed processes are gone
 DIE_WITH_PARENT, ADOPT_ORPHANS = 1, 36  # prctl of Linux: PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
-FAULT, BAD_INPUT = 1, 2
 SILENT_CLEARING = "ignore:resource_tracker:UserWarning"  # it says what it removes, which is nobody's concern
 
 

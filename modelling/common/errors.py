@@ -3,6 +3,8 @@
 import errno
 from difflib import get_close_matches
 
+ANSWERED, FAULT, BAD_INPUT = 0, 1, 2  # exit codes of the command line
+
 _NO_SPACE = ("no space is left on the disk", "free some, or write to another one")
 _TOO_MANY_FILES = ("too many files are open", "raise the limit (ulimit -n), or use fewer --workers")
 _NO_MEMORY = ("there is not enough memory", "close other programs, or use fewer --workers")

@@ -11,10 +11,9 @@ import sys
 import threading
 from contextlib import suppress
 
-from modelling.common.errors import InputError, of_the_machine
+from modelling.common.errors import BAD_INPUT, InputError, of_the_machine
 
 LEAST_BYTES = 1_000_000_000  # of addresses; a match with its libraries and their threads' stacks takes 0.8e9 to 0.9e9
-BAD_INPUT = 2
 
 
 def check() -> None:
