@@ -14,14 +14,13 @@ sample late.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from modelling.bed.bed_model import bed_model
 from modelling.bed.delayed_bed import of_model
 from modelling.bed.feed_forward import FeedForward
 from modelling.bed.loop import Loop
 from modelling.bed.residual_vehicle import ResidualVehicle
-from modelling.common.errors import InputError
+from modelling.bed.riccati import riccati
 from modelling.linear.discretise import discretise
 from modelling.model.system import System
 
@@ -63,14 +62,8 @@ def design_feed_forward(
     W, ramp = (np.vstack([part, np.zeros((k, len(model.measured)))]) for part in (torques.held, torques.ramp))
     E = np.hstack([model.speed_error, np.zeros((k, k))])
     R = command_weight * np.eye(k)
-    try:
-        X = solve_discrete_are(A, B, E.T @ E + STATE_WEIGHT * np.eye(len(A)), R)
-    except (np.linalg.LinAlgError, ValueError) as fault:
-        raise InputError(
-            "loop",
-            f"no stabilising command exists for this rig and vehicle ({fault})",
-            "check that each dynamometer reaches its cut",
-        ) from None
+    Q = E.T @ E + STATE_WEIGHT * np.eye(len(A))
+    X = riccati(A, B, Q, R, what="feed-forward for this rig and vehicle")
     F = np.linalg.solve(B.T @ X @ B + R, B.T @ X @ A)
     closed, stay = A - B @ F, 1 - LEAK_PER_SAMPLE
     to_come = np.linalg.solve(np.eye(len(A)) - stay * closed.T, closed.T @ X @ W)

@@ -20,9 +20,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from modelling.bed.feed_forward import FeedForward
-from modelling.bed.observer.filter import filter_of, riccati, summed
+from modelling.bed.observer.filter import filter_of, summed
 from modelling.bed.observer.model import FORGETTING_PER_SAMPLE, ObserverModel
 from modelling.bed.observer_controller import ObserverController
+from modelling.bed.riccati import riccati
 
 FREE_COMMAND_WEIGHT = 1e-12  # (rad/s per N·m)², of commands that known torques ask for: practically free
 # A known torque is a sample of a continuous one. Over the sample that begins it counts with its value half a sample on,
@@ -197,7 +198,7 @@ def feedback_on_all(model: ObserverModel, command_weight: float, change: float) 
     last = last_command(model)
     Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ last
     R, S = (command_weight + change) * np.eye(k), -change * last.T
-    X = riccati(A, B, Q, R, S, "command that makes the rig follow the vehicle")
+    X = riccati(A, B, Q, R, S, what="command that makes the rig follow the vehicle")
     weight = B.T @ X @ B + R
     F = np.linalg.solve(weight, B.T @ X @ A + S.T)
     on, closed = _torques_on(model), A - B @ F

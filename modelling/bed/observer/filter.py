@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from modelling.bed.observer.model import ObserverModel
-from modelling.common.errors import InputError
+from modelling.bed.riccati import riccati
 
 STATE_NOISE = 1e-12  # variance on every state of the rig, so that none counts as known exactly
 DOUBLINGS = 40  # of the time over which a sum runs: 2⁴⁰ samples are for ever
@@ -76,7 +75,7 @@ def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
     Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
     Q[n:, n:] = np.diag(drift**2)
     R = np.diag((model.readings.noise * [weights[TRUST[kind]] for kind in model.readings.kinds]) ** 2)
-    P = riccati(A.T, C.T, Q, R, None, "estimate of the rig's state")
+    P = riccati(A.T, C.T, Q, R, what="estimate of the rig's state")
     innovation = C @ P @ C.T + R
     L = np.linalg.solve(innovation, C @ P).T
     left = np.eye(n + e) - L @ C
@@ -86,24 +85,6 @@ def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
     M[:, :n] += white[n:] @ white[:n].T
     M = summed(bed.whole[n:, n:], (A @ left).T, M)
     return Filter(L, np.linalg.solve(innovation, C @ M.T).T, A, C, P, innovation, from_rig, M)
-
-
-def riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, S: np.ndarray | None, what: str) -> np.ndarray:
-    """The stabilising solution (x, x) for A, Q (x, x), B, S (x, u) and R (u, u); ``what`` it is for.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    try:
-        return solve_discrete_are(A, B, Q, R, s=S)
-    except (np.linalg.LinAlgError, ValueError) as fault:
-        raise InputError(
-            "loop",
-            f"there is no stable {what} ({fault})",
-            "check that each dynamometer reaches its cut and what the sensors see",
-        ) from None
 
 
 def summed(left: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
