@@ -18,6 +18,7 @@ OBSERVER = (
     "torque_drift", "dynamometer_drift", "dynamometer_swing", "dynamometer_noise", "shaft_noise", "command_weight",
     "command_change_weight", "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
 )  # fmt: skip
+# As the structures themselves have them, which a test compares: to import them takes a second, and Tab should not wait
 STRUCTURES = {"pi": SPEED_CONTROLLER, "model_based": SPEED_CONTROLLER, "observer": OBSERVER}
 
 

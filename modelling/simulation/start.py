@@ -57,7 +57,11 @@ def start_state(model: Model, p: np.ndarray, u: np.ndarray, start: Start) -> np.
 
 
 def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, fixed: list[int]) -> np.ndarray:
-    """Lag states, as long as not given, where they would stay."""
+    """Lag states, as long as not given, where they would stay.
+
+    This is not :func:`steady`: the motion given need not be steady, and only the lags rest beside it. Their rates are
+    linear in their states unless the law that feeds them is not, so few Newton steps do.
+    """
     settling = {
         effect.name for effect in model.system.effects if effect.law.state is not None and effect.law.state.settles
     }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +28,7 @@ REGULATOR = (
     "command_change_weight",
 )  # the weights of the state feedback; the others are the filter's
 PER_DECADE = float(np.log(10))
+Design = TypeVar("Design")
 
 
 @dataclass
@@ -65,22 +68,16 @@ class Gains:
 
     def _regulator(self, logarithms: np.ndarray) -> tuple[Feedback, np.ndarray]:
         weights = self._weights(logarithms, True)
-        key = tuple(weights.values())
-        if key not in self._regulators:
-            if len(self._regulators) > SETS_KEPT:
-                self._regulators.clear()
+
+        def design() -> tuple[Feedback, np.ndarray]:
             made = feedback_on_all(self.model, *(weights[name] for name in REGULATOR))
-            self._regulators[key] = made, predicted(self.model, made.F, made.of_torques)
-        return self._regulators[key]
+            return made, predicted(self.model, made.F, made.of_torques)
+
+        return _kept(self._regulators, tuple(weights.values()), design)
 
     def _filter(self, logarithms: np.ndarray) -> Filter:
         weights = self._weights(logarithms, False)
-        key = tuple(weights.values())
-        if key not in self._filters:
-            if len(self._filters) > SETS_KEPT:
-                self._filters.clear()
-            self._filters[key] = filter_of(self.model, weights)
-        return self._filters[key]
+        return _kept(self._filters, tuple(weights.values()), lambda: filter_of(self.model, weights))
 
     def slopes(self, logarithms: np.ndarray) -> GainSlopes:
         """Derivatives of the gains at logarithms (w,): a weight changes feedback or correction alone."""
@@ -97,3 +94,12 @@ class Gains:
         for slopes, name in zip(of_filter, weights, strict=True):
             correction[self.names.index(name)] = laid_out(model, slopes)
         return GainSlopes(feedback, correction)
+
+
+def _kept(designs: dict[tuple[float, ...], Design], key: tuple[float, ...], design: Callable[[], Design]) -> Design:
+    """A design that was worked out lately, or is now."""
+    if key not in designs:
+        if len(designs) > SETS_KEPT:
+            designs.clear()
+        designs[key] = design()
+    return designs[key]

@@ -140,7 +140,7 @@ def _simulated(result: Mapping[str, Any]) -> str:
     """What the beds' errors count otherwise than that of the bed as planned; nothing without a feed-forward."""
     functions = result["response_error"].get("functions", ())
     with_two_errors = any(row["before"] is None and row["unmeasured"] != row["after"] for row in functions)
-    if result["structure"] != "model_based" or not with_two_errors:
+    if not STRUCTURES[result["structure"]].has_feed_forward or not with_two_errors:
         return ""
     return " (torques inside the residual vehicle count as measured on the beds, as unmeasured in the error above)"
 
