@@ -54,7 +54,7 @@ def test_response_error(reference):
 def test_unmeasured_torques_have_an_error_of_their_own(reference):
     """The honest figure: what the feedback alone does is far from the vehicle, and the result says so."""
     assert reference.response_error.unmeasured > 20 * reference.response_error.after
-    assert {mode["belongs_to"] for mode in reference.matched_modes} == {"feed_forward", "feedback"}
+    assert {mode.belongs_to for mode in reference.matched_modes} == {"feed_forward", "feedback"}
 
 
 def test_free_rig_is_the_one_before_tuning(reference):

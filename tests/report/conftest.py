@@ -79,7 +79,7 @@ def hand_made(case):
         tuned,
         vehicle,
         rig,
-        tuple(mode.to_dict() for mode in seen.modes),
+        seen.modes,
         tuple(targets),
         tuple(parameters),
         ResponseError(

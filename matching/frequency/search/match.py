@@ -177,7 +177,7 @@ def _result(
         tuned=verified.tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
         rig_modes=tuple(damped_modes(case.rig)),
-        matched_modes=tuple(mode.to_dict() for mode in checked.modes),
+        matched_modes=checked.modes,
         targets=targets,
         parameters=tuple(
             _parameter(move, float(part), solution, move in verified.task.moves)

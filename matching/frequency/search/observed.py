@@ -74,7 +74,7 @@ def match_with_observer(
         tuned=tuned,
         vehicle_modes=tuple(damped_modes(case.vehicle)),
         rig_modes=tuple(damped_modes(case.rig)),
-        matched_modes=tuple(mode.to_dict() for mode in checked.modes),
+        matched_modes=checked.modes,
         targets=results,
         parameters=_parameters(case, weights),
         response_error=error,

@@ -10,11 +10,13 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.in_time.table import TruthInTime, truth_of
+from matching.frequency.loop.loop_modes import LoopMode
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import FunctionError
 from matching.frequency.response.simple_vehicle import SimpleVehicle
 from matching.frequency.verification.fidelity import MatchFidelity, match_fidelity
 from matching.frequency.verification.observed import RobustVerification
+from matching.frequency.verification.verify import Verification
 from modelling.common.display import Displayed
 from modelling.common.tables import finite
 from modelling.linear.reference_motion import speeds_of, torques_of
@@ -189,8 +191,9 @@ class MatchResult(Displayed):
         What the user should know beside it.
     case, tuned : Case
         As asked and with the tuned values.
-    vehicle_modes, rig_modes, matched_modes : tuple of Mode
-        ``matched_modes`` of the closed loop.
+    vehicle_modes, rig_modes : tuple of Mode
+    matched_modes : tuple of LoopMode
+        Of the closed loop.
     verification : Verification
         See :mod:`matching.frequency.verification`.
     objective : float
@@ -213,12 +216,12 @@ class MatchResult(Displayed):
     tuned: Case
     vehicle_modes: tuple[Mode, ...]
     rig_modes: tuple[Mode, ...]
-    matched_modes: tuple[dict[str, Any], ...]
+    matched_modes: tuple[LoopMode, ...]
     targets: tuple[TargetResult, ...]
     parameters: tuple[ParameterResult, ...]
     response_error: ResponseError
     curves: Curves = field(repr=False)
-    verification: Any = field(repr=False)
+    verification: Verification = field(repr=False)
     objective: float = float("nan")
     starts: tuple[float | None, ...] = ()
     pairs: tuple[float, ...] = ()
@@ -250,7 +253,7 @@ class MatchResult(Displayed):
             "structure": self.case.loop.structure.name,
             "vehicle": {"modes": [mode.to_dict() for mode in self.vehicle_modes]},
             "rig": {"modes": [mode.to_dict() for mode in self.rig_modes]},
-            "matched": {"modes": list(self.matched_modes)},
+            "matched": {"modes": [mode.to_dict() for mode in self.matched_modes]},
             "targets": [target.to_dict() for target in self.targets],
             "parameters": [parameter.to_dict() for parameter in self.parameters],
             "insensitive_parameters": [parameter.name for parameter in self.parameters if parameter.fixed],

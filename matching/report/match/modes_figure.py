@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from matplotlib.figure import Figure
 
+from matching.frequency.loop.loop_modes import LoopMode
 from matching.frequency.search.result import MatchResult
 from matching.report.common.style import MATCHED, RIG, VEHICLE
 from matching.report.modes.figures import Column, energy_figure
@@ -23,8 +23,8 @@ def match_modes_figure(result: MatchResult) -> Figure:
 def columns(result: MatchResult) -> list[Column]:
     """Vehicle, rig without control and matched rig with the target modes; a system without modes is left out."""
     # modes of the feed-forward: what the matched rig shows for measured torques
-    measured = [entry for entry in result.matched_modes if entry.get("belongs_to") == "feed_forward"]
-    matched = [mode_of(entry) for entry in measured or result.matched_modes]
+    measured = [mode for mode in result.matched_modes if mode.belongs_to == "feed_forward"]
+    matched = [mode_of(mode) for mode in measured or result.matched_modes]
     drawn = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
@@ -45,10 +45,10 @@ def columns(result: MatchResult) -> list[Column]:
     return drawn
 
 
-def mode_of(entry: dict[str, Any]) -> Mode:
-    """A mode from its entry in ``result.json``."""
+def mode_of(mode: LoopMode) -> Mode:
+    """A mode of the closed loop as one of a drivetrain, to be drawn beside those of vehicle and rig."""
     keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
-    return Mode(**{key: entry[key] for key in keys})
+    return Mode(**{key: getattr(mode, key) for key in keys})
 
 
 def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
