@@ -1,11 +1,10 @@
 """The program's rooms: imports run downwards, without circles, at the top of a file."""
 
-import ast
 from collections import Counter
 from graphlib import TopologicalSorter
 
 import pytest
-from structure.imports import ROOT, Arrow, arrows, dotted, modules, tree
+from structure.imports import ROOT, Arrow, arrows, dotted, modules
 
 # From the ground up; a room may import those before it and nothing after it. Rooms side by side do not know each other.
 FLOORS = [
@@ -139,41 +138,3 @@ def test_modelling_knows_nothing_of_matching(found):
 def test_rooms_are_small():
     files = Counter(str(path.parent.relative_to(ROOT)) for path in modules().values())
     assert {name for name, count in files.items() if count > LARGEST_ROOM} - ONE_THING_A_FILE == set()
-
-
-def large_tuples(annotation: ast.expr | None) -> bool:
-    """Whether an annotation holds a tuple of three entries or more that have no names."""
-    return annotation is not None and any(
-        isinstance(node, ast.Subscript)
-        and ast.unparse(node.value) == "tuple"
-        and isinstance(node.slice, ast.Tuple)
-        and len(node.slice.elts) >= 3
-        for node in ast.walk(annotation)
-    )
-
-
-def test_no_anonymous_tuple_of_three_goes_from_room_to_room():
-    """What a function gives to another room has names."""
-    returns = {
-        (module, node.name): node.returns
-        for module in modules()
-        for node in tree(module).body
-        if isinstance(node, ast.FunctionDef)
-    }
-    taken = {
-        (part.module, name.name)
-        for module in modules()
-        for part in ast.walk(tree(module))
-        if isinstance(part, ast.ImportFrom) and part.module in modules() and room(part.module) != room(module)
-        for name in part.names
-    }
-    assert [place for place in sorted(taken & set(returns)) if large_tuples(returns[place])] == []
-
-
-def test_a_tuple_of_three_is_noticed():
-    for text, large in (
-        ("list[tuple[str, str, float]]", True),
-        ("tuple[A, B, tuple[str, ...]]", True),
-        ("tuple[tuple[A, B], ...]", False),
-    ):
-        assert large_tuples(ast.parse(text, mode="eval").body) == large, text
