@@ -25,8 +25,8 @@ value = 2.0
 half_width = 0.1
 """
 MAP = {
-    "x": {"name": "loop.dead_time", "unit": "s", "values": [0.001, 0.004], "here": 0.003},
-    "y": {"name": "loop.inverter_lag", "unit": "s", "values": [0.002, 0.008], "here": 0.002},
+    "x": {"name": "loop.dead_time", "unit": "s", "values": [0.001, 0.004], "value_in_case": 0.003},
+    "y": {"name": "loop.inverter_lag", "unit": "s", "values": [0.002, 0.008], "value_in_case": 0.002},
     "points": [{"error": error, "status": "matched", "limits": []} for error in (0.11, 0.22, 0.33, 0.44)],
 }
 ANSWERED = """
