@@ -90,7 +90,7 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
     },
     "`excite.json`, `identification.json`": {
         "file": "name of the file with the demanded torques",
-        "parts": "of the excitation: kind, begin and end in s, factor",
+        "parts": "of the excitation: kind, begin and end in s", "amplitude": "factor on the torques of a part",
         "expected": "each quantity before and after the recording",
         "standard_uncertainty_before": "before the recording, SI", "standard_uncertainty_after": "after it, SI",
         "response_error_before": "response error from not knowing this quantity alone",

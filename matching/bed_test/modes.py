@@ -9,10 +9,11 @@ import scipy
 
 from matching.bed_test.local_rational import MeasuredResponse
 
-REACH = 1.3  # a mode is fitted from its expected frequency over this to its frequency times this
+FITTED_BAND_RATIO = 1.3  # a mode is fitted from its expected frequency over this to its frequency times this
 RESIDUAL_DEGREE = 2  # of the numerator: what other modes add is smooth so near to this one
-SHOWS = 0.3  # of the misfit of a polynomial with as many unknowns: with more left, the responses show no such mode
-LARGEST_SPREAD = 0.1  # relative standard uncertainty of a frequency that still counts as identified
+LEAST_DEVIATION = 1e-6  # of the largest value: no value counts as exact
+LARGEST_MISFIT_RATIO = 0.3  # over the misfit of a polynomial alone: above it the responses show no mode here
+LARGEST_RELATIVE_UNCERTAINTY = 0.1  # of a frequency that still counts as identified, k = 1
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) 
     Each function is (c₀ + c₁q + c₂q²)/(s² + 2ζωs + ω²), q the relative distance in frequency: for given ω and ζ linear
     in c, so only ω and ζ are searched for (variable projection, Golub and Pereyra 1973).
     """
-    near = (measured.frequencies > frequency / REACH) & (measured.frequencies < frequency * REACH)
+    low, high = frequency / FITTED_BAND_RATIO, frequency * FITTED_BAND_RATIO
+    near = (measured.frequencies > low) & (measured.frequencies < high)
     values = measured.values[near].reshape(near.sum(), -1)
     deviations = np.sqrt(measured.variances[near].reshape(near.sum(), -1))
     known = np.isfinite(values).all(axis=0) & np.isfinite(deviations).all(axis=0)
@@ -39,7 +41,7 @@ def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) 
     if len(f) < 2 * (RESIDUAL_DEGREE + 3) or not known.any():
         return None
     values, deviations = values[:, known], deviations[:, known]
-    deviations = np.maximum(deviations, 1e-6 * np.abs(values).max(axis=0))
+    deviations = np.maximum(deviations, LEAST_DEVIATION * np.abs(values).max(axis=0))
     powers = ((f - frequency) / frequency)[:, None] ** np.arange(RESIDUAL_DEGREE + 1)
     s = 2j * np.pi * f
 
@@ -56,25 +58,25 @@ def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) 
         return np.concatenate(parts)
 
     start = np.array([np.log(frequency), damping])
-    low, high = [np.log(frequency / REACH), 1e-5], [np.log(frequency * REACH), 0.9]
-    optimum = scipy.optimize.least_squares(
-        residual, np.clip(start, low, high), bounds=(low, high), x_scale=[0.05, 0.05]
-    )
+    bounds = [np.log(low), 1e-5], [np.log(high), 0.9]
+    optimum = scipy.optimize.least_squares(residual, np.clip(start, *bounds), bounds=bounds, x_scale=[0.05, 0.05])
     freedom = max(len(optimum.fun) - 2 - 2 * (RESIDUAL_DEGREE + 1) * values.shape[1], 1)
     # neighbouring values share spectral lines: as many independent ones as windows fit in
     overlap = max(1.0, len(f) * float(np.mean(measured.windows[near])) / np.ptp(f))
     covariance = np.linalg.pinv(optimum.jac.T @ optimum.jac) * overlap * max(2 * optimum.cost / freedom, 1.0)
     relative, of_damping = np.sqrt(np.diag(covariance))
-    if optimum.cost > SHOWS * _without(powers, values, deviations, f, frequency):
+    if optimum.cost > LARGEST_MISFIT_RATIO * _misfit_without_mode(powers, values, deviations, f, frequency):
         return None
-    if relative > LARGEST_SPREAD or not low[0] < optimum.x[0] < high[0]:
+    if relative > LARGEST_RELATIVE_UNCERTAINTY or not bounds[0][0] < optimum.x[0] < bounds[1][0]:
         return None
     value = float(np.exp(optimum.x[0]))
     return MeasuredMode(value, value * float(relative), float(optimum.x[1]), float(of_damping))
 
 
-def _without(powers: np.ndarray, values: np.ndarray, deviations: np.ndarray, f: np.ndarray, middle: float) -> float:
-    """Misfit, as half a sum of squares, of polynomials of two more degrees and no pole."""
+def _misfit_without_mode(
+    powers: np.ndarray, values: np.ndarray, deviations: np.ndarray, f: np.ndarray, middle: float
+) -> float:
+    """Half the sum of squares that polynomials leave which have two degrees more, as many unknowns, and no pole."""
     more = ((f - middle) / middle)[:, None] ** np.arange(powers.shape[1] + 2)
     misfit = 0.0
     for value, deviation in zip(values.T, deviations.T, strict=True):

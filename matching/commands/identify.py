@@ -7,8 +7,8 @@ HELP = """Find out from recordings what vehicle and bed really are, and write th
 [uncertainty], with what is still not known of them. A recording of the vehicle holds the torques that act on it and any
 of its sensors (tip-ins, coast-downs); a torque that the road alone gives may be missing. One of the bed is made without
 emulation (rigmatch excite plans it) and holds the torque commands and the sensors of the rig. What vehicle and rig
-share is the same hardware; the bed tells it first. rigmatch match then tunes the case that is written. CASE is a case
-file, or the directory of a match."""
+share is the same hardware; its values are taken from the bed first. rigmatch match then tunes the case that is written.
+CASE is a case file, or the directory of a match."""
 EXAMPLES = (
     "rigmatch identify case.toml --vehicle tip_ins.csv coast_down.csv --bed bed.csv --out out/identify",
     "rigmatch identify out/match --bed bed.csv --out out/identify",

@@ -132,7 +132,7 @@ def _ended_early(limit: TimeLimit) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class FromRecordings:
-    """A case known from recordings of bed and vehicle; None of which there was no recording."""
+    """A case known from recordings of bed and vehicle, each None where it was not recorded."""
 
     case: Case
     bed: Identification | None

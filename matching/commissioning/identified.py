@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from matching.commissioning.bed_system import bed_system, names_in_system
-from matching.commissioning.ranges import WIDER
+from matching.commissioning.ranges import FIT_RANGE_RATIO
 from matching.commissioning.sensor_faults import CONSTANT, as_states, is_taken, with_faults
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.diagnosis.verdict.result import Diagnosis
@@ -118,7 +118,7 @@ def narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Unc
     # what the recording does not narrow stays as uncertain as it was
     spread = quantity.half_width if estimate.note else COVERAGE * estimate.standard_uncertainty
     least = LEAST_DELAY if quantity.name == "loop.dead_time" else LEAST_SHARE * abs(value)
-    half_width = min(max(spread, least), WIDER * quantity.half_width)
+    half_width = min(max(spread, least), FIT_RANGE_RATIO * quantity.half_width)
     if quantity.name.endswith(GAIN):
         return Uncertain(quantity.name, 1.0, half_width / value)
     return Uncertain(quantity.name, value + hold if quantity.name == "loop.dead_time" else value, half_width)

@@ -10,22 +10,22 @@ from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
 
-WIDER = 2.0  # ranges of a fit over the half-widths of the box, which need not hold to the letter
-SMALLEST = 1e-6  # of a value: bounds stay above it where only positive values make sense
-_KEYS = ("J", "drag", "stiffness", "damping", "ratio")
+FIT_RANGE_RATIO = 2.0  # half-width of the range in a fit over that of the box, which may be too narrow
+LEAST_SHARE_OF_VALUE = 1e-6  # bounds stay above it: only positive values make sense
+_QUANTITIES = ("J", "drag", "stiffness", "damping", "ratio")
 
 
 def around(value: float, half_width: float) -> Quantity:
     """A quantity with the range that a half-width of the box asks for."""
-    reach = WIDER * half_width
-    return Quantity(value, max(value - reach, SMALLEST * value), value + reach)
+    reach = FIT_RANGE_RATIO * half_width
+    return Quantity(value, max(value - reach, LEAST_SHARE_OF_VALUE * value), value + reach)
 
 
 def with_quantities(system: System, quantities: Mapping[str, Quantity]) -> System:
     """A system with other quantities of inertias, shafts and effects, by name."""
 
     def changed(table: str, part: Any) -> Any:
-        keys = [key for key in _KEYS if getattr(part, key, None) is not None]
+        keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
         return replace(part, **{key: quantities.get(f"{table}.{part.name}.{key}", getattr(part, key)) for key in keys})
 
     def of_effect(effect: Effect) -> Effect:

@@ -14,7 +14,7 @@ from modelling.controller.settings import EMULATION, FAULTS, SPEED_HOLD
 from modelling.controller.supervised import SupervisedController
 from modelling.measurement.write import csv_text
 
-SETTLING = 2.0  # s of speed hold before anything is recorded
+SETTLING_SECONDS = 2.0  # of speed hold before anything is recorded
 
 
 def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
@@ -22,7 +22,7 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
     step, k = case.loop["sample_time"], len(case.loop.dynamometers)
     speeds = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
     proportional, integral = (np.array([hold[i] for hold in plan.hold.values()]) for i in (0, 1))
-    before = round(SETTLING / step)
+    before = round(SETTLING_SECONDS / step)
     demands = np.vstack([np.zeros((before, len(plan.inputs))), plan.torques])
     bed.begin(plan.speed)
     sent, readings, total = np.zeros_like(demands), np.zeros((len(demands), len(bed.sensors))), np.zeros(k)
@@ -52,7 +52,7 @@ def proof_recording(  # bed and controller are both stepped: one more than six
         If the controller's watchdogs end the emulation.
     """
     step = wanted.step
-    k, before = len(law.dynamometers), round(SETTLING / step)
+    k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
     drives = [
         name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     ]

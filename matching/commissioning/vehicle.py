@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from matching.commissioning.identified import IdentifiedValue, narrowed
-from matching.commissioning.ranges import WIDER, around, with_quantities
+from matching.commissioning.ranges import FIT_RANGE_RATIO, around, with_quantities
 from matching.diagnosis.verdict.result import Diagnosis
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.uncertainty import Box, Uncertain
@@ -63,7 +63,7 @@ def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tu
         width = box.get(f"vehicle.{name}", box.get(f"rig.{name}", 0.0))
         if not quantity.uncertain and width > 0:
             ranges[name] = around(quantity.value, width)
-        elif f"rig.{name}" in box and width <= KNOWN * WIDER * _half_range(quantity):
+        elif f"rig.{name}" in box and width <= KNOWN * FIT_RANGE_RATIO * _half_range(quantity):
             ranges[name] = Quantity(quantity.value)
     vehicle = with_quantities(vehicle, ranges)
     if not vehicle.uncertain:
@@ -112,9 +112,9 @@ def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehi
 
 
 def _half_range(quantity: Quantity) -> float:
-    """Half of a quantity's range over :data:`WIDER`, as a half-width of the box."""
+    """Half of a quantity's range over :data:`FIT_RANGE_RATIO`, as a half-width of the box."""
     lower, upper = quantity.lower, quantity.upper
-    return 0.0 if lower is None or upper is None else (upper - lower) / 2 / WIDER
+    return 0.0 if lower is None or upper is None else (upper - lower) / 2 / FIT_RANGE_RATIO
 
 
 def _moved(move: Move, values: dict[str, float]) -> Move:

@@ -15,7 +15,7 @@ from matching.frequency.case.case import Case
 from modelling.measurement.channels import Channel
 from modelling.measurement.read import read_recording, read_signals
 
-OFF = 1.0  # of the half-width that the case states: a quantity that is further off is named
+LEAST_SHIFT = 1.0  # in half-widths of the case: a quantity that is further from its stated value is named
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,13 @@ def why_short(
     gains = [
         f"{after.name} gives {after.torque_gain:.4g} times what it is asked for, not {before.torque_gain:.4g}"
         for before, after in zip(case.loop.dynamometers, new.case.loop.dynamometers, strict=True)
-        if abs(after.torque_gain / before.torque_gain - 1) > OFF * _half_width(case, f"dynamometers.{before.name}")
+        if abs(after.torque_gain / before.torque_gain - 1)
+        > LEAST_SHIFT * _half_width(case, f"dynamometers.{before.name}")
     ]
     moved = [
         f"{before.name} is {after.value:.4g}, not {before.value:.4g}"
         for before, after in zip(case.uncertainty.uncertain, new.case.uncertainty.uncertain, strict=True)
-        if not before.name.endswith("_gain") and abs(after.value - before.value) > OFF * before.half_width
+        if not before.name.endswith("_gain") and abs(after.value - before.value) > LEAST_SHIFT * before.half_width
     ]
     nothing = "The diagnosis finds no cause beyond what the case states as uncertain."
     return Reason(diagnosis.verdict, tuple([*causes, *gains, *moved] or [nothing]))

@@ -18,7 +18,12 @@ class DelayedBed:
 
     Attributes
     ----------
-    whole, new, old, torques : ndarray (x, x), (x, k), (x, k), (x, w)
+    whole : ndarray (x, x)
+        What a whole sample makes of the state without inputs.
+    new, old : ndarray (x, k)
+        Commands for the rest of a sample, and those before for its first part, while the newer ones are still delayed.
+    torques : ndarray (x, w)
+        Measured torques.
     delay : int
         Whole samples of dead time; the rest of it is shared between ``new`` and ``old``.
     """
@@ -36,7 +41,7 @@ def delayed_bed(A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_t
     A (x, x), commands (x, k), torques (x, w).
     """
     delay = int(np.floor(dead_time / step + WHOLE_SAMPLE))
-    late = max(dead_time - delay * step, 0.0)  # of a sample: for so long the command before still acts
+    late = max(dead_time - delay * step, 0.0)  # s at the begin of each sample, in which the command before still acts
     k = commands.shape[1]
     before, early = held(A, np.hstack([commands, torques]), late)
     after, new = held(A, np.hstack([commands, torques]), step - late)

@@ -1,7 +1,7 @@
 """Too little memory: limits are read before libraries are loaded, and a thread that gets none ends the program.
 
 Below what its libraries need OpenBLAS asks for memory for ever, workers wait for threads that are gone, and modules
-fail in odd ways; a limit that leaves no room is told instead.
+fail in odd ways; so a limit that leaves no room is an error at once.
 """
 
 from __future__ import annotations

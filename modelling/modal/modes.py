@@ -134,17 +134,19 @@ def _split_repeated(
     """Rotate the shapes of repeated modes into symmetric and antisymmetric ones, in place."""
     near = np.diff(squares, axis=1) <= REPEATED_MODE_TOLERANCE * squares[:, 1:] + 1e-13 * squares[:, -1:]
     for case in np.flatnonzero(near.any(axis=1)):
-        turns = parts.mass_transformation if parts.mass_transformation.ndim == 2 else parts.mass_transformation[case]
+        transformation = parts.mass_transformation
+        if transformation.ndim > 2:
+            transformation = transformation[case]
         first = 0
         for last in range(1, squares.shape[1] + 1):
             if last == squares.shape[1] or not near[case, last - 1]:
                 if last - first > 1:
                     group = slice(first, last)
-                    shapes[case][:, group] = split(shapes[case][:, group], turns, parts.J[case], image)
+                    shapes[case][:, group] = split(shapes[case][:, group], transformation, parts.J[case], image)
                 first = last
 
 
-def _moved(rows: np.ndarray | scipy.sparse.csr_array, shapes: np.ndarray) -> np.ndarray:
+def _amplitudes(rows: np.ndarray | scipy.sparse.csr_array, shapes: np.ndarray) -> np.ndarray:
     """Amplitudes (b, r, m) of masses or springs; sparse rows (r, n) go with one case only."""
     return rows @ shapes if isinstance(rows, np.ndarray) else (rows @ shapes[0])[None]
 
@@ -156,12 +158,14 @@ def _shares(
     image: np.ndarray | None,
     coordinates: tuple[str, ...],
 ) -> Modes:
+    """Modes with their largest amplitude 1 and the energy shares of masses and springs."""
     largest = np.take_along_axis(shapes, np.argmax(np.abs(shapes), axis=1)[:, None], axis=1)
     shapes = shapes / largest
     modal_mass = 1 / largest[:, 0] ** 2
-    turns, twists = _moved(parts.mass_transformation, shapes), _moved(parts.spring_transformation, shapes)
-    kinetic = parts.J[:, :, None] * turns**2
-    potential = parts.stiffness[:, :, None] * twists**2 * (squares > 0)[:, None]
+    mass_amplitudes = _amplitudes(parts.mass_transformation, shapes)
+    spring_amplitudes = _amplitudes(parts.spring_transformation, shapes)
+    kinetic = parts.J[:, :, None] * mass_amplitudes**2
+    potential = parts.stiffness[:, :, None] * spring_amplitudes**2 * (squares > 0)[:, None]
     kinetic = kinetic / kinetic.sum(axis=1, keepdims=True)
     total = potential.sum(axis=1, keepdims=True)
     potential = potential / np.where(total > 0, total, 1.0)
@@ -169,13 +173,13 @@ def _shares(
     return Modes(
         frequencies=omega / (2 * np.pi),
         damping_ratios=np.zeros_like(squares),
-        symmetries=labels(turns, parts.J, image),
+        symmetries=labels(mass_amplitudes, parts.J, image),
         shapes=shapes,
         modal_mass=modal_mass,
         modal_stiffness=squares * modal_mass,
         kinetic=np.swapaxes(kinetic, 1, 2),
         potential=np.swapaxes(potential, 1, 2),
-        mass_amplitudes=turns,
+        mass_amplitudes=mass_amplitudes,
         masses=parts.masses,
         springs=parts.springs,
         coordinates=coordinates,

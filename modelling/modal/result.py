@@ -14,10 +14,22 @@ from modelling.common.display import Displayed, labelled
 
 @dataclass(frozen=True)
 class Mode:
-    """One mode: ``frequency`` in Hz, energy shares by component name, largest amplitude of the shape 1.
+    """One mode.
 
-    ``modal_mass`` μ in kg·m² and ``modal_stiffness`` γ in N·m/rad belong to that shape, f = √(γ/μ)/2π (Eq. 3);
-    ``shape`` gives the amplitude of every inertia, complex for damped modes.
+    Attributes
+    ----------
+    number : int
+        From 1 on, by frequency.
+    frequency, damping_ratio : float
+        Hz, 0.0 for a rigid-body mode; 0 for undamped modes.
+    symmetry : str
+        ``symmetric``, ``antisymmetric`` or ``none``.
+    kinetic, potential : dict of str to float
+        Energy shares by component name (Eqs. 7 and 6).
+    modal_mass, modal_stiffness : float
+        μ in kg·m² and γ in N·m/rad of ``shape``: f = √(γ/μ)/2π (Eq. 3).
+    shape : dict of str to float or complex
+        Amplitude of every inertia, the largest 1; complex for damped modes.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""One run of a command a folder at a time: a second one is told instead of mixing its results with the first one's."""
+"""One run of a command a folder at a time: a second one ends with an error and mixes nothing with the first."""
 
 from __future__ import annotations
 

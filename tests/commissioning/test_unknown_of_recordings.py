@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from matching.commissioning.identified import COVERAGE, LEAST_DELAY, LEAST_SHARE, _of_faults, narrowed
-from matching.commissioning.ranges import WIDER
+from matching.commissioning.ranges import FIT_RANGE_RATIO
 from matching.commissioning.vehicle import KNOWN, _half_range, _moved, recorded_vehicle
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.frequency.case.case import Move
@@ -48,7 +48,7 @@ def test_a_wrong_gain_of_a_sensor_is_known_no_better_and_no_worse_than_makes_sen
         (Uncertain("rig.a.J", 2.0, 0.5), None, (2.0, 0.5)),
         (Uncertain("rig.a.J", 2.0, 0.5), Estimate(2.2, 0.01), (2.2, 0.02)),
         (Uncertain("rig.a.J", 2.0, 0.5), Estimate(2.2, 1e-6), (2.2, 0.0044)),
-        (Uncertain("rig.a.J", 2.0, 0.5), Estimate(2.2, 9.0), (2.2, WIDER * 0.5)),
+        (Uncertain("rig.a.J", 2.0, 0.5), Estimate(2.2, 9.0), (2.2, FIT_RANGE_RATIO * 0.5)),
         (Uncertain("rig.a.J", 2.0, 0.5), Estimate(2.2, 0.01, "at the bound of its range"), (2.2, 0.5)),
         (Uncertain("loop.dead_time", 0.003, 5e-4), Estimate(0.002, 1e-9), (0.0025, LEAST_DELAY)),
         (Uncertain("dynamometers.d.torque_gain", 1.0, 0.1), Estimate(0.8, 0.02), (1.0, 0.05)),
@@ -84,7 +84,7 @@ def test_what_the_bed_tells_much_better_is_taken_as_known(case, factor, known):
 
 
 def test_half_a_range_counts_as_a_width_of_the_box():
-    assert _half_range(Quantity(3.0, 1.0, 5.0)) == 2.0 / WIDER
+    assert _half_range(Quantity(3.0, 1.0, 5.0)) == 2.0 / FIT_RANGE_RATIO
     assert _half_range(Quantity(3.0)) == 0.0
 
 

@@ -13,7 +13,7 @@ NEWTON_STEPS = 2  # towards start states of new effects; their equations are nea
 
 
 def common_states(states: list[str], parent: Fit) -> tuple[list[int], list[int]]:
-    """Where states of the parent's model are in other states, and where they are in its own."""
+    """Indices of the states that the parent's model has too: in ``states``, and in the parent's own."""
     pairs = [(states.index(name), i) for i, name in enumerate(parent.problem.model.states) if name in states]
     return [there for there, _ in pairs], [here for _, here in pairs]
 

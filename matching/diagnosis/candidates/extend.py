@@ -19,8 +19,8 @@ def extended_system(system: System, causes: tuple[Cause, ...], values: Mapping[s
     values : dict of str to float
         Fitted parameters by name, SI.
     """
-    wrong = {cause.at for cause in causes if cause.replaces_quantity}
-    known = {name: value for name, value in values.items() if name in system.parameters and name not in wrong}
+    replaced = {cause.at for cause in causes if cause.replaces_quantity}
+    known = {name: value for name, value in values.items() if name in system.parameters and name not in replaced}
     effects = []
     for cause in causes:
         parameters = EFFECTS[cause.kind].canonical({key: values[name] for key, name in cause.names().items()})

@@ -27,7 +27,7 @@ def not_kept(case: Case, robust: RobustVerification) -> list[str]:
 
 
 def noted(case: Case, robust: RobustVerification) -> list[str]:
-    """Sentences on what does not limit a match: a worst bed of the box that is damped too little, a feedback's loop."""
+    """Sentences on what does not limit a match: a worst bed that is damped too little, the loop of a feedback law."""
     sentences, worst, required = [], robust.beds.worst, robust.required.damping_ratio
     if not case.loop.structure.is_observer:
         sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
