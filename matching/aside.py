@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import ExitStack, contextmanager, suppress
@@ -13,6 +14,8 @@ from matching.executors import executor_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+BEHIND = 5  # of the other processes' priority: they wait for this one more often than it for them
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,8 @@ def _keep(number: int, value: Any) -> None:
 
 
 def _import(modules: Sequence[str]) -> None:
+    if hasattr(os, "nice"):
+        os.nice(BEHIND)
     for module in modules:
         with suppress(ImportError):  # no part of a plain installation
             import_module(module)

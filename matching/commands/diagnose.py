@@ -1,6 +1,8 @@
 """`rigmatch diagnose`: find what a model lacks, from recordings."""
 
 import argparse
+import threading
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +53,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     tqdm.monitor_interval = 0  # no thread of its own, as for the copy below
     looks = {"desc": "diagnose", "bar_format": "{desc} [{elapsed}]"}
     with tqdm(disable=not watched(), leave=False, **looks) as bar, beside(cores(), PICTURING) as aside:
-        aside.prepare("matching.report.diagnosis.figures", "bokeh.plotting")  # while this process searches
+        aside.prepare("scipy.signal", "matching.report.diagnosis.figures", "bokeh.plotting")  # while this one searches
         aside.start()
+        threading.Thread(target=import_module, args=("scipy.signal",), daemon=True).start()  # which the fits need late
         system = load(arguments.model)
         channels = read_channels(arguments.channels) if arguments.channels else None
         recordings = [read_loggers(paths, system, channels) for paths in arguments.recordings]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy
+from scipy.special import chdtrc, chdtri
 
 DRAWS = 40
 PASSED_BY_NOISE = 1e-3  # probability with which noise alone passes the threshold
@@ -68,5 +68,5 @@ def best_of(count: float, decrease: np.ndarray, c: int) -> np.ndarray:
     """
     if count <= 1:
         return decrease
-    exceeded = np.clip(scipy.stats.chi2.sf(decrease, c), 0.0, 1 - 1e-12)
-    return scipy.stats.chi2.isf(-np.expm1(np.log1p(-exceeded) / count), c)
+    exceeded = np.clip(chdtrc(c, np.asarray(decrease, float)), 0.0, 1 - 1e-12)
+    return chdtri(c, -np.expm1(np.log1p(-exceeded) / count))
