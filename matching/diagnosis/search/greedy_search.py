@@ -22,7 +22,11 @@ from matching.diagnosis.search.hypothesis import (
 from matching.diagnosis.search.join_shared import with_shared_causes
 from matching.diagnosis.search.pairs import fitted_pairs, screened_pairs
 from matching.diagnosis.search.prune import drop_and_exchange
-from matching.diagnosis.search.refinement import RefitBudget, with_sharper_friction_near_best
+from matching.diagnosis.search.refinement import (
+    RefitBudget,
+    with_possible_causes,
+    with_sharper_friction_near_best,
+)
 from matching.diagnosis.search.refit_candidates import (
     FULL_PLAN,
     Progress,
@@ -131,9 +135,12 @@ def search_causes(
 
 def _from_first_accepted(state: SearchState, grown: list[Hypothesis], unseen: UnseenData) -> list[Hypothesis]:
     """Hypotheses, best first, from the first on that is worth its cause; that one weighted as it leaves the sensors."""
-    for index, hypothesis in enumerate(grown[:MOST_JUDGED]):
-        if not _worthwhile(state.best, hypothesis, state.noise_threshold):
+    for index, fitted in enumerate(grown[:MOST_JUDGED]):
+        if not _worthwhile(state.best, fitted, state.noise_threshold):
             break
+        hypothesis = with_possible_causes(fitted) if len(fitted.causes) > 1 else fitted
+        if not _worthwhile(state.best, hypothesis, state.noise_threshold):
+            continue
         if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
             continue
         if at_noise(hypothesis) or unseen.may_gain(hypothesis, state.best):

@@ -108,6 +108,21 @@ def simpler_hypotheses(hypothesis: Hypothesis, index: int) -> Iterator[Hypothesi
         yield with_sharpest_friction(Hypothesis(model, fit, hypothesis.screened))
 
 
+def with_possible_causes(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis with simpler kinds in the place of causes whose values have become impossible beside a further one;
+    itself where there are none.
+
+    Friction that falls from rest may have stood for a delay: beside the delay it is plain friction, and its breakaway
+    torque less than that of sliding.
+    """
+    for index, cause in enumerate(hypothesis.causes):
+        values = {key: hypothesis.fit.values[name] for key, name in cause.names().items()}
+        if not EFFECTS[cause.kind].possible(values):
+            simpler = simpler_hypotheses(hypothesis, index)
+            return min(simpler, key=lambda other: other.cost, default=hypothesis)
+    return hypothesis
+
+
 def _simpler_models(hypothesis: Hypothesis, index: int = -1) -> Iterator[ExtendedModel]:
     """Models with simpler kinds in the place of a cause (the last)."""
     cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
