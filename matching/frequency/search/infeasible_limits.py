@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,13 +17,15 @@ from matching.frequency.loop.encirclements import encirclements
 from matching.frequency.loop.loop_modes import feedback_modes, match_mode
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.ipopt import solved
-from matching.frequency.programme.scaling import unscaled
+from matching.frequency.programme.scaling import scaled, unscaled
 from matching.frequency.solver.solve import warm
 from matching.frequency.solver.task import Solution, TuningTask
 from modelling.modal.result import Mode
 
 CORNERS = 6  # quantities up to which every corner of the bounds is a start
 HALVINGS = 3  # of the range of dead times, on a logarithmic scale
+AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
+FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn
 
 
 def unkept(case: Case, moves: Sequence[Move], asked: Demands) -> list[ExceededLimit]:
@@ -112,3 +114,48 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
         ):
             return False
     return True
+
+
+def wider_bounds(
+    task: TuningTask, solution: Solution, meets: Callable[[Solution], bool]
+) -> tuple[tuple[Move, float], ...]:
+    """Quantities at a bound, as the case has them, each with the value (SI) beyond it with which every target is met.
+
+    One of them where that does alone, else all that went beyond their bounds together; empty where none of it helps.
+
+    Parameters
+    ----------
+    meets : callable
+        Whether the case meets its targets and limits with a solution, verified.
+    """
+    stuck = [move for move in task.moves if _out_of(move, solution.values[move.name], 1.0) is not None]
+    for factor in FACTORS if stuck else ():
+        together = _beyond(task, solution, meets, stuck, factor)
+        if not together:
+            continue
+        alone = (_beyond(task, solution, meets, [move], factor) for move, _ in together) if len(together) > 1 else ()
+        return next((sufficient for sufficient in alone if sufficient), together)
+    return ()
+
+
+def _beyond(
+    task: TuningTask, solution: Solution, meets: Callable[[Solution], bool], stuck: Sequence[Move], factor: float
+) -> tuple[tuple[Move, float], ...]:
+    """What ends beyond its bound where the bounds at which some quantities are stuck are moved out; empty if no use."""
+    moved = {move.name: _out_of(move, solution.values[move.name], factor) or move for move in stuck}
+    wider = replace(task, moves=tuple(moved.get(move.name, move) for move in task.moves))
+    solved = warm(wider, solution)
+    if solved is None or not meets(solved):
+        return ()
+    values = [(move, solved.values[move.name]) for move in stuck]
+    return tuple((move, value) for move, value in values if not move.lower <= value <= move.upper)
+
+
+def _out_of(move: Move, value: float, factor: float) -> Move | None:
+    """A move with the bound that a value is at moved out; None where it is at none, or at 0, which is physical."""
+    part = scaled(value, move)
+    if part >= 1 - AT_BOUND:
+        return replace(move, upper=factor * move.upper)
+    if part <= AT_BOUND and move.lower > 0:
+        return replace(move, lower=move.lower / factor)
+    return None

@@ -18,6 +18,7 @@ from matching.frequency.solver.task import Solution
 from matching.frequency.verification.peaks import Violation
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
+from modelling.units.general import printed
 
 _WORDS = {
     "dynamometer_torque": ("torque", "N·m"),
@@ -42,7 +43,7 @@ def limits(
     said += [_missed(case, target) for target in missed]
     if missed:
         said += _mechanics(question, missed)
-        said += _delay(question, missed, relaxed)
+        said += [*_bounds(relaxed), *_delay(question, missed, relaxed)]
     mentioned = {exceeded.limit for exceeded in solution.beyond}
     said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
@@ -201,6 +202,18 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     if not inertias or off(ends[0]) * off(ends[1]) > 0:
         return None
     return float(10 ** scipy.optimize.brentq(off, *ends, xtol=1e-6))
+
+
+def _bounds(relaxed: Relaxations) -> list[str]:
+    """Bounds of the case beyond which the targets were met."""
+    if not relaxed.bounds:
+        return []
+    values = []
+    for move, value in relaxed.bounds:
+        bound = f"{move.upper:.4g} is the largest" if value > move.upper else f"{move.lower:.4g} is the smallest"
+        unit = "" if move.unit == "1" else f" {printed(move.unit)}"
+        values.append(f"{move.name} at {value:.4g}{unit} ({bound} allowed)")
+    return [f"bounds under [move] stand in the way: solved with {' and '.join(values)}, every target is met"]
 
 
 def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:

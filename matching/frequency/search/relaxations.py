@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from matching.frequency.case.case import Case
+from matching.frequency.case.case import Case, Move
 from matching.frequency.case.tuned import apply
-from matching.frequency.search.infeasible_limits import DeadTimeTrial, shorter_dead_times
+from matching.frequency.search.infeasible_limits import DeadTimeTrial, shorter_dead_times, wider_bounds
 from matching.frequency.search.question import Question
 from matching.frequency.search.result import TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution, task_of
@@ -31,15 +31,18 @@ class Relaxations:
         Values, SI, of the limits that no setting keeps, with all of which together every target is met.
     structure : str
         Control structure with which the values as tuned meet every target, all torques on the rig measured.
+    bounds : tuple of (Move, float)
+        Quantities at a bound, each with the value (SI) beyond it with all of which together every target is met.
     """
 
     dead_time: DeadTimeTrial | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
     structure: str = ""
+    bounds: tuple[tuple[Move, float], ...] = ()
 
 
 def relaxations(question: Question, solution: VerifiedSolution, targets: Sequence[TargetResult]) -> Relaxations:
-    """Try what may help: larger limits where no setting keeps them, a shorter dead time, measured torques."""
+    """Try what may help: larger limits where no setting keeps them, wider bounds, less dead time, measured torques."""
     case, missed = question.case, any(not target.met for target in targets)
     by_feedback = not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.solution.feasible
     if not missed or not by_feedback:
@@ -47,7 +50,10 @@ def relaxations(question: Question, solution: VerifiedSolution, targets: Sequenc
     trial = shorter_dead_times(solution.task, solution.solution, question.targets)
     if trial is not None and trial.sufficient is not None and not _with_dead_time(question, solution, trial.sufficient):
         trial = DeadTimeTrial(trial.shortest, None)
-    return Relaxations(trial, _larger_limits(question, solution), _with_feed_forward(question, solution))
+    bounds = wider_bounds(
+        solution.task, solution.solution, lambda wider: _meets_all(question, apply(case, wider.values))
+    )
+    return Relaxations(trial, _larger_limits(question, solution), _with_feed_forward(question, solution), bounds)
 
 
 def _meets_all(question: Question, tuned: Case) -> bool:

@@ -18,7 +18,12 @@ from matching.frequency.loop.poles import neutral_motions, resting_and_right
 from matching.frequency.response.observed import ObservedBed
 from matching.frequency.response.response_error import figures_of
 from matching.frequency.verification.peaks import peaks_of, violations_of
-from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
+from matching.frequency.verification.reading import (
+    IdentifiedMode,
+    identified_modes,
+    manoeuvre_torques,
+    of_the_targets_modes,
+)
 from matching.frequency.verification.robustness import Deviation
 from matching.frequency.verification.simulation import Traces, simulate_case
 from matching.frequency.verification.verify import Verification, inside, remarks_on, target_modes_of
@@ -92,13 +97,15 @@ def verify_observer(
     notes = remarks_on(case, neutral)
     traces, identified = _simulated(parts, controller, checks, notes)
     modes = _modes(case, parts, reference)
+    targets = target_modes_of(case, modes)
     swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     least = min(swinging, default=(1.0, 0.0))
     verification = Verification(
         all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
         figures.modulus_margin, figures.margin_at, None, IndependentCheck(JUDGES_BEDS),
-        (), (), poles, ahead.poles, modes, target_modes_of(case, modes), least, identified, peaks,
+        (), (), poles, ahead.poles, modes, targets, least,
+        of_the_targets_modes(identified, (target.mode for target in targets), modes), peaks,
         violations_of(case, peaks, figures.modulus_margin, least),
         figures_of(ObservedBed(case, parts, controller)), _deviations(case, controller), traces, tuple(notes),
     )  # fmt: skip

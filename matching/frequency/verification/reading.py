@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from matching.frequency.case.targets import target_modes
 from matching.frequency.loop.linear_body import Body, body
-from matching.frequency.loop.loop_modes import eigenvalue_of
+from matching.frequency.loop.loop_modes import LoopMode, eigenvalue_of
 from matching.frequency.loop.parts import Parts, interface_speed, watched
 from matching.frequency.verification.ringing import Ringing, read_modes
 from matching.frequency.verification.running_controller import Running
@@ -20,9 +20,7 @@ from modelling.modal.result import Mode
 
 PERIODS = 8.0  # that an excitation of its own is watched for
 NEIGHBOUR_WITHIN = 0.25  # relative in frequency: a mode so near might be taken for the target's
-SAME_EIGENVALUE = (
-    0.05  # |ln s/s₀| between what is read off the simulated vehicle and the eigenvalue of its linear model
-)
+SAME_EIGENVALUE = 0.05  # |ln s/s₀| between what is read off a simulation and the eigenvalue of the linear model
 NEIGHBOUR_DAMPING = 3.0  # times the target's: what is damped more dies away before it could be taken for it
 
 
@@ -143,10 +141,35 @@ def _read(
 
 
 def is_mode(reading: Ringing | None, eigenvalue: complex) -> bool:
-    """Whether what was read off the vehicle's own motion is the mode that it is known to have."""
+    """Whether what was read off a motion is the mode with that eigenvalue, rad/s."""
     if reading is None:
         return False
     return abs(np.log(eigenvalue_of(reading) / eigenvalue)) <= SAME_EIGENVALUE
+
+
+def of_the_targets_modes(
+    identified: Iterable[IdentifiedMode], targets: Iterable[LoopMode | None], modes: Sequence[LoopMode]
+) -> tuple[IdentifiedMode, ...]:
+    """Readings of the matched rig, without those that are another mode of the loop than the one the target became.
+
+    A few sensors move alike in modes that every inertia and cut together tell apart. What is no mode of the loop stays:
+    there simulation and loop disagree.
+
+    Parameters
+    ----------
+    targets : iterable of LoopMode or None
+        What each target became, in the order of ``identified``.
+    modes : sequence of LoopMode
+        Every mode of the loop.
+    """
+    kept = []
+    for reading, target in zip(identified, targets, strict=True):
+        others = [mode for mode in modes if mode is not target and mode.frequency > 0]
+        of_target = target is not None and is_mode(reading.matched, eigenvalue_of(target))
+        if not of_target and any(is_mode(reading.matched, eigenvalue_of(mode)) for mode in others):
+            reading = replace(reading, matched=None)
+        kept.append(reading)
+    return tuple(kept)
 
 
 def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:

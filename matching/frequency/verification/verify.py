@@ -27,7 +27,12 @@ from matching.frequency.loop.poles import (
 from matching.frequency.response.response_error import ErrorFigures, error_figures
 from matching.frequency.response.responses import ComparedBed
 from matching.frequency.verification.peaks import Violation, peaks_of, violations_of
-from matching.frequency.verification.reading import IdentifiedMode, identified_modes, manoeuvre_torques
+from matching.frequency.verification.reading import (
+    IdentifiedMode,
+    identified_modes,
+    manoeuvre_torques,
+    of_the_targets_modes,
+)
 from matching.frequency.verification.robustness import Deviation, robustness
 from matching.frequency.verification.simulation import Traces, simulate_case
 from modelling.bed.feed_forward import FeedForward
@@ -202,15 +207,16 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     every = (*designed, *feedback_modes(parts, orders[-1].order))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
-    errors = error_figures(case, parts, feed_forward)
+    errors, targets = error_figures(case, parts, feed_forward), target_modes_of(case, designed or every)
     least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
     return Verification(
         all(checks.values()), checks,
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
         margin, winding.margin_frequency, winding, independent,
         tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
-        target_modes_of(case, designed or every), least, identified, peaks, violations_of(case, peaks, margin, least),
-        errors, robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
+        targets, least, of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
+        violations_of(case, peaks, margin, least), errors,
+        robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
     )  # fmt: skip
 

@@ -29,7 +29,7 @@ def to_order(result: MatchResult) -> list[ScreenPoint]:
     points = [
         ScreenPoint(
             f"{component(row.name)}: {amount(row.tuned, row.unit)} instead of {amount(row.start, row.unit)}",
-            "at the bound that the case sets: more would help" if row.at_bound else "",
+            "at the bound that the case sets" if row.at_bound else "",
         )
         for row in changed[:MOST_POINTS]
     ]
