@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.beds.tuner import Tuner, tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case

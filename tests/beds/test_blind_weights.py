@@ -7,7 +7,8 @@ import pytest
 
 from matching.frequency.beds import tune
 from matching.frequency.beds.design_point import Judged
-from matching.frequency.beds.tune import TuningEffort, tuned_weights
+from matching.frequency.beds.rounds import TuningEffort
+from matching.frequency.beds.tune import tuned_weights
 
 NAMES = ("command_weight", "torque_drift")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.load import load_case
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from matching.frequency.beds.opened import least_stable_opened
 from matching.frequency.beds.requirements import Requirements
 from matching.frequency.beds.softened import SHARES, softened
-from matching.frequency.beds.tune import least_stable_opened
 from matching.frequency.beds.tuner import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE
 from matching.frequency.case.load import load_case
 from matching.frequency.independent.beds_check import BedsCheck, Judge, check_beds

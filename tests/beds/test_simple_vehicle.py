@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.in_time.table import TruthInTime

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from matching.frequency.beds.closed_loop import closed_matrices, damping, sampled_beds
-from matching.frequency.beds.tune import TuningEffort, TuningEnd, add_scenarios
+from matching.frequency.beds.rounds import TuningEffort, TuningEnd
+from matching.frequency.beds.tune import add_scenarios
 from matching.frequency.beds.tuner import DAMPING_RESERVE, STABLE_SHARE
 from matching.frequency.beds.worst import worst_positions
 

@@ -9,7 +9,7 @@ import argparse
 import time
 from dataclasses import replace
 
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case import Case
 from matching.frequency.independent.beds_check import quantile
 from matching.frequency.search.observed import match_with_observer

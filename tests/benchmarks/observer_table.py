@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case import Case
 from matching.frequency.case.load import load_case
 from matching.frequency.independent.beds_check import quantile

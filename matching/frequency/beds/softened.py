@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from matching.frequency.beds.closed_loop import SampledBeds, sampled_beds
 from matching.frequency.case.case import Case
 
 # Of stiffness and damping that is left, from a shaft that carries next to nothing to one that opens for moments. A
@@ -28,3 +29,8 @@ def softened(case: Case, values: Mapping[str, float], share: float) -> dict[str,
 def damping_left(share: float) -> float:
     """Part of a shaft's damping ratio that is left with ``share`` of its stiffness and damping: the root of it."""
     return float(np.sqrt(share))
+
+
+def beds_at(case: Case, positions: np.ndarray, left: float = 1.0) -> SampledBeds:
+    """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts."""
+    return sampled_beds(case, [softened(case, case.uncertainty.at(position), left) for position in positions])

@@ -135,6 +135,11 @@ class Tuner:
         self.guarded = (*self.guarded, *added)
         self._forget_pool()
 
+    def ask(self, shares: Mapping[int, float]) -> None:
+        """Have beds, by number, keep other parts of the damping that drawn beds need."""
+        self.shares = {**self.shares, **shares}
+        self.known.clear()
+
     def keep_first(self, count: int) -> None:
         """Leave out the beds that were added after the first ``count``."""
         self.positions, self.pool = self.positions[:count], self.pool[:count]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from matching.aside import Aside
-from matching.frequency.beds.tune import TuningEffort
+from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.in_time.table import truth_of

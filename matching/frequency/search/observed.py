@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from matching.aside import Aside
-from matching.frequency.beds.tune import TuningEffort, tuned_weights
+from matching.frequency.beds.rounds import TuningEffort
+from matching.frequency.beds.tune import tuned_weights
 from matching.frequency.beds.tuner import tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.tuned import apply
