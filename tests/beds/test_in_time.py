@@ -26,6 +26,7 @@ from modelling.model.quantity import Quantity
 from modelling.simulation.plan import STABLE_STEP
 
 SENSORS = ("motor_speed", "side_torque")
+GAINS = ("dynamometers.", "sensors.")
 WRONG = {
     "values": Imperfection("", {
         "rig.shafts.side.stiffness": 3800.0, "rig.inertias.motor.J": 0.52, "loop.dead_time": 0.00277,
@@ -185,9 +186,16 @@ def test_a_bed_that_cannot_be_simulated_says_why(small_case):
 
 @pytest.mark.long
 @needs_compiler
-def test_no_limit_cycle_of_the_reference_with_twenty_lashes():
-    """As the match leaves it: where its search begins, three of the twenty swing on."""
-    case = match(load_case(Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"), beds=8).tuned
+@pytest.mark.parametrize(("milliseconds", "exact"), [(3, ()), (3, GAINS), (5, GAINS)])
+def test_no_limit_cycle_of_the_reference_with_twenty_lashes(milliseconds, exact):
+    """As the match leaves it: where its search begins, three of the twenty swing on at 3 ms.
+
+    With exact gains 19 of 20 did at 3 and 5 ms while the search left opened cut shafts out.
+    """
+    case = load_case(Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml")
+    box = case.uncertainty.without(*exact).about({"loop.dead_time": milliseconds * 1e-3})
+    loop = case.loop.with_values({"dead_time": milliseconds * 1e-3})
+    case = match(replace(case, loop=loop, uncertainty=box), beds=8).tuned
     law, names = control_law(parts_of(case)), ("side_left_torque", "side_right_torque")
     time = np.arange(8000) * 1e-3
     runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, count=20)

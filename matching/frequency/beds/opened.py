@@ -10,22 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 
 from matching.frequency.beds.rounds import TuningEffort, TuningEnd, end_at, judged_again, rounds
 from matching.frequency.beds.softened import SHARES, beds_at, damping_left
 from matching.frequency.beds.tuner import STABLE_SHARE, Tuner, tuner
-from matching.frequency.case.case import Case
 
 DRAWN = 16  # drawn beds, each looked at with all shares of its cut shafts left
 PLANNED_PRICE, DRAWN_PRICE = 2.0, 0.25  # relative cost that stable opened beds may add, as planned and drawn
+RAISED = {"command_weight": 2.0}  # decades at most: more would damp the emulated modes along with the opened beds
 PARTS = 12  # that a requirement is asked for in, at most
 PART = 0.5  # of what the worst one misses, that a round leaves
 SMALL = 1.0  # of the damping that drawn beds need: what is missed by less is asked for at once
 STEPS = 8  # of a round that asks for a part
 STUCK = 0.9  # of what the worst one missed before: a round that leaves more is the last one
-LAST_ROUNDS = 4  # that ask for everything
+LAST_ROUNDS, DRAWN_ROUNDS = 4, 2  # that ask for everything, as planned and drawn
 DEAD_TIMES = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the case's own, over which the search comes to it
 
 
@@ -36,11 +37,14 @@ def with_opened(search: Tuner, best: TuningEnd, effort: TuningEffort) -> TuningE
     kept is seen by the search from then on.
     """
     planned = {left: np.zeros((1, search.positions.shape[1])) for left in SHARES}
-    end = _kept(search, best, effort, planned, PLANNED_PRICE)
+    begin = dict(zip(search.gains.names, best.logarithms.tolist(), strict=True))
+    search.highest = {name: begin[name] + decades for name, decades in RAISED.items()}
+    end = _kept(search, best, effort, planned)
     if end is None:
+        search.highest = {}
         return best
     drawn = least_stable_opened(search, end.logarithms)
-    return (_kept(search, end, effort, drawn, DRAWN_PRICE) if drawn else None) or end
+    return (_kept_of_drawn(search, end, effort, drawn) if drawn else None) or end
 
 
 def least_stable_opened(search: Tuner, logarithms: np.ndarray) -> dict[float, np.ndarray]:
@@ -54,80 +58,103 @@ def least_stable_opened(search: Tuner, logarithms: np.ndarray) -> dict[float, np
 
 
 def _kept(
-    search: Tuner, best: TuningEnd, effort: TuningEffort, opened: Mapping[float, np.ndarray], price: float
-) -> TuningEnd | None:
+    search: Tuner, best: TuningEnd, effort: TuningEffort, opened: Mapping[float, np.ndarray]
+) -> TuningEnd | None:  # fmt: skip
     """The end with opened beds, positions (n, p) by the share left, if they are stable at no more than the price.
 
     Without an end they are not seen any more.
     """
     if not best.keeps_all:
         return None
-    count, most = len(search.positions), min((1 + price) * best.judged.cost, 1.0)
+    count, most = len(search.positions), min((1 + PLANNED_PRICE) * best.judged.cost, 1.0)
+    numbers = _add(search, opened)
+    end: TuningEnd | None = _in_parts(search, best.logarithms, effort, numbers, most)
+    if not _is_within(end, most):
+        search.guarded = numbers
+        end = _over_dead_times(search, best.logarithms, effort, opened, most)
+    if not _is_within(end, most):
+        search.keep_first(count)
+        return None
+    return end
+
+
+def _kept_of_drawn(
+    search: Tuner, best: TuningEnd, effort: TuningEffort, opened: Mapping[float, np.ndarray]
+) -> TuningEnd | None:  # fmt: skip
+    """The same of drawn beds, which the best end nearly keeps: at once, and for less."""
+    count = len(search.positions)
     _add(search, opened)
-    end = _in_parts(search, best.logarithms, effort, count, most)
-    if not (end.keeps_all and end.judged.cost <= most) and price == PLANNED_PRICE:
-        begin = _over_dead_times(search.case, best.logarithms, effort, opened, most)
-        if begin is not None:
-            end = _last_rounds(search, end_at(search, begin), effort)
-    if end.keeps_all and end.judged.cost <= most:
-        return end
-    search.keep_first(count)
-    return None
+    end = _asked_at_once(search, end_at(search, best.logarithms), effort, DRAWN_ROUNDS)
+    if not _is_within(end, min((1 + DRAWN_PRICE) * best.judged.cost, 1.0)):
+        search.keep_first(count)
+        return None
+    return end
 
 
-def _add(search: Tuner, opened: Mapping[float, np.ndarray]) -> None:
+def _is_within(end: TuningEnd | None, most: float) -> TypeGuard[TuningEnd]:
+    return end is not None and end.keeps_all and end.judged.cost <= most
+
+
+def _add(search: Tuner, opened: Mapping[float, np.ndarray]) -> tuple[int, ...]:
+    """The numbers that they have in the pool."""
+    count = len(search.positions)
     for left, positions in opened.items():
         search.add(positions, STABLE_SHARE, left)
+    return tuple(range(count, len(search.positions)))
 
 
-def _last_rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort) -> TuningEnd:
-    return rounds(search, begin, replace(effort, rounds=LAST_ROUNDS), effort.most_steps // 2)
+def _asked_at_once(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_rounds: int = LAST_ROUNDS) -> TuningEnd:
+    return rounds(search, begin, replace(effort, rounds=most_rounds), effort.most_steps // 2)
 
 
-def _in_parts(search: Tuner, begin: np.ndarray, effort: TuningEffort, count: int, most: float) -> TuningEnd:
-    """The end from ``begin`` (w,) on, the beds after the first ``count`` asked for in parts.
+def _in_parts(
+    search: Tuner, begin: np.ndarray, effort: TuningEffort, numbers: tuple[int, ...], most: float
+) -> TuningEnd:  # fmt: skip
+    """The end from ``begin`` (w,) on, the beds of some numbers asked for in parts.
 
     It is where the rounds stopped, if they came to a stop or if the cost rose above ``most``.
     """
-    opened = np.arange(count, len(search.positions))
-    beds = search.sampled_pool.some(opened)
-    asked = np.array([search.shares[number] for number in opened.tolist()])
+    beds = search.sampled_pool.some(np.array(numbers))
+    asked = np.array([search.shares[number] for number in numbers])
     end, before = end_at(search, begin), np.inf
     for _ in range(PARTS):
         missed = np.maximum(asked - 1 - search.rooms_of(beds, end.logarithms), 0.0)
         worst = float(missed.max())
-        left = PART * worst if worst > SMALL else 0.0
         stopped = worst > SMALL and (worst > STUCK * before or end.judged.cost > most)
-        search.ask(dict(zip(opened.tolist(), asked if stopped else asked - np.minimum(missed, left), strict=True)))
-        if stopped:
-            return judged_again(search, end)
-        if not left:
+        if stopped or worst <= SMALL:
             break
+        search.ask(dict(zip(numbers, asked - np.minimum(missed, PART * worst), strict=True)))
         end = rounds(search, judged_again(search, end), replace(effort, rounds=1), STEPS)
         before = worst
-    search.ask(dict(zip(opened.tolist(), asked, strict=True)))
-    return _last_rounds(search, judged_again(search, end), effort)
+    search.ask(dict(zip(numbers, asked, strict=True)))
+    end = judged_again(search, end)
+    return end if stopped else _asked_at_once(search, end, effort)
 
 
 def _over_dead_times(
-    case: Case, begin: np.ndarray, effort: TuningEffort, opened: Mapping[float, np.ndarray], most: float
-) -> np.ndarray | None:
-    """Weights (w,) for nearly the dead time of the case, with which opened beds are stable; none where they are not."""
-    dead_time = case.loop["dead_time"]
-    for i, share in enumerate(DEAD_TIMES):
-        search = tuner(_with_dead_time(case, share * dead_time), effort.drawn, effort.pool)
-        if not i:
-            begin = rounds(search, end_at(search, begin), effort, effort.steps).logarithms
-        count = len(search.positions)
-        _add(search, opened)
-        end = _last_rounds(search, end_at(search, begin), effort) if i else _in_parts(search, begin, effort, count, most)
-        if not end.keeps_all or end.judged.cost > most:
+    search: Tuner, begin: np.ndarray, effort: TuningEffort, opened: Mapping[float, np.ndarray], most: float
+) -> TuningEnd | None:
+    """The end at the dead time of the case, reached from ``begin`` (w,) over shorter ones; none where one has none."""
+    first, *others = DEAD_TIMES
+    at = _with_dead_time(search, first, effort)
+    begin = rounds(at, end_at(at, begin), effort, effort.steps).logarithms
+    end = _in_parts(at, begin, effort, _add(at, opened), most)
+    for part in (*others, 1.0):
+        if not _is_within(end, most):
             return None
-        begin = end.logarithms
-    return begin
+        at = search if part == 1 else _with_dead_time(search, part, effort)
+        if at is not search:
+            _add(at, opened)
+        end = _asked_at_once(at, end_at(at, end.logarithms), effort)
+    return end
 
 
-def _with_dead_time(case: Case, dead_time: float) -> Case:
-    """The same case with another dead time (s) in the middle of what it may be."""
+def _with_dead_time(search: Tuner, part: float, effort: TuningEffort) -> Tuner:
+    """The same search where the dead time in the middle of the box is only a part of the case's."""
+    case = search.case
+    dead_time = part * case.loop["dead_time"]
     loop = case.loop.with_values({"dead_time": dead_time})
-    return replace(case, loop=loop, uncertainty=case.uncertainty.about({"loop.dead_time": dead_time}))
+    box = case.uncertainty.about({"loop.dead_time": dead_time})
+    made = tuner(replace(case, loop=loop, uncertainty=box), effort.drawn, effort.pool)
+    made.highest = search.highest
+    return made

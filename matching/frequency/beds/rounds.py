@@ -88,7 +88,7 @@ def bounds_of(search: Tuner) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper logarithms (w,) of the weights."""
     quantities, names = search.case.loop.structure.quantities, search.gains.names
     low, high = (np.log10([getattr(quantities[name], side) for name in names]) for side in ("lower", "upper"))
-    return low, high
+    return low, np.minimum(high, [search.highest.get(name, np.inf) for name in names])
 
 
 def rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: int) -> TuningEnd:

@@ -61,10 +61,9 @@ class Tuner:
         All that have to stay damped, and where in the case's box they are. The search sees those that ``guarded``
         numbers: the least damped ones, see :meth:`guard`, and those that were added.
     shares : mapping of int to float
-        What part of the damping that drawn beds need a bed has to keep, by number, where it is not all of it: the worst
-        of the box, and those with opened cut shafts.
+        What part of the damping that drawn beds need a bed has to keep, by number, where it is not all of it.
     gains : Gains
-        Its w weights are the variables of the search, as decimal logarithms.
+        Its w weights are the variables of the search, as decimal logarithms; ``highest`` bounds some of them.
     """
 
     case: Case
@@ -77,6 +76,7 @@ class Tuner:
     gains: Gains
     guarded: tuple[int, ...] = ()
     shares: Mapping[int, float] = field(default_factory=dict)
+    highest: Mapping[str, float] = field(default_factory=dict)
     known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
     _last: tuple[tuple[float, ...], DesignPoint] | None = None
 
@@ -118,8 +118,8 @@ class Tuner:
         InputError
             If the design has no solution there.
         """
-        controller = self.gains.controller(logarithms)
-        return self._damping_room(shared_poles(beds, controller, self.model.on_their_way), beds)
+        poles = shared_poles(beds, self.gains.controller(logarithms), self.model.on_their_way)
+        return self._damping_room(poles, beds)
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> None:
         """Have the search keep beds at positions (b, p) of the box damped by a share of what drawn beds need.
@@ -131,7 +131,7 @@ class Tuner:
         values = [softened(self.case, box.at(position), left) for position in positions]
         self.pool = (*self.pool, *(bed_of(self.case, of_bed) for of_bed in values))
         added = range(count, len(self.positions))
-        self.shares = {**self.shares, **dict.fromkeys(added, share * damping_left(left))}
+        self.ask(dict.fromkeys(added, share * damping_left(left)))
         self.guarded = (*self.guarded, *added)
         self._forget_pool()
 
