@@ -74,7 +74,7 @@ class TuningEnd:
 
 
 def end_at(search: Tuner, logarithms: np.ndarray) -> TuningEnd:
-    """A point judged with the beds of the pool that are least damped there."""
+    """A point (w,) judged with the beds of the pool that are least damped there."""
     search.guard(logarithms)
     return TuningEnd(logarithms, search.judged(logarithms))
 
