@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.beds import opened, tune
 from matching.frequency.beds.design_point import Judged
-from matching.frequency.beds.rounds import TuningEffort
-from matching.frequency.beds.tune import tuned_weights
+from matching.frequency.tuning import opened, tune
+from matching.frequency.tuning.rounds import TuningEffort
+from matching.frequency.tuning.tune import tuned_weights
 
 NAMES = ("command_weight", "torque_drift")
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.beds import opened, tune
-from matching.frequency.beds.opened import least_stable_opened
 from matching.frequency.beds.requirements import Requirements
-from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.beds.softened import SHARES, softened
-from matching.frequency.beds.tune import tuned_weights
 from matching.frequency.beds.tuner import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE, tuner
 from matching.frequency.case.load import load_case
 from matching.frequency.independent.beds_check import BedsCheck, Judge, check_beds
 from matching.frequency.independent.opened_shafts import dampings_opened
+from matching.frequency.tuning import opened, tune
+from matching.frequency.tuning.opened import least_stable_opened
+from matching.frequency.tuning.rounds import TuningEffort
+from matching.frequency.tuning.tune import tuned_weights
 from matching.frequency.verification.observed import RobustVerification
 from matching.frequency.verification.robust_limits import noted
 from modelling.controller.law import law_of_observer

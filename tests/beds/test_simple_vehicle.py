@@ -9,7 +9,6 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.in_time.table import TruthInTime
@@ -19,6 +18,7 @@ from matching.frequency.response.simple_vehicle import fitted_simple_vehicle
 from matching.frequency.search.match import with_simple_vehicle
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
+from matching.frequency.tuning.rounds import TuningEffort
 from matching.report.match.page import context
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError

@@ -35,6 +35,7 @@ FLOORS = [
     ["matching.frequency.case"],
     ["matching.frequency.independent"],
     ["matching.frequency.beds"],
+    ["matching.frequency.tuning"],
     ["matching.frequency.loop"],
     ["matching.frequency.response"],
     ["matching.frequency.programme"],

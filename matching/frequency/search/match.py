@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from matching.aside import Aside
-from matching.frequency.beds.rounds import TuningEffort
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.weights import LEAST_SHARE_TO_MOVE, change_weight
 from matching.frequency.in_time.table import truth_of
@@ -28,6 +27,7 @@ from matching.frequency.search.result import MatchResult, ParameterResult, Respo
 from matching.frequency.search.solve_and_verify import VerifiedSolution, solve_and_verify
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Near, Solution, TuningTask
+from matching.frequency.tuning.rounds import TuningEffort
 from matching.frequency.verification.drawn_beds import on_drawn_beds
 from matching.frequency.verification.observed import RobustVerification
 from matching.frequency.verification.over_beds import over_beds

@@ -7,8 +7,6 @@ import time
 import numpy as np
 
 from matching.aside import Aside
-from matching.frequency.beds.rounds import TuningEffort
-from matching.frequency.beds.tune import tuned_weights
 from matching.frequency.beds.tuner import tuner
 from matching.frequency.case.case import Case
 from matching.frequency.case.tuned import apply
@@ -25,6 +23,8 @@ from matching.frequency.search.result import MatchResult, ParameterResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.search.targets_met import target_results
 from matching.frequency.solver.task import Solution, TuningTask
+from matching.frequency.tuning.rounds import TuningEffort
+from matching.frequency.tuning.tune import tuned_weights
 from matching.frequency.verification.observed import controller_of, verify_observer
 from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.verify import Verification

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from matching.frequency.beds.opened import with_opened
-from matching.frequency.beds.rounds import TuningEffort, TuningEnd, bounds_of, end_at, rounds
 from matching.frequency.beds.softened import beds_at
 from matching.frequency.beds.tuner import DAMPING_RESERVE, STABLE_SHARE, Tuner
-from matching.frequency.beds.worst import worst_positions
+from matching.frequency.tuning.opened import with_opened
+from matching.frequency.tuning.rounds import TuningEffort, TuningEnd, bounds_of, end_at, rounds
+from matching.frequency.tuning.worst import worst_positions
 from modelling.common.errors import InputError
 
 BEYOND_POOL = 5.4  # times the pool: beds that are looked through once for what the pool has missed
@@ -27,8 +27,8 @@ def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[di
     The cost is the mean square of the drawn beds' response errors to unmeasured torques, over the tolerance. The search
     begins at the better one of the case's weights and the structure's further starts, and at the next one where it ends
     with a requirement missed; where all do by more than the reserve, at the best of settings drawn over the bounds.
-    Then beds with opened cut shafts have to be stable as well (:mod:`matching.frequency.beds.opened`), where that keeps
-    all else.
+    Then beds with opened cut shafts have to be stable as well, see :mod:`matching.frequency.tuning.opened`, where that
+    keeps all else.
     """
     effort = effort or TuningEffort()
     best, used = _from_starts(search, effort)

@@ -14,9 +14,9 @@ from typing import TypeGuard
 
 import numpy as np
 
-from matching.frequency.beds.rounds import TuningEffort, TuningEnd, end_at, judged_again, rounds
 from matching.frequency.beds.softened import SHARES, beds_at, damping_left
 from matching.frequency.beds.tuner import STABLE_SHARE, Tuner, tuner
+from matching.frequency.tuning.rounds import TuningEffort, TuningEnd, end_at, judged_again, rounds
 
 DRAWN = 16  # drawn beds, each looked at with all shares of its cut shafts left
 PLANNED_PRICE, DRAWN_PRICE = 2.0, 0.25  # relative cost that stable opened beds may add, as planned and drawn
