@@ -23,7 +23,6 @@ KIND_WORDS = {
     "angle": {"angle", "phi", "winkel", "ang", "pos", "position"},
     "acceleration": {"acceleration", "acc", "alpha", "accel"},
 }
-UNITS = {"torque": ("N*m", "kN*m"), "speed": ("rad/s", "1/min"), "angle": ("rad", "deg"), "acceleration": ("rad/s^2",)}
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,120 @@
+"""What the tabs of the explorer say and show, without a browser: words, labels, answers to a click, all of the data."""
+
+import re
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("panel")
+
+from kept_words import same_words
+from structure.imports import ROOT
+
+from matching.explore.files.workspace import opened, starter
+from matching.explore.page import match_result
+from matching.explore.page.map_view import MapView
+from matching.explore.page.match import MatchTab
+from matching.explore.page.measurement import MeasurementTab
+from matching.explore.page.server import _makers
+from matching.explore.page.widgets.drivetrain_view import DrivetrainView
+from matching.explore.page.widgets.slider import Slider
+from matching.explore.page.widgets.tab_bar import TabBar
+
+pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+OWN_NAME = re.compile(r"[A-Za-z]+\d{5}")  # Panel's, of what has no name
+FIELD = re.compile(r"@\{?(\w+)")  # of a hover text: a column of what is drawn
+MAP = {
+    "x": {"name": "loop.dead_time", "unit": "s", "values": [0.001, 0.004], "value_in_case": 0.003},
+    "y": {"name": "loop.inverter_lag", "unit": "s", "values": [0.002, 0.008], "value_in_case": 0.002},
+    "points": [
+        {"error": 0.11 * (place + 1), "status": f"status <{place}>", "limits": [f"limit <{place}>"]}
+        for place in range(4)
+    ],
+}
+
+
+def files(folder):
+    return [starter(folder), ROOT / "examples" / "gum" / "mass.toml", ROOT / "examples" / "fidelity" / "tab2.toml"]
+
+
+def said(panel):
+    """What stands on a tab, in its order: texts, names of fields and what can be chosen in them, titles and axes."""
+    for part in panel.select():
+        if not OWN_NAME.fullmatch(part.name):
+            yield f"{type(part).__name__} {part.name}: {', '.join(map(str, getattr(part, 'options', ())))}."
+        shown = getattr(part, "object", None)
+        if isinstance(shown, str):
+            yield re.sub(r"data:[^\"]*|<[^>]*>", " ", shown)
+        elif hasattr(shown, "xaxis"):
+            yield f"Figure {shown.title.text}: {shown.xaxis.axis_label or ''}, {shown.yaxis.axis_label or ''}."
+
+
+def test_every_tab_says_what_it_said(tmp_path):
+    for name, make in _makers(opened(files(tmp_path), tmp_path / "out")).items():
+        text = " ".join(said(make()))
+        assert "None" not in text
+        same_words(f"explore, {name}", text, tmp_path, ROOT)
+
+
+def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
+    """A field that is made but not put on the page cannot be reached."""
+    import panel as pn
+
+    for name, make in _makers(opened(files(tmp_path), tmp_path / "out")).items():
+        owner = getattr(make, "__self__", None)
+        if owner is None:
+            continue
+        there = set(map(id, make().select()))
+        for key, value in vars(owner).items():
+            assert not isinstance(value, pn.widgets.base.WidgetBase) or id(value) in there, f"{name}: {key}"
+
+
+@pytest.mark.parametrize("component", [DrivetrainView, Slider, TabBar])
+def test_what_runs_in_the_browser_has_its_program(component):
+    assert "export function render" in component._esm
+
+
+@pytest.fixture
+def asked(tmp_path):
+    workspace = opened([starter(tmp_path)], tmp_path / "out")
+    return MatchTab(workspace, workspace.case, lambda: None).map
+
+
+def test_a_click_on_a_map_is_answered_by_the_nearest_point(asked: MapView):
+    asked.show_map(MAP)
+    for place, (i, j) in enumerate(((0, 0), (1, 0), (0, 1), (1, 1))):
+        asked._tapped(i + 0.2 - 0.4 * i, j)
+        assert f"status &lt;{place}&gt;" in asked.answer.object
+        assert f"<li>limit &lt;{place}&gt;</li>" in asked.answer.object
+        assert f"about {0.11 * (place + 1):.2g}" in asked.message.object
+
+
+def test_what_a_map_shows_under_the_mouse_is_of_its_points(asked: MapView):
+    asked.show_map(MAP)
+    figure = asked.figure[0].object
+    (tool,) = figure.hover
+    (cells,) = tool.renderers
+    assert {key for _, text in tool.tooltips for key in FIELD.findall(text)} <= cells.data_source.data.keys()
+    assert list(cells.data_source.data["status"]) == [point["status"] for point in MAP["points"]]
+    assert list(cells.data_source.data["error"]) == [point["error"] for point in MAP["points"]]
+
+
+@pytest.mark.parametrize(("as_ordered", "said_so"), [(0.1, False), (0.2, True)])
+def test_an_order_says_where_the_gains_were_tuned_again(tmp_path, monkeypatch, as_ordered, said_so):
+    monkeypatch.setattr(match_result, "summary", lambda _: "in words")
+    trade = {"name": "rig.shafts.flange.stiffness", "unit": "N*m/rad", "planned": 2e5, "ordered": 3e5,
+             "acceptable": (2.5e5, 3.5e5), "error_as_planned": 0.5, "error_as_ordered": as_ordered}  # fmt: skip
+    result = {"adapters": [trade], "response_error": {"unmeasured_after": 0.1}}
+    page = match_result.result_html(result, tmp_path / "match", tmp_path)
+    assert ("that make it 0.1" in page) == said_so
+    for text in ("in words", "flange, stiffness", "250", "350", "0.5", f"{as_ordered:g}"):
+        assert text in page
+
+
+@pytest.mark.parametrize("as_dropped", [str, str.encode])
+def test_a_recording_that_is_dropped_is_opened_be_it_text_or_bytes(tmp_path, as_dropped):
+    tab = MeasurementTab(opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path))
+    text = "time [s],motor_torque\n" + "".join(f"{t / 100},{t}\n" for t in range(50))
+    tab._dropped(SimpleNamespace(new={"log.csv": as_dropped(text)}))
+    assert "log.csv: 50 samples" in tab.message.object
+    assert (tmp_path / "recordings" / "log.csv").read_text() == text
