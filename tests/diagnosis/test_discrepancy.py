@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from matching.diagnosis.fitting.holdout import OtherRecordings
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.search.hypothesis import Hypothesis
 from matching.diagnosis.search.unseen_data import UnseenData
-from matching.diagnosis.verdict.discrepancy import discrepancy_curves
+from matching.diagnosis.verdict.discrepancy import _curve, discrepancy_curves
 from matching.diagnosis.verdict.kept_table import kept_table
 from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
 from modelling.model.files import dumps, from_dict
@@ -62,6 +63,18 @@ def test_curves_come_by_what_they_would_take(curves):
     shares = [curve.share for curve in curves]
     assert shares == sorted(shares, reverse=True)
     assert {curve.over for curve in curves} <= {"angle", "speed", "load", "twist", "time"}
+
+
+def test_a_curve_takes_the_whole_of_the_rest_at_most():
+    """It may promise more where the excess over the noise is less than what it takes."""
+    values = np.linspace(0.0, 1.0, 400)
+    screening = SimpleNamespace(
+        signature=lambda torques: torques["a"], basis=np.zeros((400, 1)), residual=values, mask=np.ones(400, bool)
+    )
+    whole, tenth = float(values @ values), 0.1 * float(values @ values)
+    curve = _curve(screening, ("a", "time"), values, whole, 1.0)
+    assert curve.share == pytest.approx(1.0, abs=0.01)
+    assert _curve(screening, ("a", "time"), values, tenth, 1.0).share == 1.0
 
 
 def test_figure_names_place_variable_and_share(curves):

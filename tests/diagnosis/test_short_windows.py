@@ -9,11 +9,15 @@ import pytest
 from matching.diagnosis.candidates.short_windows import _pairs, window_uncertainties
 from matching.diagnosis.data.holdout_split import split_holdout
 from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.fitting import holdout
+from matching.diagnosis.fitting.batch_simulation import fastest_rate
 from matching.diagnosis.fitting.fit import Fit, solve
 from matching.diagnosis.fitting.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.uncertainty import estimates
 from matching.diagnosis.search import refinement
+from matching.diagnosis.search.hypothesis import Hypothesis
+from modelling.equations.compiled import compiled
 from modelling.model.files import from_dict
 
 TIME = np.arange(400) * 5e-3
@@ -75,6 +79,26 @@ def test_an_unseen_recording_gets_its_own_zero(fit):
     assert dict(zip(runs[0].problem.free, runs[0].v, strict=False))[name] == pytest.approx(-0.2, abs=0.01)
 
 
+def test_each_stretch_begins_on_the_flank_that_leaves_least(fit, monkeypatch):
+    """Two stretches, two flanks: the first fits the one, the second the other, whatever the signs of the errors."""
+    _, other = rotor(-0.2)
+    twice = replace(other, segments=(other.segments[0], replace(other.segments[0], name="again")))
+    errors = [[np.array([[-3.0]]), np.array([[1.0]])], [np.array([[2.0]]), np.array([[-4.0]])]]
+    made = []
+
+    def solved(problem, v, *_):
+        number = len(made)
+        starts = [np.full_like(start, number) for start in problem.unpack(v)[1]]
+        made.append(SimpleNamespace(by_sensor=lambda: errors[number], starts=starts, cost=1.0, values={}))
+        return made[-1]
+
+    monkeypatch.setattr(holdout, "flank_shifts", lambda *_: [0.0, 0.0])
+    monkeypatch.setattr(holdout, "solve", solved)
+    (run,) = simulate_other(fit, twice)
+    assert list(run.errors) == [2.0, 1.0]
+    assert [start.max() for start in run.problem.unpack(run.v)[1]] == [1.0, 0.0]
+
+
 def test_held_out_rest_begins_again_every_second(fit):
     data = fit.problem.data
     _, counts = split_holdout(data)
@@ -104,3 +128,49 @@ def test_no_further_windows_once_one_hypothesis_is_at_the_noise(monkeypatch, rea
     found = refinement.refitted_over_windows(parent, [first, second], screening, set(), refinement.RefitBudget())
     assert made == tried
     assert found[0] is better
+
+
+def hypothesis(causes, cost):
+    model = SimpleNamespace(causes=causes, values={})
+    fit = SimpleNamespace(cost=cost, values={}, problem=SimpleNamespace(data=SimpleNamespace(segments=[0])))
+    return Hypothesis(model, fit, 0.0)
+
+
+def test_a_simpler_kind_that_cannot_be_fitted_hides_no_other(monkeypatch):
+    """Nor does a hypothesis whose simpler kinds were tried before."""
+
+    def fitted(model, _):
+        if model.causes == ("fails",):
+            raise refinement.FIT_ERRORS[0]
+        return SimpleNamespace(cost=0.5)
+
+    simpler = [SimpleNamespace(causes=(name,)) for name in ("fails", "fits")]
+    monkeypatch.setattr(Hypothesis, "cost", property(lambda one: one.fit.cost))
+    monkeypatch.setattr(refinement, "_simpler_models", lambda _: simpler)
+    monkeypatch.setattr(refinement, "fit_extended", fitted)
+    both = [hypothesis(("first",), 1.0), hypothesis(("second",), 1.1)]
+    found = refinement.with_simpler_kinds(both, {("first",)})
+    assert [one.causes for one in found] == [("fits",), ("first",), ("second",)]
+
+
+@pytest.mark.parametrize(("windows", "cost", "kept"), [(1, 4.9, True), (1, 5.1, False), (2, 4.9, False)])
+def test_windows_as_long_as_the_recording_are_its_fit_where_they_are_better(monkeypatch, windows, cost, kept):
+    problem = SimpleNamespace(data=SimpleNamespace(segments=[0] * windows))
+    grown = SimpleNamespace(cost=cost, values={}, problem=problem)
+    long = SimpleNamespace(cost=5.0)
+    monkeypatch.setattr(refinement, "fit_short_windows", lambda *_: SimpleNamespace(cost=0.0))
+    monkeypatch.setattr(refinement, "_with_wider_gap", lambda *_: None)
+    monkeypatch.setattr(refinement, "fit_longer_windows", lambda _: grown)
+    monkeypatch.setattr(refinement, "_segment_starts", lambda *_: ())
+    monkeypatch.setattr(refinement, "fit_extended", lambda *_: long)
+    monkeypatch.setattr(refinement, "replace", lambda one, **new: SimpleNamespace(**vars(one) | new) if new else one)
+    parent, smooth = hypothesis((), 6.0), hypothesis((SimpleNamespace(kind="drag"),), 6.0)
+    monkeypatch.setattr(refinement, "EFFECTS", {"drag": SimpleNamespace(abrupt=False)})
+    monkeypatch.setattr(refinement, "SEARCH", SimpleNamespace())
+    assert refinement._from_windows(parent, smooth, np.zeros(1)).fit is (grown if kept else long)
+
+
+def test_the_rate_of_a_slow_rotor_is_its_drag_over_its_inertia():
+    model = compiled(from_dict({"inertias": {"rotor": {"J": 2.0, "drag": 0.4}}, "inputs": {"motor": {"on": "rotor"}}}))
+    states = np.zeros((1, len(model.states)))
+    assert fastest_rate(model, model.p0, states, np.zeros(1)) == pytest.approx(0.2)

@@ -4,12 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import pytest
 
 import rigmatch
+from matching.supervision import _temporary_folder
 
 ROOT = Path(__file__).parents[2]
 BEGIN = """
@@ -207,3 +209,12 @@ def test_without_a_home_to_write_to_nothing_is_said_about_it(tmp_path, home):
     wanted = {"": str(tmp_path / ".config"), None: str(tmp_path / "mine")}.get(home, str(tmp_path / "rigmatch-"))
     assert ended.stdout.startswith(wanted)
     assert not list(tmp_path.glob("rigmatch-*"))
+
+
+@pytest.mark.parametrize("name", ["TMPDIR", "TEMP", "TMP"])
+def test_temporary_files_go_where_python_puts_them(monkeypatch, tmp_path, name):
+    for other in ("TMPDIR", "TEMP", "TMP"):
+        monkeypatch.delenv(other, raising=False)
+    monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    assert Path(_temporary_folder()).parent == Path(tempfile.gettempdir()) == tmp_path

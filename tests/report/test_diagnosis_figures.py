@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
-from matching.report.diagnosis.axes import recorded
+from matching.report.common.style import figure
+from matching.report.diagnosis.axes import noise_band, recorded
 from matching.report.diagnosis.balance_figure import balance_figure
 from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
 from matching.report.diagnosis.residual_figure import _orders, _running_mean, _spectrum
@@ -21,6 +22,14 @@ def test_white_noise_is_one_over_frequency_and_orders() -> None:
     assert np.sqrt(np.mean(amplitude[1:-1] ** 2)) == pytest.approx(1, abs=0.05)
     _, amplitude = _orders(noise, np.cumsum(RNG.uniform(0, 0.1, len(noise))))
     assert np.sqrt(np.mean(amplitude**2)) == pytest.approx(1, abs=0.15)
+
+
+def test_noise_has_ticks_at_decades_and_at_five_times_the_noise_alone() -> None:
+    axes = figure(4, 3).subplots()
+    axes.plot([0.0, 1.0], [-30.0, 2000.0])
+    noise_band([axes])
+    assert axes.get_yticks().tolist() == [-5.0, 0.0, 5.0, -10.0, 10.0, 100.0, 1000.0]
+    assert not len(axes.get_yticks(minor=True))
 
 
 def test_a_sensor_at_half_the_rate_is_drawn_and_its_noise_is_one_too() -> None:

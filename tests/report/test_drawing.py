@@ -109,6 +109,16 @@ def test_where_branches_meet_again_the_inertia_stands_behind_them_and_in_their_m
     assert [joint.lane for joint in placed.joints] == [0.0, 1.0, 0.0, 1.0]
 
 
+def test_an_inertia_that_is_met_again_moves_behind_with_all_that_hangs_on_it():
+    """The column is the longest way from the motor: load hangs on far, which is met from body and from near."""
+    placed = layout(
+        shafts("motor-fork", "fork-left", "fork-body", "left-near", "body-far", "near-far", "far-load", "body-wheel")
+    )
+    assert placed.column == {
+        "motor": 0, "fork": 1, "left": 2, "body": 2, "near": 3, "far": 4, "load": 5, "wheel": 3,
+    }  # fmt: skip
+
+
 def test_discs_of_one_thickness_have_inertia_with_the_fourth_power_of_their_radius():
     system = from_dict({
         "inertias": {"small": {"J": 1.0}, "large": {"J": 16.0}},
@@ -161,6 +171,11 @@ def test_models_and_cases_draw_themselves_in_a_notebook(case):
     long = chain([f"i{i}" for i in range(MOST_INERTIAS + 1)])
     assert "<img" not in long._repr_html_()
     assert "<img" not in dataclasses.replace(case, rig=long)._repr_html_()
+
+
+@pytest.mark.parametrize(("title", "said"), [({}, "drivetrain"), ({"title": "Bench"}, "Bench")])
+def test_a_drawing_without_a_title_is_called_a_drivetrain(title, said):
+    assert f"alt='{said}'" in chain(["motor", "load"], **title)._repr_html_()
 
 
 def test_too_many_inertias_are_one_line():

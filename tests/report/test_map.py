@@ -22,6 +22,7 @@ from matching.frequency.studies.map_axis import Axis, axis, quantities
 from matching.frequency.studies.map_point import Point, held_at, improved_at, match_at
 from matching.report.common.style import image
 from matching.report.map.figure import map_figure
+from matching.report.map.marks import HATCHES
 from modelling.common.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -265,3 +266,9 @@ def test_any_executor_will_do_and_dead_time_costs(small):
         assert point.first is None or point.objective <= point.first
         assert bool(point.limited_by) == (point.status == "limited")
     assert points[0].error < points[1].error
+
+
+def test_every_limit_has_a_hatching_of_its_own():
+    patterns = [pattern for pattern, _ in HATCHES.values()]
+    assert len({"".join(sorted(pattern)) for pattern in patterns}) == len(patterns)
+    assert set("".join(patterns)) <= set(r"/\\|-+xoO.*")  # what Matplotlib draws; it says nothing of others in a Patch

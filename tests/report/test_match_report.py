@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from matching.frequency.case.load import load_case
 from matching.report.common.mathml import equations
 from matching.report.common.style import MATCHED, RIG, VEHICLE, image
 from matching.report.controller.margin_figure import frequencies_around, return_difference
+from matching.report.match import first_screen
 from matching.report.match.checks import checks, needs, signals
 from matching.report.match.figures import CAPTIONS, figures, overview
+from matching.report.match.modes_figure import HIGHEST_HZ, nearest
 from matching.report.match.page import page
 from matching.report.match.text import content, summary
 from modelling.model.files import from_dict
@@ -208,3 +211,21 @@ def test_equations_keep_their_signs():
         for old, new in (("−", "-"), ("&InvisibleTimes;", "*"), ("φ\u0308", "w"), ("φ\u0307", "v"), ("φ", "x")):
             side = side.replace(old, new)
         assert sm.expand(sm.parse_expr(side, local_dict=symbols) - wanted) == 0, line
+
+
+def test_the_first_limit_is_the_answer_s_and_all_others_are_to_be_watched(monkeypatch):
+    for name, nothing in (("checks", []), ("_of_beds", []), ("measured_inputs", []), ("wrong_values", [])):
+        monkeypatch.setattr(first_screen, name, lambda _, nothing=nothing: nothing)
+    result = SimpleNamespace(limits=("first", "second", "third"), response_error=None)
+    assert [point.text for point in first_screen.to_watch(result)] == ["second", "third"]
+
+
+def test_the_mode_nearest_to_a_target_has_its_symmetry_and_kinetic_energy():
+    def mode(number, frequency, symmetry="symmetric", kinetic=True):
+        return SimpleNamespace(number=number, frequency=frequency, symmetry=symmetry, kinetic=kinetic)
+
+    modes = [mode(1, 0.0), mode(2, 9.9, "antisymmetric"), mode(3, 10.1, kinetic=False), mode(4, 8.0), mode(5, 13.0)]
+    assert nearest(modes, 10.0, "symmetric").number == 4
+    assert nearest(modes, 12.0, "symmetric").number == 5
+    assert nearest(modes, 10.0, "none") is None
+    assert nearest([mode(1, 0.0), mode(2, 1.1 * HIGHEST_HZ)], HIGHEST_HZ, "symmetric") is None

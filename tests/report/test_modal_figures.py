@@ -12,9 +12,11 @@ from result_keys import same_keys
 import rigmatch as rm
 from matching.cli import main
 from matching.report.common.style import RIG, VEHICLE, image
+from matching.report.modes.animation import ModeAnimation
 from matching.report.modes.figures import Column, energy_figure, shares_figure
 from matching.report.modes.mode_table import mode_table
 from modelling.modal.modes import modes
+from modelling.modal.result import Mode
 from modelling.model.files import dumps, from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
@@ -123,3 +125,11 @@ def test_responses_are_drawn_with_amplitude_and_continuous_phase():
             amplitude, phase = (drawn.axes[row + column].get_lines()[place] for row in (0, 2))
             np.testing.assert_allclose(amplitude.get_ydata(), np.abs(wanted), rtol=1e-6)
             np.testing.assert_allclose(phase.get_ydata(), np.degrees(np.unwrap(np.angle(wanted))), atol=1e-4)
+
+
+def test_a_disc_says_its_ratio_and_a_phase_where_it_has_one():
+    shape = {"motor": 2.0, "load": -0.5, "wheel": 1j}
+    drawn = ModeAnimation(Mode(1, 10.0, 0.1, "none", {}, {}, 1.0, 1.0, shape)).svg
+    for label in ("+1.00", "-0.25", "0.50, +90°"):
+        assert f">{label}<" in drawn
+    assert drawn.count("°<") == 1

@@ -52,3 +52,4 @@ def test_the_figure_draws_both_distributions():
     axes = beds_figure(BEDS, 0.3).axes[0]
     drawn = {line.get_label(): list(line.get_xdata()) for line in axes.lines}
     assert drawn["unmeasured torques"] == [0.2, 0.3, 0.4]
+    assert drawn["allowed as planned, unmeasured"] == [0.3, 0.3]

@@ -12,6 +12,7 @@ from result_keys import same_keys
 
 import rigmatch as rm
 from matching.cli import main
+from matching.commands.tolerance import summary as command_summary
 from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.load import load_case
 from matching.frequency.case.tuned import apply
@@ -264,6 +265,7 @@ def test_command(case, tmp_path, capsys):
     assert result["draws"] == 100
     same_keys("tolerance", result)
     same_words("tolerance", summary(result))
+    assert command_summary(result | {"report": "HERE"}) == f"{summary(result)}\nreport: HERE"
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     same_words("tolerance, page", page, tmp_path, Path(case.path).parent)
     assert (tmp_path / "tolerance.svg").exists()

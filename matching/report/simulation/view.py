@@ -42,7 +42,7 @@ def simulation_figure(simulation: Simulation, measured: Mapping[str, np.ndarray]
         if measured:
             entries = max((axes.get_legend_handles_labels() for axes in rows), key=lambda entry: len(entry[0]))
             fig.legend(*entries, loc="outside upper right", ncols=2)
-        fig.align_ylabels(rows)
+        fig.align_ylabels()
     return fig
 
 
