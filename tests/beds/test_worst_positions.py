@@ -81,3 +81,15 @@ def test_the_search_sees_further_beds_where_they_miss_what_they_need(begun):
     )
     added = search.positions[[i for i in search.guarded if search.shares.get(i) == 1.0]]
     np.testing.assert_array_equal(added, further[np.argsort(ratios)[:5]])
+
+
+def test_no_bed_is_looked_at_outside_the_box():
+    """Also where a descent begins on the box's edge, or passes a corner."""
+    looked = []
+
+    def room(at):
+        looked.append(at)
+        return 1 + (at - 0.3) @ np.array([0.3, -0.2, 0.01])
+
+    worst_positions(room, np.array([[1.0, -1.0, 1.0], [0.5, 1.0, -1.0], [1.0, 1.0, 1.0]]))
+    assert np.abs(np.concatenate(looked)).max() <= 1
