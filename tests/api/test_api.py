@@ -1,6 +1,8 @@
 """The functions behind the commands: same names, results that show themselves, nothing heavy before it is needed."""
 
+import argparse
 import dataclasses
+import inspect
 import json
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching.commands import available
+from matching.commands import available, explore
 from modelling.common.errors import InputError
 from modelling.writing.output import strict_json
 
@@ -39,6 +41,21 @@ RESULTS = {
     "uncertainty": lambda recording: rm.uncertainty(EXAMPLES / "gum" / "end_gauge.toml", draws=20_000),
     "fidelity": lambda recording: rm.fidelity(EXAMPLES / "fidelity" / "tab2.toml"),
 }
+
+
+def test_a_recording_with_a_gap_is_not_simulated_across_it(recording, tmp_path):
+    """0.2 s without rows: as the command, it says where to cut."""
+    lines = recording.read_text().splitlines()
+    path = tmp_path / "gap.csv"
+    path.write_text("\n".join([*lines[:150], *lines[350:]]))
+    with pytest.raises(InputError, match=r"has a gap from .* cut the recording there"):
+        rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", path)
+
+
+def test_the_explorer_writes_where_its_command_does():
+    parser = argparse.ArgumentParser()
+    explore.add_arguments(parser)
+    assert inspect.signature(rm.explore).parameters["out"].default == parser.get_default("out")
 
 
 @pytest.mark.parametrize("name", RESULTS)

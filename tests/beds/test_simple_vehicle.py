@@ -1,8 +1,9 @@
 """A residual vehicle of the user's own: put behind the cut, fitted to the vehicle, and what it lacks named."""
 
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from matching.frequency.case.load import load_case
 from matching.frequency.in_time.table import TruthInTime
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.simple_vehicle import fitted_simple_vehicle
+from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
 from matching.frequency.search.match import with_simple_vehicle
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
@@ -214,3 +215,27 @@ def test_one_that_cannot_turn_as_the_vehicle_is_refused_in_one_line(tmp_path):
     )
     with pytest.raises(InputError, match=r"operating_point: the vehicle has it, with the residual vehicle"):
         at_speed(tmp_path, unlike)
+
+
+@dataclass(frozen=True)
+class FewOfAResult:
+    """The fields of a match's result that what its residual vehicle lacks may change."""
+
+    case: SimpleNamespace
+    limits: tuple[str, ...]
+    notes: tuple[str, ...] = ("a note",)
+    simple_vehicle: SimpleVehicle | None = None
+
+
+@pytest.mark.parametrize(("fitted", "limits", "is_limit"), [
+    (0.2, ("missed",), True), (0.2, (), False), (0.05, ("missed",), False), (0.05, (), False),
+])  # fmt: skip
+def test_what_it_lacks_stands_first_among_the_limits_where_it_is_too_much_and_else_among_the_notes(
+    fitted, limits, is_limit
+):
+    simple = SimpleVehicle(0.3, fitted, {}, ())
+    found = with_simple_vehicle(FewOfAResult(SimpleNamespace(tolerance=0.1), limits), simple)
+    assert found.simple_vehicle is simple
+    assert found.limits == ((simple.sentence(), *limits) if is_limit else limits)
+    assert found.notes == (("a note",) if is_limit else (simple.sentence(), "a note"))
+    assert with_simple_vehicle(found, None) is found

@@ -2,14 +2,17 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
 from small_bed import write
 
+from matching.commissioning import circle as module
 from matching.commissioning.bed_system import bed_system, names_in_system
 from matching.commissioning.circle import Circle, CommissionOrder
 from matching.commissioning.fmu_bed import held_as_linear
+from matching.commissioning.from_recordings import bed_from_recordings
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
 from matching.commissioning.runs import proof_recording
 from matching.commissioning.stages import RECORD, Stages
@@ -107,6 +110,28 @@ def test_a_step_that_ended_early_is_done_again_where_it_may_take_longer(tmp_path
 def test_a_diagnosis_is_long_enough_unless_it_may_take_longer_now(had, limit, enough, tmp_path):
     circle = Circle(tmp_path, tmp_path, CommissionOrder(diagnosis_limit=limit))
     assert circle._long_enough({"ended_early": had}) is enough
+
+
+def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_path, monkeypatch):
+    """Excited as planned, recorded by hand, told apart; every step leaves its files."""
+    (tmp_path / "bed").mkdir()
+    found = create_autospec(
+        bed_from_recordings, return_value=SimpleNamespace(files=lambda: {"a.txt": ""}, to_dict=lambda: {"named": 1})
+    )
+    plan = SimpleNamespace(to_dict=dict)
+    monkeypatch.setattr(module, "bed_from_recordings", found)
+    monkeypatch.setattr(module, "plan_excitation", create_autospec(module.plan_excitation, return_value=plan))
+    monkeypatch.setattr(module, "excitation_csv", lambda plan: "time [s]")
+    order = CommissionOrder(diagnosis_limit=7.0)
+    monkeypatch.setattr(module, "tuned_case", lambda path: SimpleNamespace(tuned=case))
+    circle = Circle(tmp_path / "out", tmp_path / "bed", order)
+    monkeypatch.setattr(circle, "_recorded", lambda case, plan, number: circle._stages.run(
+        f"{number}_record", "", lambda: ({module.RECORDING: "recorded"}, {})))  # fmt: skip
+    assert circle._identified(tmp_path, 2) == {"named": 1}
+    assert module.plan_excitation.call_args.args == (case, order.excitation)
+    (given, paths, _, limit), path = found.call_args.args, tmp_path / "out" / "2_record" / module.RECORDING
+    assert (given, paths, limit) == (case, [path], 7.0)
+    assert (tmp_path / "out" / "2_diagnose" / "a.txt").exists()
 
 
 @pytest.mark.parametrize("frequency", [5.0, 30.0, 60.0])

@@ -184,7 +184,8 @@ def test_what_goes_wrong_ends_the_emulation_within_five_samples(controller, faul
             break
     assert (FAULTS[answer.fault], answer.mode) == (fault, mode)
     for n in range(3):  # it stays until zero torque is asked for
-        assert own.step(readings(), known, EMULATION, hold, 40 + n).fault == answer.fault
+        later = own.step(readings(), known, EMULATION, hold, 40 + n)
+        assert (FAULTS[later.fault], later.mode) == (fault, mode)
     assert own.step(readings(), known, ZERO, hold, 50).fault == 0
 
 

@@ -26,8 +26,10 @@ class MadeUp(Retuning):
     def __init__(self, low, high, ordered):
         self.low, self.high, self.ordered, self.ends = low, high, ordered, {}
         self.solution = SimpleNamespace(as_good_to=1.0)
+        self.asked = []
 
     def _tuned(self, place):
+        self.asked.append(place)
         return None if place > 0.97 else End(1.0 if self.low <= place <= self.high else 2.0, np.zeros(1), True)
 
 
@@ -41,6 +43,13 @@ def test_the_range_that_is_as_good_is_found_to_a_part_of_the_way_to_the_next_val
     step = (PLACES[1] - PLACES[0]) / 2**HALVINGS
     assert low <= first <= low + step
     assert high - step <= last <= high
+
+
+def test_each_value_is_tuned_next_to_one_that_was():
+    """It begins from its nearest neighbour's answer: from the ordered value upwards, then from there downwards."""
+    retuning = MadeUp(0.0, 1.0, 0.6)
+    retuning.survey()
+    assert retuning.asked == [0.6, 0.75, 1.0, 0.5, 0.25, 0.0]
 
 
 def test_what_is_looked_for_does_not_depend_on_where_one_starts(tmp_path):

@@ -2,13 +2,17 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from match import drawn
 
+from matching.frequency.case.case import Target
 from matching.frequency.case.demands import demands
 from matching.frequency.case.load import load_case
-from matching.frequency.search.infeasible_limits import unkept
+from matching.frequency.search import infeasible_limits, limits
+from matching.frequency.search.infeasible_limits import DeadTimeTrial, shorter_dead_times, unkept
 from matching.frequency.search.match import match
 from modelling.bed.structures import STRUCTURES
 
@@ -70,3 +74,53 @@ def test_dynamometer_too_small(small):
 
     enough = replace(case, limits={**case.limits, "dynamometer_torque": 1.05 * demand})
     assert unkept(enough, enough.moves, demands(enough)) == []
+
+
+@pytest.mark.parametrize(("enough", "trial"), [
+    (0.9e-3, DeadTimeTrial(1e-3, None)),  # s: not even with one sample
+    (1.1e-3, DeadTimeTrial(1e-3, 1e-3)),
+    (5.7e-3, DeadTimeTrial(1e-3, 1e-3 * 2**2.5)),
+    (15e-3, DeadTimeTrial(1e-3, 1e-3 * 2**3.5)),
+])  # fmt: skip
+def test_the_longest_dead_time_that_would_do_is_found_to_an_eighth_of_the_way(enough, trial, monkeypatch):
+    """From 1 to 16 ms, four octaves: halved three times, so to half an octave."""
+    monkeypatch.setattr(infeasible_limits, "_shows", lambda task, solution, targets, dead_time: dead_time <= enough)
+    task = SimpleNamespace(case=SimpleNamespace(loop={"sample_time": 1e-3, "dead_time": 16e-3}))
+    found = shorter_dead_times(task, None, ())
+    assert found.shortest == trial.shortest
+    assert found.sufficient == (None if trial.sufficient is None else pytest.approx(trial.sufficient))
+    at_once = SimpleNamespace(case=SimpleNamespace(loop={"sample_time": 1e-3, "dead_time": 1e-3}))
+    assert shorter_dead_times(at_once, None, ()) is None
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "kept"),
+    [
+        (5.09, 0.12, True),
+        (4.91, 0.08, True),
+        (5.11, 0.1, False),
+        (4.89, 0.1, False),
+        (5.0, 0.14, False),
+        (5.0, 0.06, False),
+    ],
+)
+def test_a_mode_shows_where_frequency_and_damping_are_both_near(frequency, damping, kept):
+    """Of a mode at 5 Hz with 0.1: 2 % and 0.03 are allowed."""
+    target, wanted = Target(1, 0.02, 0.03), SimpleNamespace(frequency=5.0, damping_ratio=0.1)
+    found = SimpleNamespace(frequency=frequency, damping_ratio=damping)
+    assert infeasible_limits._keeps(target, wanted, found) is kept
+
+
+@pytest.mark.parametrize("inertia", [None, 7.0])
+def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(inertia, monkeypatch):
+    """A flange of 2000 N·m/rad that would have to be ten times softer under 100 N·m: half a radian."""
+    monkeypatch.setattr(limits, "_needed", lambda case, names, *_: 0.1 if names[0].startswith("shafts") else inertia)
+    values = {"shafts.flange.stiffness": 2000.0, "inertias.adapter.J": 0.5}
+    rig = SimpleNamespace(parameters={name: SimpleNamespace(value=value) for name, value in values.items()})
+    chain = SimpleNamespace(torque=np.array([-100.0, 40.0]), shafts=[("flange", 1.0)], inertias=("adapter",))
+    case = SimpleNamespace(moves=(), targets=(Target(2),), limits={}, rig=rig)
+    question = SimpleNamespace(case=case, on_rig=["mode"], demands=SimpleNamespace(chains=[chain]))
+    (said,) = limits._mechanics(question, [SimpleNamespace(vehicle_mode=2, vehicle=5.0)])
+    assert "200 N·m/rad in flange, which twists 29° (0.1 turns) at 100 N·m" in said
+    assert ("no inertia behind the cuts, however large, does it alone" in said) == (inertia is None)
+    assert ("or 7 times the inertia behind each cut, 3.5 kg·m² instead of 0.5" in said) == (inertia is not None)

@@ -145,6 +145,20 @@ def test_places_that_have_come_together_are_no_complaint_of_a_worker():
         assert 0 <= minima.bottom()[0] <= 1
 
 
+def test_a_place_more_leaves_the_lowest_with_its_neighbours():
+    """Of 0, 1 and 3 on (x − 1.4)², then 2 and 0.5: three neighbours each, the lowest in the middle."""
+    three = np.array([0.0, 1.0, 3.0])
+    minima = _Minima(np.tile(three[:, None], 2), np.tile((three[:, None] - 1.4) ** 2, 2), np.array([4, 7]))
+    place = np.array([2.0, 0.5])
+    found = minima.narrowed(place, (place - 1.4) ** 2)
+    np.testing.assert_array_equal(found.places, [[0.0, 0.5], [1.0, 1.0], [2.0, 3.0]])
+    np.testing.assert_allclose(found.squares, (found.places - 1.4) ** 2)
+    assert found.draws.tolist() == [4, 7]
+    again = found.narrowed(np.array([1.4, 1.4]), np.zeros(2))
+    np.testing.assert_array_equal(again.places, [[1.0, 1.0], [1.4, 1.4], [2.0, 3.0]])
+    np.testing.assert_allclose(minima.bottom(), 1.4)
+
+
 def test_unstable_draws_are_seen(prepared):
     x = np.tile(prepared.center, (6, 1))
     x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.006, 0.009, 0.012, 0.02, 0.03]
@@ -277,8 +291,11 @@ def test_command(case, tmp_path, capsys):
 def test_python_users_bring_their_own_executor(case, tmp_path):
     record = tmp_path / "tolerance.jsonl"
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
+        other = rm.tolerance(case.path, draws=12, executor=processes, seed=4, added=ADDED)
         first = rm.tolerance(case.path, 12, threads, seed=3, added=ADDED, record=record)
         assert len(record.read_text().splitlines()) == 1
+        # what is on record is of another seed and left alone
+        assert rm.tolerance(case.path, 12, threads, seed=4, added=ADDED, record=record).to_dict() == other.to_dict()
         assert rm.tolerance(case.path, draws=12, executor=processes, seed=3, added=ADDED).to_dict() == first.to_dict()
         small = replace(case, moves=tuple(move for move in case.moves if "gain" in move.name)[:1])
         axes = (Axis("loop.dead_time", "s", (2e-3,), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3))

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from matching.frequency.case.case import Case, Move
+from matching.frequency.case.case import Case, Move, Target
 from matching.frequency.case.demands import Demands, ExceededLimit
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
@@ -105,15 +105,18 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
         return False
     loop_modes = feedback_modes(parts)
     inertia = {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias}
-    for target, (_, wanted) in zip(case.targets, targets, strict=True):
-        best = match_mode(wanted, loop_modes, inertia)
-        if (
-            best is None
-            or abs(best[0].frequency / wanted.frequency - 1) > target.frequency_tolerance
-            or abs(best[0].damping_ratio - wanted.damping_ratio) > target.damping_tolerance
-        ):
-            return False
-    return True
+    return all(
+        (best := match_mode(wanted, loop_modes, inertia)) is not None and _keeps(target, wanted, best[0])
+        for target, (_, wanted) in zip(case.targets, targets, strict=True)
+    )
+
+
+def _keeps(target: Target, wanted: Mode, found: Mode) -> bool:
+    """Whether a mode is as near to the one wanted as its target asks for."""
+    return (
+        abs(found.frequency / wanted.frequency - 1) <= target.frequency_tolerance
+        and abs(found.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
+    )
 
 
 def wider_bounds(
