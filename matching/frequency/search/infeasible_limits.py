@@ -14,7 +14,7 @@ from matching.frequency.case.case import Case, Move, Target
 from matching.frequency.case.demands import Demands, ExceededLimit
 from matching.frequency.case.tuned import apply
 from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.loop_modes import feedback_modes, match_mode
+from matching.frequency.loop.loop_modes import LoopMode, feedback_modes, match_mode
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.ipopt import solved
 from matching.frequency.programme.scaling import scaled, unscaled
@@ -111,7 +111,7 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
     )
 
 
-def _keeps(target: Target, wanted: Mode, found: Mode) -> bool:
+def _keeps(target: Target, wanted: Mode, found: LoopMode) -> bool:
     """Whether a mode is as near to the one wanted as its target asks for."""
     return (
         abs(found.frequency / wanted.frequency - 1) <= target.frequency_tolerance
