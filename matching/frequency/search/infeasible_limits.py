@@ -111,11 +111,11 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
     )
 
 
-def _keeps(target: Target, wanted: Mode, found: LoopMode) -> bool:
+def _keeps(target: Target, wanted: Mode, shown: LoopMode) -> bool:
     """Whether a mode is as near to the one wanted as its target asks for."""
     return (
-        abs(found.frequency / wanted.frequency - 1) <= target.frequency_tolerance
-        and abs(found.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
+        abs(shown.frequency / wanted.frequency - 1) <= target.frequency_tolerance
+        and abs(shown.damping_ratio - wanted.damping_ratio) <= target.damping_tolerance
     )
 
 
