@@ -142,6 +142,12 @@ def test_columns_are_suggested_by_name_unit_and_kind(bench):
     assert suggestions(bench, {"a": "K"})["motor_torque"].column == ""
 
 
+@pytest.mark.parametrize(("column", "found"), [("Mot", True), ("motr", True), ("Gearbox", False)])
+def test_a_shortened_name_is_suggested_and_a_foreign_one_is_not(bench, column, found):
+    """Twice the letters in common over all letters: of motor and Mot 0.75, of motor and Gearbox 0.17."""
+    assert [each.column for each in suggestions(bench, {column: ""}).values()].count(column) == found
+
+
 def test_a_channel_file_of_the_suggestions_reads_the_recording(bench, tmp_path):
     path = tmp_path / "log.csv"
     rows = [f"{t / 100},{t % 5},{60 * t}" for t in range(50)]

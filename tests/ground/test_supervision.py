@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import rigmatch
+from matching import supervision
 from matching.supervision import _temporary_folder
 
 ROOT = Path(__file__).parents[2]
@@ -218,3 +219,9 @@ def test_temporary_files_go_where_python_puts_them(monkeypatch, tmp_path, name):
     monkeypatch.setenv(name, str(tmp_path))
     monkeypatch.setattr(tempfile, "tempdir", None)
     assert Path(_temporary_folder()).parent == Path(tempfile.gettempdir()) == tmp_path
+
+
+def test_nothing_is_waited_for_where_nothing_was_left_behind(monkeypatch):
+    monkeypatch.setattr(supervision, "_children", list)
+    monkeypatch.setattr(supervision.time, "sleep", lambda _: pytest.fail("waited"))
+    supervision._kill_orphans()

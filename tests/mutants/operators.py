@@ -8,7 +8,8 @@ Left out, because no test can or should notice them:
 - texts: docstrings, strings with a blank, f-strings, help of the command line, and all in ``raise`` and ``warn``
 - types: annotations, decorators, type aliases, ``cast``, ``TYPE_CHECKING``, abstract methods
 - checks of the programmer: ``assert``, ``strict=``, ``encoding=``, ``stacklevel=``
-- the look of figures: colours, widths, sizes and places of text (:data:`LOOK`)
+- the look of figures: colours, widths, sizes and places of text (:data:`LOOK`); widths and heights in pixels of what
+  stands on the explorer's page (:data:`PIXELS`)
 - speed: lines whose comment says ``speed only``
 - comparisons of real quantities at equality: ``<`` becomes ``>=`` there, and ``<=`` only against a count
 - arguments swapped where their order means nothing (:data:`SYMMETRIC`)
@@ -36,6 +37,7 @@ _SYMMETRIC = """
     multiply logical_and logical_or isinstance Add Mul Max Min zip product set_aspect
 """
 LOOK, SYMMETRIC = set(_LOOK.split()), set(_SYMMETRIC.split())  # names of keyword arguments, of functions
+PAGE, PIXELS = "matching/explore/page/", {"width", "height"}  # elsewhere these may be quantities
 PROGRAMMER = {"strict", "encoding", "stacklevel", "errors", "repr"}
 TEXTS = {"help", "metavar", "description", "epilog"}  # of the command line
 PAIRS = (
@@ -258,6 +260,8 @@ class _Visitor(cst.CSTVisitor):
             return True
         if isinstance(node, cst.Arg) and node.keyword and node.keyword.value in LOOK | PROGRAMMER | TEXTS:
             return True
+        if isinstance(node, cst.Arg) and node.keyword and self.file.startswith(PAGE):
+            return node.keyword.value in PIXELS and isinstance(node.value, cst.Integer)
         if isinstance(node, cst.DictElement) and isinstance(node.key, cst.SimpleString):
             return node.key.evaluated_value in LOOK  # keyword arguments that are kept in a dict
         if isinstance(node, cst.Call):
