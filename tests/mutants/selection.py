@@ -12,19 +12,41 @@ def tests_for(fault: Fault, tests: Map) -> set[str]:
     """Tests that run the fault's statement; of a constant, those that run a line with its name.
 
     Where there is none (the line runs in another process only, or never), all tests that run any line of the file;
-    where the file has constants alone, those that run a line with a name of it.
+    where the file has constants alone, those that run a line with a name of it; where it runs in other processes alone,
+    those of the test files that name its module, or one that names it.
     """
     if fault.constant:
         found = _of_name(fault.constant, tests)
     else:
         found = tests.of(fault.file, range(fault.lines[0], fault.lines[1] + 1))
     found = found or set().union(*tests.by_line[fault.file].values())
-    return found or set().union(*(_of_name(name, tests) for name in names_of(fault.file)))
+    found = found or set().union(*(_of_name(name, tests) for name in names_of(fault.file)))
+    return found or {test for test in tests.tests if test.partition("::")[0] in naming(fault.file)}
 
 
 def _of_name(name: str, tests: Map) -> set[str]:
     """Tests that run a line with a name."""
     return set().union(*(tests.of(file, range(n, n + 1)) for file, n in lines_with(name)))
+
+
+@cache
+def naming(file: str, root: Path = ROOT) -> set[str]:
+    """Test files that name the module of a file, or a module of the program that names it."""
+    program = {other: "\n".join(lines) for other, lines in sources(root).items()}
+    modules = {file, *(other for other, text in program.items() if _name(file).search(text))}
+    texts = {path: path.read_text(encoding="utf-8") for path in (root / "tests").rglob("test_*.py")}
+    return {
+        str(path.relative_to(root))
+        for path, text in texts.items()
+        if any(_name(module).search(text) for module in modules)
+    }
+
+
+def _name(file: str) -> re.Pattern[str]:
+    """How an import or a command line names the module of a file."""
+    whole = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    package, _, name = whole.rpartition(".")
+    return re.compile(rf"\b{re.escape(whole)}\b|\bfrom {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
 
 
 def names_of(file: str) -> list[str]:
