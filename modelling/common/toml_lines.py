@@ -10,7 +10,7 @@ _HEADER = re.compile(r"\s*(\[\[?)\s*([\w.\s\"'-]+?)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"\s*([\w.\"' -]+?)\s*=")
 _ELEMENT = re.compile(r"\s*[{\[\"']")  # of a list that is written over several lines
 _QUOTED = re.compile(r"'([^']+)'")
-LARGEST_SEARCHED = 5_000_000  # bytes
+LARGEST_SEARCHED = 5_000_000  # bytes; speed only
 
 
 def line_of(where: str, wrong: str = "") -> int | None:

@@ -15,7 +15,7 @@ from modelling.simulation.simulate import sensitivities, simulate_batch
 from modelling.simulation.start import start_state
 
 WINDOWS = (0.06, 0.25)  # s; over the short one, which comes first, even a lash hardly misleads
-LEAST_SAMPLES = 9
+LEAST_SAMPLES = 8  # of a window, however seldom they are taken
 MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
 ROUNDS = 6  # of Gauss-Newton
 SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
@@ -118,8 +118,8 @@ def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, s
     sensors = [part for part in model.system.sensors if part.name in recording.channels]
     # Sensors may begin later than the inputs do: counted from the first reading, simulated from the first row.
     first = min(int(np.argmax(np.isfinite(recording[part.name]))) for part in sensors)
-    last = recording.time[min(first + LEAST_SAMPLES - 1, len(recording.time) - 1)]
-    early = recording.cut(recording.time[0], max(recording.time[first] + seconds, last))
+    last = recording.time[min(first + LEAST_SAMPLES, len(recording.time) - 1)]
+    early = recording.cut(recording.time[0], max(recording.time[first] + seconds, last))  # without its end
     inputs = early.inputs(model.system)
     named = dict(zip(model.states[: len(start)], start.tolist(), strict=True))
     state = start_state(model, p, inputs[0], named)

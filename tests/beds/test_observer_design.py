@@ -58,6 +58,11 @@ def test_the_gain_solves_the_whole_problem_with_commands_on_their_way_and_torque
     assert of_torques == controller.F[:, o + m :] / (1 - NOW)
 
 
+def test_what_the_regulator_reads_is_what_the_sensors_read_of_rig_and_lags(model):
+    state = np.random.default_rng(2).normal(size=len(regulator(model).A))
+    np.testing.assert_allclose(regulator(model).C @ state, model.readings.rows @ state[: model.states])
+
+
 def test_the_correction_is_where_the_filters_recursion_ends_residual_vehicle_included(model, controller, small_case):
     weights, n, e = small_case.loop.values, model.states, model.estimated
     x, k = model.speed_error.shape[1], 1

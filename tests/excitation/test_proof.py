@@ -7,7 +7,7 @@ import pytest
 
 from matching.excitation import proof as module
 from matching.excitation.controlled import controlled_beds
-from matching.excitation.proof import FREE, plan_proof
+from matching.excitation.proof import FREE, VISIBLE_VARIANCE, _visible, plan_proof
 from matching.excitation.recorded_bed import recorded_bed
 from matching.fmu.controller import exported_controller
 from matching.frequency.loop.parts import parts_of
@@ -98,3 +98,14 @@ def test_what_is_missing_is_named(limited_case):
     limits = {name: value for name, value in limited_case.limits.items() if name != "dynamometer_torque"}
     with pytest.raises(InputError, match=r"limits\.dynamometer_torque"):
         plan_proof(replace(limited_case, limits=limits), SPEED)
+
+
+def test_what_is_visible_is_a_share_of_the_band_alone(controlled, quiet_case):
+    """Lines of one strength each, one of them strong: its weight in 1/f among those inside the band."""
+    frequencies, bed, beds = controlled
+    pair = quiet_case.compared[0]
+    case, quiet = replace(quiet_case, band=(2.0, 20.0), compared=(pair,)), replace(bed, noise=np.ones(len(bed.noise)))
+    answer = np.abs(beds.outputs[0][:, bed.sensors.index(pair.sensor), 0]) ** 2
+    variance = VISIBLE_VARIANCE * np.array([0.5, 0.5, 2.0, 0.5])  # at 1.1, 4, 12 and 28 Hz
+    seen = _visible(case, quiet, beds, frequencies, (1 / (variance * answer))[:, None])
+    assert seen == {f"{pair.input} → {pair.sensor}": pytest.approx((1 / 4) / (1 / 4 + 1 / 12))}

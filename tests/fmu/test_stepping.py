@@ -10,7 +10,8 @@ from matching.fmu.export_source import read_export_source
 from matching.frequency.case.load import load_case
 from modelling.bed.manoeuvres import TipIn
 from modelling.equations.compiled import compiled
-from modelling.model.files import load
+from modelling.fmu.block import block
+from modelling.model.files import from_dict, load
 from modelling.simulation.simulate import simulate
 
 pytestmark = compiles
@@ -208,3 +209,20 @@ def test_version_three_steps_as_version_two(export, lashed_model):
     two, three = (through_fmpy(export(lashed_model, fmi), time, inputs, OTHER) for fmi in ("2.0", "3.0"))
     for name, values in two.items():
         assert np.array_equal(three[name], values), name
+
+
+@pytest.mark.parametrize(("name", "fastest", "slowest"), [
+    ("inertias.motor.J", 0.02, 0.5), ("shafts.link.stiffness", 2e5, 200.0),
+])  # fmt: skip
+def test_steps_suffice_at_the_end_of_a_range_that_makes_it_fast(name, fastest, slowest):
+    """A light inertia, a stiff shaft: as many steps as a model takes that has this value."""
+    data = {
+        "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},
+        "shafts": {"link": {"between": ["motor", "load"], "stiffness": 2e4, "damping": 0.5}},
+        "inputs": {"torque": {"on": "motor"}}, "sensors": {"speed": {"measures": "speed", "of": "load"}},
+    }  # fmt: skip
+    system = from_dict(data, "test")
+    bounded = block([system], "test", "test", bounds={name: (min(fastest, slowest), max(fastest, slowest))})
+    alone = block([system.with_values({name: fastest})], "test", "test")
+    assert bounded.steps_per_second == pytest.approx(alone.steps_per_second)
+    assert alone.steps_per_second > 1.1 * block([system], "test", "test").steps_per_second

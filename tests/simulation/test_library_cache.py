@@ -173,6 +173,24 @@ def test_unfinished_entries_of_the_dead_are_removed(cache):
     assert new.exists()
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="groups are not asked for here")
+@pytest.mark.parametrize("nobody", ["pwd.getpwuid", "grp.getgrgid"])
+def test_a_user_or_group_without_a_name_has_no_group_of_its_own(nobody, cache, monkeypatch):
+    """As in a container that runs under any number: no error, and what nobody else may write to is its own."""
+
+    def unknown(number):
+        raise KeyError(number)
+
+    cache.mkdir(mode=0o700)
+    monkeypatch.setattr(f"modelling.simulation.integrator.library_cache.{nobody}", unknown)
+    library_cache._private_group.cache_clear()
+    try:
+        assert library_cache._private_group() is None
+        assert library_cache.only_mine(cache)
+    finally:
+        library_cache._private_group.cache_clear()
+
+
 WRONG = {
     "fails": ("echo 'x.c:1: error: no licence' >&2; exit 1", "error: no licence"),
     "makes_nothing": ("exit 0", "it made no library"),

@@ -9,7 +9,7 @@ from modelling.common.errors import InputError
 from modelling.equations.compiled import compiled
 from modelling.measurement.recording import Recording
 from modelling.model.files import from_dict
-from modelling.simulation.recorded_start import recorded_start
+from modelling.simulation.recorded_start import _window, recorded_start
 from modelling.simulation.simulate import simulate, simulate_batch
 from modelling.simulation.start import steady
 from tests.simulation.drives import EFFECTS, excitation, system_with
@@ -104,6 +104,20 @@ def test_one_inertia_and_sensors_that_begin_later_than_the_input():
         seen = np.where(np.arange(1000) >= first, speed, np.nan)
         start = recorded_start(model, Recording(time, {"torque": np.full(1000, 3.0), "speed": seen}), model.p0)
         assert start["speed(rotor)"] == pytest.approx(8.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("first", "rows"), [(0, 8), (5, 13)])
+def test_eight_readings_tell_the_start_where_samples_are_seldom(first, rows):
+    """At two samples a second: counted from the first reading, from the first row on."""
+    data = {
+        "inertias": {"rotor": {"J": 0.5, "drag": 0.2}},
+        "inputs": {"torque": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.01}},
+    }
+    model, time = compiled(from_dict(data, "rotor")), np.arange(40) * 0.5
+    seen = np.where(np.arange(40) >= first, 15.0, np.nan)
+    window = _window(model, Recording(time, {"torque": np.full(40, 3.0), "speed": seen}), model.p0, 0.25, np.zeros(2))
+    np.testing.assert_allclose(window.time, time[:rows])
 
 
 def test_the_start_is_found_behind_gears_and_a_differential():
