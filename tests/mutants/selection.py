@@ -1,6 +1,7 @@
 """Which tests are run against a fault."""
 
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -9,14 +10,14 @@ from tests.mutants.operators import Fault
 
 
 def tests_for(fault: Fault, tests: Map) -> set[str]:
-    """Tests that run the fault's statement; of a constant, those that run a line with its name.
+    """Tests that run the fault's statement; of a constant, those that run a line with its name or name it themselves.
 
     Where there is none (the line runs in another process only, or never), all tests that run any line of the file;
     where the file has constants alone, those that run a line with a name of it; where it runs in other processes alone,
     those of the test files that name its module, or one that names it.
     """
     if fault.constant:
-        found = _of_name(fault.constant, tests)
+        found = _of_name(fault.constant, tests) | asking(fault.constant, tests.tests)
     else:
         found = tests.of(fault.file, range(fault.lines[0], fault.lines[1] + 1))
     found = found or set().union(*tests.by_line[fault.file].values())
@@ -47,6 +48,14 @@ def _name(file: str) -> re.Pattern[str]:
     whole = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, name = whole.rpartition(".")
     return re.compile(rf"\b{re.escape(whole)}\b|\bfrom {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
+
+
+def asking(name: str, names_of_tests: Iterable[str], root: Path = ROOT) -> set[str]:
+    """Tests in whose file a name stands: what a class says of itself may be read by its test alone."""
+    word = re.compile(rf"\b{re.escape(name)}\b")
+    files = {one.partition("::")[0] for one in names_of_tests}
+    inside = {file for file in files if (root / file).is_file() and word.search((root / file).read_text("utf-8"))}
+    return {one for one in names_of_tests if one.partition("::")[0] in inside}
 
 
 def names_of(file: str) -> list[str]:

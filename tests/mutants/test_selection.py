@@ -22,3 +22,10 @@ def test_what_no_recorded_test_runs_has_the_tests_that_name_it(file, test):
 
 def test_a_file_that_nobody_names_has_none():
     assert selection.naming("matching/no_such_file.py") == set()
+
+
+def test_what_a_class_says_of_itself_is_asked_by_the_tests_that_name_it(tmp_path):
+    (tmp_path / "test_a.py").write_text("assert law.abrupt\n")
+    (tmp_path / "test_b.py").write_text("abruptly = 1\n")
+    tests = ["test_a.py::test_one", "test_a.py::test_two[x]", "test_b.py::test_one", "test_gone.py::test_one"]
+    assert selection.asking("abrupt", tests, tmp_path) == {"test_a.py::test_one", "test_a.py::test_two[x]"}
