@@ -67,8 +67,6 @@ class ControlStructure(ABC):
     ----------
     name : str
         As case files write it under ``loop.structure``.
-    summary : str
-        One sentence for help and pages.
     quantities : dict of str to LoopQuantity
         What may be tuned of it.
     blocks : tuple of ControllerBlock
@@ -82,7 +80,6 @@ class ControlStructure(ABC):
     """
 
     name: str
-    summary: str
     quantities: Mapping[str, LoopQuantity]
     blocks: tuple[ControllerBlock, ...] = ()
     has_feed_forward: bool = False

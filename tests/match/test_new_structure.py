@@ -24,7 +24,6 @@ class Proportional(ControlStructure):
     """command = kp·(reference − speed)."""
 
     name = "proportional"
-    summary = "feedback of the speed error"
     quantities = {"proportional_gain": LoopQuantity("N*m*s/rad", 100.0, 0.0, 1e5, "torque for a speed error")}
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:

@@ -191,6 +191,16 @@ def test_a_user_or_group_without_a_name_has_no_group_of_its_own(nobody, cache, m
         library_cache._private_group.cache_clear()
 
 
+def test_a_compiler_that_takes_too_long_is_ended_where_there_are_no_groups_of_processes(tmp_path, monkeypatch):
+    """As on Windows: what it would have written later is not."""
+    monkeypatch.delattr(os, "killpg")
+    late = tmp_path / "late"
+    script = f"import time; time.sleep(3); open({str(late)!r}, 'w')"
+    with pytest.raises(c_compiler.CompilerFault, match=r"no end after 0\.5 s"):
+        c_compiler._run([sys.executable, "-I", "-S", "-c", script], str(tmp_path), 0.5)
+    assert not late.exists()
+
+
 WRONG = {
     "fails": ("echo 'x.c:1: error: no licence' >&2; exit 1", "error: no licence"),
     "makes_nothing": ("exit 0", "it made no library"),

@@ -31,7 +31,6 @@ class ModelBased(PI):
     """Feed-forward through a model of rig and vehicle, with the feedback of :class:`PI`."""
 
     name = "model_based"
-    summary = "model-based feed-forward of measured torques, predicted across the dead time, with the feedback of pi"
     blocks = (FEED_FORWARD, *BLOCKS)
     has_feed_forward = True
 

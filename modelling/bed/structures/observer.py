@@ -79,7 +79,6 @@ class Observer(ControlStructure):
     """Kalman filter, prediction and state feedback."""
 
     name = "observer"
-    summary = "feed-forward of measured torques, disturbance observer for all others, prediction across the dead time"
     quantities = QUANTITIES
     blocks = BLOCKS
     is_observer = True

@@ -47,7 +47,6 @@ class PI(ControlStructure):
     """Feedback alone."""
 
     name = "pi"
-    summary = "feedback alone: speed control with torque and acceleration feed-forward and a lead"
     quantities = QUANTITIES
     blocks: tuple[ControllerBlock, ...] = BLOCKS
 
