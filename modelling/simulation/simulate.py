@@ -19,6 +19,7 @@ from modelling.simulation import step_control
 from modelling.simulation.integrator.task import Trajectories, make_task
 from modelling.simulation.recorded_inputs import Inputs, checked
 from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
+from modelling.simulation.sharper_friction import sharp_enough
 from modelling.simulation.start import Start, start_state
 from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem
 from modelling.simulation.stepping import Stepping
@@ -48,12 +49,13 @@ def simulate(
         N·m.
     values : mapping, optional
         Parameters by name that differ from the model's, SI. ``simulation.stick_speed`` (rad/s) among them fixes over
-        which speed the sign of dry friction changes; otherwise it is chosen from the speeds' range.
+        which speed the sign of dry friction changes; otherwise it is so small that no reading changes by more than the
+        tolerance.
     start : see :func:`modelling.simulation.start.start_state`
     sensors : sequence of str, optional
         Which readings to return; all if not given.
     tolerance : float
-        Largest error of the integration, as a share of each reading's range.
+        Largest error of the integration and of dry friction's regularisation, as a share of each reading's range.
     steps_per_second : float, optional
         Explicit steps at this rate instead; the error is then not estimated.
     compile : bool, optional
@@ -71,7 +73,11 @@ def simulate(
     columns = _columns(model, sensors)
     p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    done = _controlled(problem, tolerance, steps_per_second, compile)
+    done, stick = _controlled(problem, tolerance, steps_per_second, compile), float("nan")
+    if STICK_SPEED in model.parameters:
+        stick = float(p[model.parameters.index(STICK_SPEED)])
+        if steps_per_second is None and STICK_SPEED not in (values or ()):
+            done, stick = sharp_enough(problem, done, tolerance, compile)
     return Simulation(
         time,
         {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
@@ -79,7 +85,7 @@ def simulate(
         list(model.states),
         {part.name: part.unit for part in model.system.sensors if part.name in columns},
         done.stepping.mean_rate(time),
-        float(p[model.parameters.index(STICK_SPEED)]) if STICK_SPEED in model.parameters else float("nan"),
+        stick,
         done.stepping.implicit,
         {name: float(done.error[j]) for name, j in columns.items()},
     )
