@@ -17,7 +17,11 @@ STEPS_SHARE = 0.1  # of the tolerance, for the steps: a transition that a whole 
 
 
 def sharp_enough(
-    problem: InitialValueProblem, blunt: Controlled, tolerance: float, compiled: bool | None = None
+    problem: InitialValueProblem,
+    blunt: Controlled,
+    tolerance: float,
+    compiled: bool | None = None,
+    most_runs: int = MOST_RUNS,
 ) -> tuple[Controlled, float]:
     """The run with a stick speed so small that it changes no reading by more than the tolerance, and that speed, rad/s.
 
@@ -33,10 +37,14 @@ def sharp_enough(
         Its run.
     tolerance : float
         Share of each reading's range.
+    most_runs : int
+        0: the law stays as it is. Without dry friction it does anyway, and there is no stick speed (NaN).
     """
+    if STICK_SPEED not in problem.model.parameters:
+        return blunt, float("nan")
     at = problem.model.parameters.index(STICK_SPEED)
     best, before = blunt, np.inf
-    for _ in range(MOST_RUNS):
+    for _ in range(most_runs):
         p = problem.p.copy()
         p[0, at] /= SHARPER
         try:

@@ -19,7 +19,7 @@ from modelling.simulation import step_control
 from modelling.simulation.integrator.task import Trajectories, make_task
 from modelling.simulation.recorded_inputs import Inputs, checked
 from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
-from modelling.simulation.sharper_friction import sharp_enough
+from modelling.simulation.sharper_friction import MOST_RUNS, sharp_enough
 from modelling.simulation.start import Start, start_state
 from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem
 from modelling.simulation.stepping import Stepping
@@ -73,11 +73,9 @@ def simulate(
     columns = _columns(model, sensors)
     p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    done, stick = _controlled(problem, tolerance, steps_per_second, compile), float("nan")
-    if STICK_SPEED in model.parameters:
-        stick = float(p[model.parameters.index(STICK_SPEED)])
-        if steps_per_second is None and STICK_SPEED not in (values or ()):
-            done, stick = sharp_enough(problem, done, tolerance, compile)
+    fixed = steps_per_second is not None or STICK_SPEED in (values or ())
+    done = _controlled(problem, tolerance, steps_per_second, compile)
+    done, stick = sharp_enough(problem, done, tolerance, compile, most_runs=0 if fixed else MOST_RUNS)
     return Simulation(
         time,
         {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
