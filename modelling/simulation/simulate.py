@@ -49,8 +49,7 @@ def simulate(
         N·m.
     values : mapping, optional
         Parameters by name that differ from the model's, SI. ``simulation.stick_speed`` (rad/s) among them fixes over
-        which speed the sign of dry friction changes; otherwise it is so small that no reading changes by more than the
-        tolerance.
+        which speed the sign of dry friction changes; otherwise no reading changes beyond the tolerance if it is smaller.
     start : see :func:`modelling.simulation.start.start_state`
     sensors : sequence of str, optional
         Which readings to return; all if not given.
@@ -74,8 +73,8 @@ def simulate(
     p = with_stick_speed(model, time, u, model.vector(values), start, values or (), compile=compile)
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
     fixed = steps_per_second is not None or STICK_SPEED in (values or ())
-    done = _controlled(problem, tolerance, steps_per_second, compile)
-    done, stick = sharp_enough(problem, done, tolerance, compile, most_runs=0 if fixed else MOST_RUNS)
+    blunt = _controlled(problem, tolerance, steps_per_second, compile)
+    done, stick = sharp_enough(problem, blunt, tolerance, compile, most_runs=0 if fixed else MOST_RUNS)
     return Simulation(
         time,
         {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
