@@ -49,7 +49,7 @@ def simulate(
         N·m.
     values : mapping, optional
         Parameters by name that differ from the model's, SI. ``simulation.stick_speed`` (rad/s) among them fixes over
-        which speed the sign of dry friction changes; otherwise no reading changes beyond the tolerance if it is smaller.
+        which speed the sign of dry friction changes; otherwise it is as small as the tolerance asks.
     start : see :func:`modelling.simulation.start.start_state`
     sensors : sequence of str, optional
         Which readings to return; all if not given.
