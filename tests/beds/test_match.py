@@ -11,6 +11,7 @@ from matching.frequency.beds.closed_loop import action, bed_set
 from matching.frequency.beds.closed_loop import responses as controlled
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.errors import estimator_bound
+from matching.frequency.search.match import match
 from matching.frequency.verification.observed import controller_of
 from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.simulation import matched_motion
@@ -30,6 +31,24 @@ def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
     assert target.identified == pytest.approx(target.vehicle, rel=0.02)
     assert result.response_error.after < 0.02 < result.response_error.before
     assert result.response_error.unmeasured < result.case.unmeasured_tolerance
+
+
+def test_with_40_ms_the_dead_time_is_named_first_and_the_search_is_short(small_case):
+    """A controller that knew every torque would miss both tolerances: no long search finds another."""
+    box = small_case.uncertainty.about({"loop.dead_time": 0.04})
+    case = replace(small_case, loop=small_case.loop.with_values({"dead_time": 0.04}), uncertainty=box)
+    late = match(case, beds=3)
+    assert late.status == "limited"
+    assert late.response_error.bound > case.unmeasured_tolerance
+    assert late.limits[0].startswith("with every torque measured, dead time and sampling alone leave")
+    assert any("response error to measured torques" in sentence for sentence in late.limits[1:])
+    assert any("the search over the observer's weights is short, and 3 drawn beds" in note for note in late.notes)
+    json.dumps(content(late), allow_nan=False)
+    assert "sampling alone leave" in summary(content(late)).splitlines()[1]
+
+
+def test_a_short_search_is_for_dead_times_out_of_reach_alone(result):
+    assert not any("sampling alone" in sentence for sentence in [*result.notes, *result.limits])
 
 
 def test_the_result_states_beds_margin_and_noise(result):

@@ -25,9 +25,7 @@ UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost n
 
 def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
     """Response errors of a tuned case, with the lower bounds set by its dead time; these emulate the whole vehicle."""
-    whole = tuned
-    if tuned.simple_vehicle is not None:
-        whole = dataclasses.replace(tuned, simple_vehicle=None, residual_vehicle=cut(tuned.vehicle, tuned.rig))
+    whole = emulating_the_whole(tuned)
     return ResponseError(
         band=figures.band,
         before=figures.before,
@@ -39,6 +37,13 @@ def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
         unmeasured_bound=estimator_bound(whole),
         functions=figures.functions,
     )
+
+
+def emulating_the_whole(case: Case) -> Case:
+    """The case with the residual vehicle that is cut from the vehicle, in place of the user's own."""
+    if case.simple_vehicle is None:
+        return case
+    return dataclasses.replace(case, simple_vehicle=None, residual_vehicle=cut(case.vehicle, case.rig))
 
 
 def lower_bound(case: Case, refinement: int) -> float:

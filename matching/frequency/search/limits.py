@@ -12,7 +12,7 @@ from matching.frequency.case.demands import ExceededLimit
 from matching.frequency.case.load_limits import TORQUE_OVER_SPEED
 from matching.frequency.search.question import Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
-from matching.frequency.search.result import TargetResult
+from matching.frequency.search.result import ResponseError, TargetResult
 from matching.frequency.search.solve_and_verify import VerifiedSolution
 from matching.frequency.solver.task import Solution
 from matching.frequency.verification.peaks import Violation
@@ -50,6 +50,17 @@ def limits(
     asking = asked.broken({f"rig.{name}": quantity.value for name, quantity in solution.tuned.rig.parameters.items()})
     said += [_asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
     return said if len(said) > len(shared) else []
+
+
+def led_by_dead_time(stands: list[str], case: Case, error: ResponseError) -> list[str]:
+    """The sentences, led by what dead time and sampling leave with every torque measured, where that is too much."""
+    if not stands or min(error.bound, error.after) <= case.tolerance:
+        return stands
+    alone = (
+        f"with every torque measured, dead time and sampling alone leave a response error of {error.bound:.2g}, "
+        f"{case.tolerance:g} is allowed"
+    )
+    return [alone, *stands]
 
 
 def _loop(verified: VerifiedSolution, case: Case) -> list[str]:

@@ -18,7 +18,7 @@ from matching.frequency.response.responses import ComparedBed
 from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
 from matching.frequency.search.adapters import settle_adapters
 from matching.frequency.search.errors import curves_of, errors_with_bounds
-from matching.frequency.search.limits import limits
+from matching.frequency.search.limits import led_by_dead_time, limits
 from matching.frequency.search.linearisation import check_sliding, opened_lashes, standstill, unloaded_lashes
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import Progress, Question, SearchEffort, differing_components, question_of
@@ -91,7 +91,7 @@ def match(
     if aside is not None:
         aside.start()
     if case.loop.structure.is_observer:
-        effort = TuningEffort() if beds is None else TuningEffort(fresh=beds)
+        effort = None if beds is None else TuningEffort(fresh=beds)
         return with_simple_vehicle(match_with_observer(question, seed, tell, effort, aside), simple)
     result = _match_with_feedback(question, SearchEffort(seed, starts, workers, tell, near, ordering), beds, aside)
     return with_simple_vehicle(replace(result, seconds=time.perf_counter() - begin), simple)
@@ -112,6 +112,7 @@ def _match_with_feedback(
     stands = [*limits(question, verified, targets, relaxed), *unloaded_lashes(question.case)]
     errors = errors_with_bounds(verified.tuned, verified.checked.errors)
     stands += [] if robust is None else not_kept(question.case, robust)
+    stands = led_by_dead_time(stands, question.case, errors)
     effort.tell("bound and curves")
     result = _result(question, verified, targets, stands, errors)
     notes = (*result.notes, *([] if robust is None else noted(question.case, robust)), *further)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from matching.frequency.in_time.table import truth_of
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.programme.objectives import REGISTERED
 from matching.frequency.response.observed import ObservedBed
-from matching.frequency.search.errors import curves_of, errors_with_bounds
-from matching.frequency.search.limits import limits
+from matching.frequency.search.errors import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
+from matching.frequency.search.limits import led_by_dead_time, limits
 from matching.frequency.search.linearisation import opened_lashes, standstill, unloaded_lashes
 from matching.frequency.search.question import Progress, Question, differing_components
 from matching.frequency.search.relaxations import Relaxations
@@ -30,6 +31,7 @@ from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.verify import Verification
 from modelling.modal.damped_modes import damped_modes
 
+OUT_OF_REACH = TuningEffort(drawn=8, pool=16, rounds=1, steps=5, most_steps=20, scenarios=0, blind=0, fresh=40)
 AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer needs no other"
 
 
@@ -43,7 +45,8 @@ def match_with_observer(
     InputError
         If the case cannot be worked on as it stands.
     """
-    begin, effort, case = time.perf_counter(), effort or TuningEffort(), question.case
+    begin, case = time.perf_counter(), question.case
+    effort, short = _effort(case, effort)
     search = tuner(case, effort.drawn, effort.pool)
     tell("drawn beds")
     weights, cost = tuned_weights(search, effort)
@@ -56,7 +59,7 @@ def match_with_observer(
     results = target_results(question, checked)
     error = errors_with_bounds(tuned, checked.errors)
     stands = limits(question, _found(question, cost, tuned, checked), results, Relaxations())
-    stands += [*not_kept(case, robust), *unloaded_lashes(case)]
+    stands = led_by_dead_time([*stands, *not_kept(case, robust), *unloaded_lashes(case)], case, error)
     tell("bound and curves")
     moved = any(move.name.startswith("residual_vehicle.") for move in case.moves)
     return MatchResult(
@@ -66,6 +69,7 @@ def match_with_observer(
             *differing_components(case),
             *case.notes,
             *standstill(case),
+            *short,
             *opened_lashes(tuned, checked.traces),
             *([AS_CUT] if moved else []),
             *noted(case, robust),
@@ -86,6 +90,22 @@ def match_with_observer(
         seconds=time.perf_counter() - begin,
         robust=robust,
     )
+
+
+def _effort(case: Case, asked: TuningEffort | None) -> tuple[TuningEffort, list[str]]:
+    """The effort that a case is worth, and what is to be said of it; ``asked`` has the number of fresh beds.
+
+    Where dead time and sampling alone leave more than the case allows, no weights match, and beds with so many commands
+    on their way take long.
+    """
+    bound = lower_bound(emulating_the_whole(case), 1)
+    if bound <= max(case.tolerance, case.unmeasured_tolerance):
+        return asked or TuningEffort(), []
+    effort = OUT_OF_REACH if asked is None else replace(OUT_OF_REACH, fresh=asked.fresh)
+    return effort, [
+        f"dead time and sampling alone leave a response error of {bound:.2g}, more than is allowed: the search over "
+        f"the observer's weights is short, and {effort.fresh} drawn beds judge it"
+    ]
 
 
 def _found(question: Question, cost: float, tuned: Case, checked: Verification) -> VerifiedSolution:

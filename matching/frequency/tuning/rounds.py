@@ -35,6 +35,8 @@ class TuningEffort:
     scenarios : int
         Times that the least damped beds of the whole box, and of further beds that fill it, are added to the pool, at
         most, each with one more round.
+    blind : int
+        Settings spread over the whole bounds, where every start of the structure's ends with a requirement missed.
     fresh : int
         Beds that judge the result.
     """
@@ -45,6 +47,7 @@ class TuningEffort:
     steps: int = 20
     most_steps: int = 200
     scenarios: int = 2
+    blind: int = 64
     fresh: int = 200
 
 

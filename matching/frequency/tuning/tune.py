@@ -18,7 +18,6 @@ BEYOND_POOL = 5.4  # times the pool: beds that are looked through once for what 
 MOST_ADDED = 12  # of those, the least damped ones
 STARTS = 2  # that are followed at most
 NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
-BLIND = 64  # settings over the whole bounds, where every start of the structure's ends with a requirement missed
 
 
 def tuned_weights(search: Tuner, effort: TuningEffort | None = None) -> tuple[dict[str, float], float]:
@@ -49,8 +48,8 @@ def _from_starts(search: Tuner, effort: TuningEffort) -> tuple[TuningEnd, int]:
         ends.append(rounds(search, end_at(search, begin.logarithms), effort, effort.most_steps // 4))
         if ends[-1].keeps_all:
             break
-    if all(end.misses for end in ends):
-        ends.append(rounds(search, _blind(search), effort, effort.most_steps // 4))
+    if effort.blind and all(end.misses for end in ends):
+        ends.append(rounds(search, _blind(search, effort.blind), effort, effort.most_steps // 4))
     return min(ends, key=lambda end: end.merit), sum(end.steps for end in ends)
 
 
@@ -102,8 +101,8 @@ def _further_round(search: Tuner, best: TuningEnd, effort: TuningEffort, used: i
     return end, used + end.steps
 
 
-def _blind(search: Tuner) -> TuningEnd:
+def _blind(search: Tuner, count: int) -> TuningEnd:
     """The best of settings spread over all bounds."""
     low, high = bounds_of(search)
-    spread = low + (high - low) * scipy.stats.qmc.Sobol(len(low), seed=0).random(BLIND)
+    spread = low + (high - low) * scipy.stats.qmc.Sobol(len(low), seed=0).random(count)
     return end_at(search, min(spread, key=lambda logarithms: search.judged(logarithms).merit))
