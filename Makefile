@@ -56,6 +56,7 @@ fuzz: .venv/test.stamp  ## set up, then try 100 000 changed inputs of every kind
 	$(BIN)/python -m tests.fuzz --workers $(WORKERS) $(FUZZ)
 
 mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
+	$(BIN)/python -m pytest -q tests/mutants
 	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)
 
 faults: .venv/test.stamp  ## set up, then end commands at random moments and take from them what they need (an hour; FAULTS="--moments 5 --quick": minutes)
