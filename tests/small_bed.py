@@ -99,3 +99,14 @@ def write(folder: Path, case: str = CASE) -> Path:
     for name, text in (("vehicle.toml", VEHICLE), ("rig.toml", RIG), ("case.toml", case)):
         (folder / name).write_text(text, encoding="utf-8")
     return folder / "case.toml"
+
+
+# What a feedback law may move, to be put behind CASE.
+FEEDBACK_GAINS = """
+[move]
+"loop.proportional_gain" = { lower = 1, upper = 300 }
+"loop.integral_gain" = { lower = 1, upper = 3000 }
+"loop.torque_feed_forward" = { lower = 0, upper = 1.5 }
+"loop.acceleration_feed_forward" = { lower = 0, upper = 1.2 }
+"loop.lead_time" = { lower = 0, upper = 0.01 }
+"""

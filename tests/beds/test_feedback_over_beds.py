@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_bed import CASE, write
+from small_bed import CASE, FEEDBACK_GAINS, write
 
 from matching.frequency.beds.tuner import DAMPING_RESERVE
 from matching.frequency.case.load import load_case
@@ -14,20 +14,11 @@ from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.match import match
 from matching.frequency.verification.feedback_gains import drawn_beds, feedback_tuner
 
-GAINS = """
-[move]
-"loop.proportional_gain" = { lower = 1, upper = 300 }
-"loop.integral_gain" = { lower = 1, upper = 3000 }
-"loop.torque_feed_forward" = { lower = 0, upper = 1.5 }
-"loop.acceleration_feed_forward" = { lower = 0, upper = 1.2 }
-"loop.lead_time" = { lower = 0, upper = 0.01 }
-"""
-
 
 @pytest.fixture(scope="module")
 def feedback_cases(tmp_path_factory):
     """The small bed by structure."""
-    text = CASE.replace('measures = ["motor_speed"]\n', "") + GAINS
+    text = CASE.replace('measures = ["motor_speed"]\n', "") + FEEDBACK_GAINS
     return {
         structure: load_case(write(tmp_path_factory.mktemp(structure), text.replace('"observer"', f'"{structure}"')))
         for structure in ("pi", "model_based")

@@ -4,23 +4,14 @@ import re
 from dataclasses import replace
 
 import pytest
-from small_bed import CASE, write
+from small_bed import CASE, FEEDBACK_GAINS, write
 
 from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
 
-LOOP = """
-[move]
-"loop.proportional_gain" = { lower = 1, upper = 300 }
-"loop.integral_gain" = { lower = 1, upper = 3000 }
-"loop.torque_feed_forward" = { lower = 0, upper = 1.5 }
-"loop.acceleration_feed_forward" = { lower = 0, upper = 1.2 }
-"loop.lead_time" = { lower = 0, upper = 0.01 }
-"""
-
 
 def loaded(folder, written, narrow, more=""):
-    text = CASE.replace('measures = ["motor_speed"]\n', "").replace('"observer"', '"pi"') + LOOP + more
+    text = CASE.replace('measures = ["motor_speed"]\n', "").replace('"observer"', '"pi"') + FEEDBACK_GAINS + more
     return load_case(write(folder, text.replace(f"{written} }}", f"{narrow} }}")))
 
 
