@@ -31,7 +31,7 @@ from matching.frequency.verification.robust_limits import not_kept, noted
 from matching.frequency.verification.verify import Verification
 from modelling.modal.damped_modes import damped_modes
 
-OUT_OF_REACH = TuningEffort(drawn=8, pool=16, rounds=1, steps=5, most_steps=20, scenarios=0, blind=0, fresh=40)
+SHORT_EFFORT = TuningEffort(drawn=8, pool=16, rounds=1, steps=5, most_steps=20, scenarios=0, blind=0, fresh=40)
 AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer needs no other"
 
 
@@ -101,7 +101,7 @@ def _effort(case: Case, asked: TuningEffort | None) -> tuple[TuningEffort, list[
     bound = lower_bound(emulating_the_whole(case), 1)
     if bound <= max(case.tolerance, case.unmeasured_tolerance):
         return asked or TuningEffort(), []
-    effort = OUT_OF_REACH if asked is None else replace(OUT_OF_REACH, fresh=asked.fresh)
+    effort = SHORT_EFFORT if asked is None else replace(SHORT_EFFORT, fresh=asked.fresh)
     return effort, [
         f"dead time and sampling alone leave a response error of {bound:.2g}, more than is allowed: the search over "
         f"the observer's weights is short, and {effort.fresh} drawn beds judge it"

@@ -17,7 +17,7 @@ WORTH_AT_ALL = 1e-3  # of the squared tolerance: the same where the errors are f
 SETTLED = 1e-4  # change of the cost at which a round ends; where the cost is above 1, relative to it
 POINTS_A_STEP = 4  # that a round may judge for each of its steps: where line searches come to nothing, it ends
 KEPT = -2e-3  # of a requirement: what is missed by so little is within its reserve
-OUT_OF_REACH = 50.0  # merit after a round, several requirements missed by all of them: no other round follows
+HOPELESS_MERIT = 50.0  # merit after a round, several requirements missed by all of them: no other round follows
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def rounds(search: Tuner, begin: TuningEnd, effort: TuningEffort, most_steps: in
         end = end_at(search, search.best)
         worth = best.merit - end.merit >= max(WORTH_A_ROUND * best.merit, WORTH_AT_ALL)
         best = min(best, end, key=lambda end: end.merit)
-        if not worth or used >= most_steps or (end.merit > OUT_OF_REACH and end.judged.cost > 1):
+        if not worth or used >= most_steps or (end.merit > HOPELESS_MERIT and end.judged.cost > 1):
             break
     return replace(best, steps=used)
 
