@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fmu.linear_bed import LinearBed
 from fmu.slave import slave
 from needs import compiles
 from scipy.signal import cont2discrete, dlsim
@@ -20,7 +21,6 @@ from modelling.bed.structures import STRUCTURES
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.settings import FAULTS
 from modelling.fmu.controller import controller_fmu
-from modelling.linear.discretise import discretise
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
 from modelling.simulation.integrator.c_library import compiler
@@ -89,22 +89,15 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
 
 def closed(case, law, torques):
     """Commands of a law on the linear bed of a case, by half samples, a queue for the dead time; torques linear."""
-    parts, step = parts_of(case), case.loop["sample_time"]
-    k, bed = len(parts.dynamometers), parts.bed
-    half = discretise(bed.A, bed.B, step / 2)
-    signs = np.concatenate([parts.toward, np.ones(k)])
-    queue = [np.zeros(k)] * round(case.loop["dead_time"] / (step / 2) - 1)  # less the half sample of hold
-    x, state, commands = np.zeros(len(bed.A)), np.zeros(len(law.A)), []
+    parts = parts_of(case)
+    bed, state, commands = LinearBed(parts, case.loop), np.zeros(len(law.A)), []
     drives = np.stack([torques.get(name, np.zeros(len(torques["motor_torque"]))) for name in parts.drives], axis=1)
     known = np.stack([torques.get(name, np.zeros(len(drives))) for name in law.known], axis=1)
     following = np.concatenate([drives[1:], drives[-1:]])
     for now, drive, after in zip(known, drives, following, strict=True):
-        sent, state = law.step(state, (bed.C @ x)[: 2 * k] * signs, now, np.full(k, np.inf))
+        sent, state = law.step(state, bed.readings(), now, np.full(len(parts.dynamometers), np.inf))
         commands.append(sent)
-        for begin in (drive, (drive + after) / 2):
-            queue.append(sent)
-            held = half.held @ np.concatenate([queue.pop(0), begin])
-            x = half.transition @ x + held + half.ramp[:, k:] @ (after - drive) / 2
+        bed.step(sent, drive, after)
     return np.array(commands)
 
 

@@ -1,0 +1,28 @@
+"""The linear bed of a case, by half samples, with a queue for the dead time: for controllers stepped one by one."""
+
+import numpy as np
+
+from modelling.linear.discretise import discretise
+
+
+class LinearBed:
+    """A bed at rest: deviations from a steady state; k dynamometers, d other inputs of the rig."""
+
+    def __init__(self, parts, loop):
+        self.k, self.bed, step = len(parts.dynamometers), parts.bed, loop["sample_time"]
+        self.read = np.vstack([self.bed.C[: 2 * self.k], parts.further_readings])
+        self.half = discretise(self.bed.A, self.bed.B, step / 2)
+        self.signs = np.concatenate([parts.toward, np.ones(len(self.read) - self.k)])
+        self.queue = [np.zeros(self.k)] * round(loop["dead_time"] / (step / 2) - 1)  # less the half sample of hold
+        self.x = np.zeros(len(self.bed.A))
+
+    def readings(self):
+        """Flange torques, speeds and the loop's further sensors (y,)."""
+        return (self.read @ self.x) * self.signs
+
+    def step(self, command, drive, after):
+        """One sample with commands (k,) held; other inputs (d,) go straight from ``drive`` to ``after``."""
+        for begin in (drive, (drive + after) / 2):
+            self.queue.append(np.array(command))
+            held = self.half.held @ np.concatenate([self.queue.pop(0), begin])
+            self.x = self.half.transition @ self.x + held + self.half.ramp[:, self.k :] @ (after - drive) / 2
