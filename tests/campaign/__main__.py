@@ -30,18 +30,22 @@ def main() -> None:
     parser.add_argument(
         "--hard", action="store_true", help="the second campaign: model error, wrong noise, three effects"
     )
+    parser.add_argument(
+        "--vocabulary", action="store_true", help="the third campaign: newer causes, torques as a curve"
+    )
     parser.add_argument("--make", action="store_true", help="only make the recordings")
     given = parser.parse_args()
-    campaign = Campaign(given.cases, given.seed, given.seconds, given.hard)
+    campaign = Campaign(given.cases, given.seed, given.seconds, given.hard, given.vocabulary)
     try:
         rows = diagnosed(campaign, given)
     except InputError as fault:
         parser.exit(2, f"{fault}\n")
-    if given.hard and not given.make:
+    if (given.hard or given.vocabulary) and not given.make:
         from tests.campaign.hard import hard_summary
+        from tests.campaign.vocabulary import vocabulary_summary
 
-        text = json.dumps(hard_summary(rows), indent=1)
-        (given.out / "hard.json").write_text(text)
+        text = json.dumps(hard_summary(rows) if given.hard else vocabulary_summary(rows), indent=1)
+        (given.out / ("hard.json" if given.hard else "vocabulary.json")).write_text(text)
         print(text)
     elif not given.make:
         from tests.campaign.score import report

@@ -23,16 +23,19 @@ from tests.campaign.work import Prepared, diagnosed, prepared
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign is made of; ``seconds`` is the length of a recording, at 1 kHz; ``hard``: the second one."""
+    """What a campaign is made of; ``seconds`` is the length of a recording, at 1 kHz; ``hard`` and
+    ``vocabulary``: the second and the third one."""
 
     cases: int = 400
     seed: int = 1
     seconds: float = 8.0
     hard: bool = False
+    vocabulary: bool = False
 
     @property
     def name(self) -> str:
-        return f"{'hard_' if self.hard else ''}{self.cases}_{self.seed}_{self.seconds:g}s"
+        kind = "hard_" if self.hard else "vocabulary_" if self.vocabulary else ""
+        return f"{kind}{self.cases}_{self.seed}_{self.seconds:g}s"
 
 
 def record_of(campaign: Campaign, out: Path) -> Path:

@@ -37,8 +37,9 @@ class Prepared:
     def __init__(self, given: dict[str, Any]):
         from plant.campaign import campaign_cases
         from plant.hard import hard_cases
+        from plant.vocabulary import vocabulary_cases
 
-        make = hard_cases if given.get("hard") else campaign_cases
+        make = hard_cases if given.get("hard") else vocabulary_cases if given.get("vocabulary") else campaign_cases
         self.orders = make(given["cases"], given["seed"])
         self.made, self.seconds = Path(given["made"]), given["seconds"]
 

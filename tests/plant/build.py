@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from plant.engine import Chain
+from plant.engine import CURVE_POINTS, Chain
 from plant.hidden import KINDS, Hidden
 from plant.systems import Drive
 
@@ -57,6 +57,8 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
         case "position_torque":
             for key in ("period", "amplitude", "phase"):
                 chain[f"place_{key}"][index] = p[key]
+        case "table":
+            _put_curve(chain, index, p)
         case "gear_loss":
             chain["lost_driven"][index] = 1 - p["efficiency"]
             chain["lost_driving"][index] = 1 / p.get("efficiency_reverse", p["efficiency"]) - 1
@@ -81,3 +83,15 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
             }.get(effect.kind)
             if slot:
                 chain[slot[0]][index] = p[slot[1]]
+
+
+def _put_curve(chain: Chain, index: int, p: dict[str, float]) -> None:
+    """A torque over speed or angle on an inertia, over twist in a shaft."""
+    axis, count = next(key.split("_")[0] for key in p if not key.startswith("torque")), len(p) // 2
+    name = "twist" if axis == "twist" else "curve"
+    for part, key in (("at", axis), ("torque", "torque")):
+        row = chain[f"{name}_{part}"].reshape(-1, CURVE_POINTS)[index]
+        row[:count] = [p[f"{key}_{i}"] for i in range(1, count + 1)]
+    chain[f"{name}_count"][index] = count
+    if name == "curve":
+        chain["curve_over"][index] = {"speed": 1, "angle": 2}[axis]

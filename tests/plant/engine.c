@@ -11,6 +11,7 @@
 #include <string.h>
 
 #define LARGEST 96
+#define CURVE_POINTS 33
 
 typedef struct {
     int n, s, u, samples, substeps, rows_per_sample, jump_sample, disturbed;
@@ -20,11 +21,13 @@ typedef struct {
     const double *quadratic, *constant, *ripple_order, *ripple_amplitude, *ripple_phase;
     const double *ripple_follows;   /* number of the inertia whose angle the ripple is over */
     const double *place_period, *place_amplitude, *place_phase;   /* resisting torque that repeats over the angle */
+    const double *curve_over, *curve_count, *curve_at, *curve_torque;   /* over 1: speed, 2: angle; CURVE_POINTS a row */
     const double *imposed;   /* 1: the inertia has the speed of the input on it, whatever torque that takes */
     /* shafts */
     const int *first, *second;
     const double *ratio, *k, *c, *gap, *cubic, *dahl_torque, *dahl_angle, *series_damper, *wave_amplitude, *wave_order;
     const double *lost_driven, *lost_driving;   /* shares of the torque that the second end loses */
+    const double *twist_count, *twist_at, *twist_torque;   /* torque besides the spring; CURVE_POINTS a row */
     const double *slip_stiffness, *slip_peak, *slip_shape;   /* a tyre on the road, which is the second end */
     /* inputs */
     const int *on, *controlled;
@@ -80,6 +83,15 @@ static double pressing(const Plant *p, int j, const double *y, int b, int side, 
     return over < push / p->k[b * p->s + j] ? over : push / p->k[b * p->s + j];
 }
 
+/* linear between its points, constant beyond them */
+static double curve(const double *at, const double *torque, int count, double x) {
+    int k = 1;
+    if (x <= at[0]) return torque[0];
+    if (x >= at[count - 1]) return torque[count - 1];
+    while (x > at[k]) k++;
+    return torque[k - 1] + (torque[k] - torque[k - 1]) * (x - at[k - 1]) / (at[k] - at[k - 1]);
+}
+
 static double shaft_torque(const Plant *p, int j, const double *y, const Modes *m, int b, double *dspring) {
     const double *q = y, *w = y + p->n, *dahl = y + 2 * p->n, *spring = dahl + p->s;
     double twist = q[p->first[j]] / p->ratio[j] - q[p->second[j]];
@@ -99,6 +111,10 @@ static double shaft_torque(const Plant *p, int j, const double *y, const Modes *
         if (p->wave_amplitude[j] != 0) k *= 1 + p->wave_amplitude[j] * sin(p->wave_order[j] * q[p->second[j]]);
         torque = k * twist + c * rate + p->cubic[j] * twist * twist * twist;
     }
+    if (p->twist_count[j] > 0) {
+        int row = j * CURVE_POINTS;
+        torque += curve(p->twist_at + row, p->twist_torque + row, (int)p->twist_count[j], twist);
+    }
     return torque + (p->dahl_torque[j] > 0 ? dahl[j] : 0);
 }
 
@@ -117,6 +133,12 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
     for (int i = 0; i < p->n; i++)
         if (p->place_amplitude[i] != 0)
             load[i] -= p->place_amplitude[i] * sin(6.283185307179586 * q[i] / p->place_period[i] + p->place_phase[i]);
+    for (int i = 0; i < p->n; i++)
+        if (p->curve_over[i] > 0) {
+            int row = i * CURVE_POINTS;
+            load[i] += curve(p->curve_at + row, p->curve_torque + row, (int)p->curve_count[i],
+                             p->curve_over[i] == 1 ? w[i] : q[i]);
+        }
     if (p->disturbed >= 0)
         load[p->disturbed] += p->disturbance_amplitude * sin(p->disturbance_frequency * t + p->disturbance_phase);
     for (int j = 0; j < p->u; j++) {

@@ -34,6 +34,10 @@ INERTIA = (
     "place_period",
     "place_amplitude",
     "place_phase",
+    "curve_over",
+    "curve_count",
+    "curve_at",
+    "curve_torque",
     "imposed",
 )
 SHAFT_ENDS = ("first", "second")
@@ -50,13 +54,20 @@ SHAFT = (
     "wave_order",
     "lost_driven",
     "lost_driving",
+    "twist_count",
+    "twist_at",
+    "twist_torque",
     "slip_stiffness",
     "slip_peak",
     "slip_shape",
 )
 INPUT_FLAGS = ("on", "controlled")
 INPUT = ("delay", "lag", "factor", "limit", "offset", "gain_p", "gain_i", "torque_limit")
-LATE = {"J", "drag", "k", "c"}  # these have a second block that holds after a parameter jump
+CURVE_POINTS = 33  # of a torque over speed, angle or twist
+# values a component: J, drag, k and c have a second block that holds after a parameter jump
+WIDTHS = dict.fromkeys(("J", "drag", "k", "c"), 2) | dict.fromkeys(
+    ("curve_at", "curve_torque", "twist_at", "twist_torque"), CURVE_POINTS
+)
 ARRAYS = (
     *INERTIA,
     *SHAFT_ENDS,
@@ -119,7 +130,7 @@ class Chain:
     def __post_init__(self) -> None:
         for names, size in ((INERTIA, self.n), (SHAFT, self.s), (INPUT, self.u)):
             for name in names:
-                self.values.setdefault(name, np.zeros(2 * size if name in LATE else size))
+                self.values.setdefault(name, np.zeros(WIDTHS.get(name, 1) * size))
         for name, size in (*((end, self.s) for end in SHAFT_ENDS), *((flag, self.u) for flag in INPUT_FLAGS)):
             self.values.setdefault(name, np.zeros(size, dtype=np.int32))
         self.values["ratio"][:] = 1.0

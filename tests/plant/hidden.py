@@ -55,6 +55,7 @@ class Scales:
     duration: float
     crest: dict[str, float]  # shaft -> peak / rms of the twist
     swing: dict[str, float]  # inertia -> range of its angle
+    middle: dict[str, float]  # inertia -> middle of that range
 
 
 def scales(drive: Drive, motion: Motion, readings: dict[str, np.ndarray], noise: dict[str, float]) -> Scales:
@@ -74,6 +75,10 @@ def scales(drive: Drive, motion: Motion, readings: dict[str, np.ndarray], noise:
         float(motion.time[-1]),
         {name: peak[name] / torque[name] for name in drive.shafts},
         {name: float(np.ptp(motion.angle[:, i])) for i, name in enumerate(drive.inertias)},
+        {
+            name: float(np.ptp(motion.angle[:, i]) / 2 + motion.angle[:, i].min())
+            for i, name in enumerate(drive.inertias)
+        },
     )
 
 
@@ -195,6 +200,24 @@ def _position(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     return lambda s: {"period": period, "amplitude": s * c.drive_torque[name], "phase": phase}
 
 
+def _table(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
+    """A bump of torque at a speed, an angle or a twist, which no law of the vocabulary has."""
+    if name in d.shafts:
+        axis, low, high, torque = "twist", -2 * c.twist[name], 2 * c.twist[name], c.shaft_torque[name]
+    elif rng.random() < 0.5:
+        axis, low, high, torque = "speed", -2 * c.speed[name], 2 * c.speed[name], c.drive_torque[name]
+    else:
+        axis, low, torque = "angle", c.middle[name] - c.swing[name] / 2, c.drive_torque[name]
+        high = low + c.swing[name]
+    points = np.linspace(low, high, 17)
+    centre, width = rng.uniform(0.35, 0.65), rng.uniform(0.06, 0.12)
+    bump = _sign(rng) * np.exp(-((((points - low) / (high - low) - centre) / width) ** 2))
+    return lambda s: (
+        {f"{axis}_{i}": float(x) for i, x in enumerate(points, 1)}
+        | {f"torque_{i}": float(s * torque * y) for i, y in enumerate(bump, 1)}
+    )
+
+
 def _clock(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
     sign = _sign(rng)
     return lambda s: {"offset": 0.005 * sign * s}
@@ -245,6 +268,7 @@ KINDS: dict[str, Kind] = {
     "geared_ripple": Kind("inertias", _ripple, 5.0, chosen=False),
     "recording_friction": Kind("inertias", _recording, 1.5, chosen=False),
     "position_torque": Kind("inertias", _position, 5.0, inside=False, chosen=False),
+    "table": Kind("inertias", _table, 5.0, inside=False, chosen=False),
     "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
     "clock_jump": Kind("sensors", _jump_clock, 40.0, inside=False),
     "saturating_actuator": Kind(
@@ -283,6 +307,8 @@ def places(drive: Drive, kind: str) -> list[str]:
             "+".join(f"sensors.{name}" for name in group) for group in groups.values() if 1 < len(group) < len(what)
         ]
     found = [f"{group}.{name}" for name in getattr(drive, group)]
+    if kind == "table":
+        return found + [f"shafts.{name}" for name in drive.shafts]
     if kind == "geared_ripple":
         return [f"{first}+{second}" for first in found for second in found if first != second]
     if kind == "crosstalk" and len({what for what, _ in drive.sensors.values()}) < 2:

@@ -1,9 +1,13 @@
-"""Laws of the program against the truth plant, which shares no code with it: a tyre that slips, an imposed motion."""
+"""Laws of the program against the truth plant, which shares no code with it: a tyre that slips, an imposed motion, a
+table."""
 
 import numpy as np
 import pytest
+from plant.build import chain_of
 from plant.engine import Chain, compiler
 from plant.engine import simulate as plant_motion
+from plant.hidden import Hidden
+from plant.systems import Drive
 
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
@@ -70,3 +74,31 @@ def test_an_imposed_motion_drives_the_other_inertia_as_the_plants_does():
     np.testing.assert_allclose(plant.speed[:, 1], road, atol=1e-9 * SPEED)
     program = simulate(system({"kind": "imposed_motion", "at": "inertias.body"}), TIME, {"drive": drive, "road": road})
     agree(program, plant, 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("at", "axis", "points"),
+    [
+        ("inertias.body", "speed", [-0.2, 0.0, 0.3, 0.6]),
+        ("inertias.wheel", "angle", [-0.2, 0.05, 0.1, 0.4]),
+        ("shafts.tyre", "twist", [-8e-3, -2e-3, 1e-3, 6e-3]),
+    ],
+)
+def test_a_table_of_torque_is_that_of_the_plant(at, axis, points):
+    torques = [25.0, -10.0, 5.0, -40.0]
+    hidden = {f"{axis}_{i}": x for i, x in enumerate(points, 1)} | {f"torque_{i}": y for i, y in enumerate(torques, 1)}
+    values = {f"inertias.{name}.{key}": v for name, j, d in zip(("wheel", "body"), J, DRAG, strict=True)
+              for key, v in (("J", j), ("drag", d))}  # fmt: skip
+    values |= {"shafts.tyre.stiffness": STIFFNESS, "shafts.tyre.damping": DAMPING, "shafts.tyre.ratio": RATIO}
+    drive = Drive("", "", ["wheel", "body"], {"tyre": ("wheel", "body")}, {"drive": "wheel", "road": "body"}, {},
+                  values, {})  # fmt: skip
+    inputs = np.stack([60 * np.sin(2 * np.pi * 1.5 * TIME), 40 * np.cos(2 * np.pi * 0.7 * TIME)], axis=1)
+    plant = plant_motion(chain_of(drive, [Hidden("table", at, hidden)]), inputs, np.zeros(4), 1e-3)
+    passed = {"speed": plant.speed[:, 1], "angle": plant.angle[:, 0],
+              "twist": plant.angle[:, 0] / RATIO - plant.angle[:, 1]}[axis]  # fmt: skip
+    assert passed.min() < points[1] < points[2] < passed.max()
+    law = {"kind": "table", "at": at, axis: points, "torque": torques}
+    program = simulate(system(law), TIME, {"drive": inputs[:, 0], "road": inputs[:, 1]})
+    agree(program, plant, 1e-4)
+    without = plant_motion(chain_of(drive, []), inputs, np.zeros(4), 1e-3)
+    assert np.abs(plant.speed - without.speed).max() > 0.05 * np.ptp(plant.speed)

@@ -1,0 +1,46 @@
+"""A third list of cases: what the vocabulary got last, and torques that it keeps as a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.calibrate import OutOfReach
+from plant.case import Case, make_case
+from plant.systems import SYSTEMS
+
+CATEGORIES: dict[str, tuple[str, ...]] = {"table": ("table",), "position": ("position_torque",), "clean": ()}
+SIZE = 30.0  # times the noise
+
+
+@dataclass(frozen=True)
+class VocabularyOrder:
+    """What to make; where it is out of reach, another system is tried."""
+
+    category: str
+    system: str
+    effects: tuple[str, ...]
+    size: float
+    seed: int
+
+    def make(self, duration: float = 8.0, rate: float = 1000.0, *, rivals: bool = True) -> Case:
+        why = ""
+        for system in (self.system, *(name for name in SYSTEMS if name != self.system)):
+            try:
+                case = make_case(system, self.effects, self.size, "normal", self.seed, duration, rate, rivals=rivals)
+            except OutOfReach as reason:
+                why = str(reason)
+                continue
+            case.answer["category"] = self.category
+            return case
+        raise OutOfReach(why)
+
+
+def vocabulary_cases(n: int, seed: int) -> list[VocabularyOrder]:
+    """n orders, the categories in turn, systems and seeds drawn."""
+    rng = np.random.default_rng([13, seed])
+    return [
+        VocabularyOrder(category, str(rng.choice(list(SYSTEMS))), CATEGORIES[category], SIZE, int(rng.integers(2**31)))
+        for category in (list(CATEGORIES)[k % len(CATEGORIES)] for k in range(n))
+    ]
