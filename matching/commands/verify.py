@@ -105,6 +105,9 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
                     where = where.replace(str(copy), name)
                 wrong = InputError(where, error.wrong, error.right)
                 print(f"not yet: {wrong}", file=sys.stderr, flush=True)
+    if wrong is not None and result is not None:  # an answer that the files as they are do not give
+        before = f"{arguments.out} holds what was judged before"
+        raise InputError(wrong.where, wrong.wrong, "; ".join(filter(None, (wrong.right, before))))
     if result is None:
         raise wrong or InputError(arguments.recordings[0], "was never judged")
     return result
