@@ -20,7 +20,8 @@ from matching.excitation.signals import fade
 from matching.fmu.controller import exported_controller
 from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
-from modelling.controller.settings import GONE, NO_LIMIT, REMEMBERED_SAMPLES, Settings
+from modelling.controller.settings import NO_LIMIT, Settings
+from modelling.controller.torque_gone import GONE, KEPT_SAMPLES, has_gone
 from modelling.measurement.write import csv_text
 
 PERIODS = 16.0  # of the lowest frequency of the band
@@ -218,11 +219,10 @@ def _seems_lost(torques: np.ndarray, settings: Settings) -> bool:
     """Whether flange torques (b, t, k) come near what the controller takes for a broken shaft."""
     if (settings.lost_torque >= NO_LIMIT).all():
         return False
-    size = np.abs(torques)
-    before = np.max([size[:, i : i - REMEMBERED_SAMPLES] for i in range(REMEMBERED_SAMPLES)], axis=0)
     below, above = NEARLY_LOST
-    lost = (before > below * settings.lost_torque) & (size[:, REMEMBERED_SAMPLES:] < above * GONE * before)
-    return bool(lost.any())
+    count = torques.shape[1] - KEPT_SAMPLES
+    recent = np.stack([torques[:, KEPT_SAMPLES - i : KEPT_SAMPLES - i + count] for i in range(KEPT_SAMPLES + 1)])
+    return bool(has_gone(recent, below * settings.lost_torque, above * GONE).any())
 
 
 def _visible(

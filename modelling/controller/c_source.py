@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from modelling.common.escape import c_comment
 from modelling.controller import settings as fixed
+from modelling.controller import torque_gone
 from modelling.controller.exported import ExportedController
 
 HERE = Path(__file__).with_name("sources")
@@ -36,9 +37,9 @@ def memory_bytes(controller: ExportedController) -> int:
         + 2 * y
         + (w + 1)
         + 4 * k
-        + fixed.REMEMBERED_SAMPLES * k
+        + torque_gone.KEPT_SAMPLES * k
     )
-    return 8 * reals + 4 * 10
+    return 8 * reals + 4 * (10 + k)
 
 
 def _header(controller: ExportedController) -> str:
@@ -58,7 +59,7 @@ def _header(controller: ExportedController) -> str:
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
-            remembered=fixed.REMEMBERED_SAMPLES,
+            kept=torque_gone.KEPT_SAMPLES,
             curve=len(controller.settings.curve_speeds),
         )
         + "\n"
@@ -76,7 +77,9 @@ def _data(controller: ExportedController) -> str:
         "} controller_matrix;",
         "",
         f"#define CONTROLLER_TURNING {_real(fixed.TURNING)} /* rad/s */",
-        f"#define CONTROLLER_GONE {_real(fixed.GONE)}",
+        f"#define CONTROLLER_GONE {_real(torque_gone.GONE)}",
+        f"#define CONTROLLER_REMEMBERED {torque_gone.REMEMBERED_SAMPLES}",
+        f"#define CONTROLLER_AVERAGED {torque_gone.AVERAGED_SAMPLES}",
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(fixed.HELD_BELOW_LIMIT)}",
         f"#define CONTROLLER_SLOWEST {_real(fixed.SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {fixed.SAMPLES_IN_A_ROW}",

@@ -8,10 +8,9 @@ import numpy as np
 
 ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
+TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
-REMEMBERED_SAMPLES = 3  # a torque gone within so many samples has gone at once
 SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
-GONE = 0.2  # of the torque before: what is left of it counts as none
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
 SLOWEST = 1e-6  # rad/s: power limits no torque below it
@@ -29,7 +28,7 @@ class Settings:
     hold_proportional, hold_integral : ndarray (k,)
         N·m·s/rad, N·m/rad of the speed hold.
     lost_torque : ndarray (k,)
-        N·m: a flange torque above it that is gone within :data:`REMEMBERED_SAMPLES` samples is a broken shaft.
+        N·m: a flange torque above it that is gone at once is a broken shaft, see :mod:`.torque_gone`.
     torque_gain : ndarray (k,)
         Air-gap torque over command as calibrated: commands are divided by it.
     curve_speeds, curve_torques : ndarray (p,)

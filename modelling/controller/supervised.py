@@ -16,6 +16,7 @@ import numpy as np
 from modelling.controller import settings as fixed
 from modelling.controller.law import ControlLaw
 from modelling.controller.settings import EMULATION, SPEED_HOLD, ZERO_TORQUE, Settings
+from modelling.controller.torque_gone import KEPT_SAMPLES, has_gone
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class SupervisedController:
         self._state = np.zeros(len(self.law.A))
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
         self._last = np.zeros(y)
-        self._past_torques = np.zeros((fixed.REMEMBERED_SAMPLES, k))
+        self._past_torques = np.zeros((KEPT_SAMPLES, k))
+        self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
         self._life: int | None = None
 
@@ -109,9 +111,8 @@ class SupervisedController:
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
-        torques = np.abs(readings[self._torques])
-        before = np.abs(self._past_torques).max(axis=0)
-        if ((before > settings.lost_torque) & (torques < fixed.GONE * before)).any():
+        self._gone = has_gone(np.vstack([readings[self._torques], self._past_torques]), settings.lost_torque)
+        if self._gone.any():
             return 5
         surprise = np.abs(readings - self._start[0] - self.law.E @ self._state)
         self._surprised = self._surprised + 1 if (surprise > settings.unexpected).any() else 0
@@ -123,7 +124,9 @@ class SupervisedController:
         self._mode = mode
         if mode == SPEED_HOLD:
             wanted = self._held if self._fault else hold
-            self._integral = self._sent - self.settings.hold_proportional * (wanted - readings[self._speeds])
+            # a rotor whose load is gone would be swung by the torque that balanced it
+            carried = np.where(self._gone & (self._fault == fixed.TORQUE_GONE), 0.0, self._sent)
+            self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
         if mode == EMULATION:
             self._start = readings.copy(), known.copy(), self._sent.copy()
             self._state = np.zeros(len(self.law.A))

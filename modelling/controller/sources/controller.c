@@ -106,16 +106,31 @@ static bool is_too_fast(const controller *c, const controller_input *in)
     return fast;
 }
 
-static bool has_lost_torque(const controller *c, const controller_input *in)
+/* a torque is gone at once, or what a break leaves of it swings about zero */
+static bool has_lost_torque(controller *c, const controller_input *in)
 {
     bool lost = false;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const double least = (double)c->settings.lost_torque[j];
+        const double now = (double)in->reading[TORQUE_READING[j]];
         double before = 0.0;
-        for (int32_t n = 0; n < CONTROLLER_REMEMBERED; n++) {
-            before = fmax(before, fabs((double)c->past_torque[n][j]));
+        double earlier = 0.0;
+        double sum = now;
+        for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
+            const double past = (double)c->past_torque[n][j];
+            if (n < CONTROLLER_REMEMBERED) {
+                before = fmax(before, fabs(past));
+            }
+            if (n < (CONTROLLER_AVERAGED - 1)) {
+                sum += past;
+            } else {
+                earlier = fmax(earlier, fabs(past));
+            }
         }
-        if ((before > (double)c->settings.lost_torque[j]) &&
-            (fabs((double)in->reading[TORQUE_READING[j]]) < (CONTROLLER_GONE * before))) {
+        const bool at_once = (before > least) && (fabs(now) < (CONTROLLER_GONE * before));
+        const bool about_zero = (earlier > least) && (fabs(sum) < (CONTROLLER_AVERAGED * CONTROLLER_GONE * earlier));
+        c->gone[j] = (at_once || about_zero) ? 1 : 0;
+        if (c->gone[j] != 0) {
             lost = true;
         }
     }
@@ -171,8 +186,11 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
         c->mode = mode;
         if (mode == CONTROLLER_SPEED_HOLD) {
             for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-                c->integral[j] = c->sent[j] - (c->settings.hold_proportional[j] *
-                                               (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]));
+                /* a rotor whose load is gone would be swung by the torque that balanced it */
+                const bool gone = (c->fault == CONTROLLER_TORQUE_GONE) && (c->gone[j] != 0);
+                const controller_real carried = gone ? (controller_real)0.0 : c->sent[j];
+                c->integral[j] = carried - (c->settings.hold_proportional[j] *
+                                            (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]));
             }
         }
         if (mode == CONTROLLER_EMULATION) {
@@ -180,7 +198,7 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             (void)memcpy(c->reading_start, in->reading, sizeof c->reading_start);
             (void)memcpy(c->known_start, in->known, sizeof c->known_start);
             (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
-            for (int32_t n = 0; n < CONTROLLER_REMEMBERED; n++) {
+            for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
                 for (int32_t j = 0; j < DYNAMOMETERS; j++) {
                     c->past_torque[n][j] = in->reading[TORQUE_READING[j]];
                 }
@@ -294,7 +312,7 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     if (!unknown) {
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-            for (int32_t n = CONTROLLER_REMEMBERED - 1; n > 0; n--) {
+            for (int32_t n = CONTROLLER_KEPT - 1; n > 0; n--) {
                 c->past_torque[n][j] = c->past_torque[n - 1][j];
             }
             c->past_torque[0][j] = in->reading[TORQUE_READING[j]];

@@ -1,0 +1,184 @@
+"""The controller's FMU holds a tip-in on the linear bed when something goes wrong: each cause, the whole way down.
+
+Flange torques are zero in the beginning, so the linear bed's deviations are the torques themselves.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fmu.linear_bed import LinearBed
+from fmu.slave import slave
+from needs import compiles
+
+from matching.fmu.controller import exported_controller
+from matching.frequency.case.load import load_case
+from matching.frequency.loop.parts import parts_of
+from modelling.controller.settings import EMULATION, FAULTS, HELD_BELOW_LIMIT, SPEED_HOLD, ZERO_TORQUE
+from modelling.fmu.controller import controller_fmu
+
+pytestmark = compiles
+
+EMULATION_FROM, TIP_IN, GOES_WRONG, SAMPLES = 100, 200, 640, 1140
+SPEED, MOTOR_TORQUE, BROKEN = 20.0, 100.0, 1e-6  # rad/s, N·m, and N·m/rad of a shaft that is broken
+NOTICED_WITHIN = 5  # samples
+
+
+class Stand:
+    """The FMU on a bed; ``wrong`` names what goes wrong at sample ``GOES_WRONG``."""
+
+    def __init__(self, case):
+        self.case, self.controller, self.parts = case, exported_controller(case), parts_of(case)
+        self.law = self.controller.law
+        self.k = len(self.law.dynamometers)
+
+    def broken(self, shaft):
+        rig = self.case.rig.with_values({f"shafts.{shaft}.{what}": BROKEN for what in ("stiffness", "damping")})
+        return LinearBed(parts_of(replace(self.case, rig=rig)), self.case.loop)
+
+    def run(self, path, wrong="", back_at=SAMPLES, **parameters):
+        """Rows of readings (y), commands (k), mode and fault; the motor's torque ends at sample ``back_at``."""
+        law, k = self.law, self.k
+        bed, rng = LinearBed(self.parts, self.case.loop), np.random.default_rng(4)
+        steady = np.concatenate([np.zeros(k), np.full(len(law.sensors) - k, SPEED)])
+        n = np.arange(SAMPLES + 1)
+        motor = MOTOR_TORQUE * (np.clip((n - TIP_IN) / 50, 0, 1) - np.clip((n - back_at) / 50, 0, 1))
+        outputs = [*(f"{name}.command" for name in law.dynamometers), "active_mode", "fault"]
+        held = {f"{name}.hold_speed": SPEED for name in law.dynamometers}
+        rows, last = [], steady
+        with slave(path) as one:
+            one.begin(given=parameters)
+            for n in range(SAMPLES):
+                happened, life = n >= GOES_WRONG, n
+                if n == GOES_WRONG and wrong.startswith("breaks "):
+                    bed.half = self.broken(wrong.removeprefix("breaks ")).half
+                readings = steady + bed.readings() + 1e-3 * rng.normal(size=len(steady))
+                known = np.array([motor[n] if name == "motor_torque" else 0.0 for name in law.known])
+                read = readings.copy()
+                if happened and wrong == "a reading is no number":
+                    read[0] = np.nan
+                if happened and wrong == "a measured torque is no number":
+                    known[0] = np.inf
+                if happened and wrong == "readings stand still":
+                    read = last
+                if happened and wrong == "the sender is gone":
+                    read, life = last, GOES_WRONG - 1
+                if happened and wrong == "a torque sensor jumps":
+                    read[0] += 1500.0
+                last = read
+                mode = SPEED_HOLD if n < EMULATION_FROM else EMULATION
+                one.set(dict(zip((*law.sensors, *law.known), (*read, *known), strict=True)) | held)
+                one.set({"mode": float(mode if n else ZERO_TORQUE), "life": float(life)})
+                one.step(law.sample_time)
+                answer = one.get(outputs)
+                rows.append([*readings, *answer])
+                bed.step(answer[:k], motor[n : n + 1], motor[n + 1 : n + 2])
+        rows = np.array(rows)
+        return rows[:, : len(steady)], rows[:, -k - 2 : -2], rows[:, -2], rows[:, -1]
+
+
+@pytest.fixture(scope="module", params=["case.toml", "observer.toml"])
+def stand(request, reference_case):
+    return Stand(load_case(reference_case.with_name(request.param)))
+
+
+@pytest.fixture(scope="module")
+def path(stand, tmp_path_factory):
+    target = tmp_path_factory.mktemp("stand") / "controller.fmu"
+    target.write_bytes(controller_fmu(stand.controller).content)
+    return target
+
+
+def ended(mode, fault):
+    """Name of the first fault and the sample at which it ended the emulation; none before is allowed."""
+    at = int(np.flatnonzero(fault)[0])
+    assert set(mode[EMULATION_FROM:at]) == {float(EMULATION)}
+    assert len(set(fault[at:])) == 1
+    return FAULTS[int(fault[at])], at
+
+
+def test_without_a_fault_the_emulation_goes_on(stand, path):
+    readings, _, mode, fault = stand.run(path)
+    assert set(mode[EMULATION_FROM:]) == {float(EMULATION)}
+    assert not fault.any()
+    assert readings[GOES_WRONG, 0] > 1.5 * stand.controller.settings.lost_torque[0]  # there is a torque to be lost
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fault", "parameters"),
+    [
+        ("a reading is no number", "not finite", {}),
+        ("a measured torque is no number", "not finite", {}),
+        ("readings stand still", "frozen", {}),
+        ("the sender is gone", "missing", {"life_samples": 3.0, "frozen_samples": 0.0}),
+    ],
+)
+def test_where_the_speeds_are_not_known_any_more_the_torque_is_zero(wrong, fault, parameters, stand, path):
+    _, commands, mode, faults = stand.run(path, wrong, **parameters)
+    name, at = ended(mode, faults)
+    assert name == fault
+    assert at < GOES_WRONG + NOTICED_WITHIN
+    assert not commands[at:].any()
+    assert set(mode[at:]) == {float(ZERO_TORQUE)}
+
+
+@pytest.mark.parametrize("shaft", ["flange_left", "side_left", "gear_output"])
+def test_a_shaft_that_breaks_ends_in_speed_hold(shaft, stand, path):
+    """At the flange, behind the adapter, whose inertia then swings at the flange, and behind the gearbox."""
+    readings, commands, mode, faults = stand.run(path, f"breaks {shaft}")
+    name, at = ended(mode, faults)
+    assert name == "torque gone"
+    assert GOES_WRONG < at <= GOES_WRONG + NOTICED_WITHIN
+    assert set(mode[at:]) == {float(SPEED_HOLD)}
+    speeds = readings[:, list(stand.controller.speed_readings)]
+    assert np.abs(speeds[at:, 0] - speeds[GOES_WRONG, 0]).max() < 6.0  # rad/s: the rotor without a load does not swing
+    assert np.abs(speeds[at:]).max() < stand.controller.settings.speed_limit[0]
+    assert np.abs(commands[at:]).max() <= stand.controller.settings.torque_limit[0]
+
+
+def test_a_clutch_far_from_the_flange_is_noticed_by_what_the_model_expects(stand, path):
+    """The flange torque goes on for a quarter of a swing after it: 20 ms, not five samples."""
+    readings, _, mode, faults = stand.run(path, "breaks gear_mesh")
+    name, at = ended(mode, faults)
+    assert name in ("torque gone", "unexpected")
+    assert np.abs(readings[GOES_WRONG + NOTICED_WITHIN, 0]) > 0.8 * np.abs(readings[GOES_WRONG, 0])
+    assert at < GOES_WRONG + 40
+    assert set(mode[at:]) == {float(SPEED_HOLD)}
+
+
+def test_a_torque_sensor_that_jumps_is_noticed(stand, path):
+    """By its second reading that the model does not expect."""
+    _, _, mode, faults = stand.run(path, "a torque sensor jumps")
+    name, at = ended(mode, faults)
+    assert name == "unexpected"
+    assert GOES_WRONG < at < GOES_WRONG + NOTICED_WITHIN
+    assert set(mode[at:]) == {float(SPEED_HOLD)}
+
+
+def test_a_rotor_too_fast_is_held_below_its_limit(stand, path):
+    """The tip-in passes the limit; who sees the fault takes the motor's torque off."""
+    limit = SPEED + 2.5  # rad/s
+    limits = {f"{name}.speed_limit": limit for name in stand.law.dynamometers}
+    readings, _, mode, faults = stand.run(path, back_at=700, **limits)
+    speeds = np.abs(readings[:, list(stand.controller.speed_readings)]).max(axis=1)
+    name, at = ended(mode, faults)
+    assert name == "overspeed"
+    assert at == np.flatnonzero(speeds > limit)[0]
+    assert set(mode[at:]) == {float(SPEED_HOLD)}
+    assert speeds[-100:].max() < limit
+    away = np.abs(speeds[[-200, -1]] - HELD_BELOW_LIMIT * limit)  # the hold is slow
+    assert away[1] < 0.95 * away[0]
+
+
+def test_commands_at_their_limit_come_back_from_it(stand, path):
+    """A tip-in that asks for more than the limit; after the back-out nothing has wound up behind it."""
+    limit = 300.0  # N·m
+    limits = {f"{name}.torque_limit": limit for name in stand.law.dynamometers}
+    _, free, *_ = stand.run(path, back_at=400)
+    _, commands, mode, _ = stand.run(path, back_at=400, **limits)
+    assert set(mode[EMULATION_FROM:]) == {float(EMULATION)}
+    assert np.abs(free).max() > 1.3 * limit
+    assert np.abs(commands).max() == limit
+    assert np.sum(np.abs(commands[:, 0]) == limit) > 20
+    assert np.abs(commands[-200:]).max() < np.abs(free[-200:]).max() + 0.1 * limit
+    assert np.abs(commands[-200:]).max() < limit
