@@ -178,7 +178,9 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
         return text
     result = command.run(arguments)
-    return terminal(str(command.summary(result))) if hasattr(command, "summary") else ""
+    text = terminal(str(command.summary(result))) if hasattr(command, "summary") else ""
+    page = getattr(command, "PAGE", "")  # the last line of what is read says where more stands
+    return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text
 
 
 @contextmanager

@@ -15,6 +15,7 @@ EXAMPLES = (
     "rigmatch commission case.toml --bed recordings --follow 10 --out out/commission",
     "rigmatch commission case.toml --vehicle-recording tip_ins.csv coast_down.csv --bed bed.fmu --out out/commission",
 )
+PAGE = "report.html"  # in the folder of --out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,6 +18,7 @@ EXAMPLES = (
 )
 
 PICTURING = 2  # processes: one draws, one makes figures that act in the browser
+PAGE = "report.html"  # in the folder of --out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ EXAMPLES = (
     "rigmatch fidelity examples/fidelity/tab2.toml --out out/fidelity",
     "rigmatch fidelity case.toml --channels channels.toml --arithmetic published --out out/fidelity",
 )
+PAGE = "fidelity.html"  # in the folder of --out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

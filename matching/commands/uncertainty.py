@@ -12,6 +12,7 @@ EXAMPLES = (
     "rigmatch uncertainty examples/sensors/torque_M2.toml --out out/torque",
     'rigmatch uncertainty budget.toml --wanted "0.5 N*m" --out out/budget',
 )
+PAGE = "uncertainty.html"  # in the folder of --out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

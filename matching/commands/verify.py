@@ -25,6 +25,7 @@ EXAMPLES = (
     "rigmatch verify out/road_to_rig running.csv --follow 10 --out out/verify",
     "rigmatch verify case.toml motor.csv road.csv --channels channels.toml --out out/verify",
 )
+PAGE = "report.html"  # in the folder of --out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +64,7 @@ def _judged(
     from matching.bed_test.judge import judge
     from matching.bed_test.recorded import read_recordings
     from matching.commissioning.why_short import why_short
+    from matching.report.bed_test.curve_data import curve_data
     from matching.report.bed_test.figures import responses
     from matching.report.bed_test.page import page
     from matching.report.common.provenance import made_from, with_recordings
@@ -80,7 +82,8 @@ def _judged(
     drawn = {"responses": image(figure)}
     made = made_from(case.path, None, ("vehicle", "rig"))
     made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
-    files: dict[str, str | bytes] = {"report.html": page(result, drawn, acting({"responses": figure}), made)}
+    data = {"responses": curve_data(verification.curves)}
+    files: dict[str, str | bytes] = {PAGE: page(result, drawn, acting({"responses": figure}), made, data)}
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
 

@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -174,6 +175,14 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     assert hashlib.sha256(record("good", noise=0.02).read_bytes()).hexdigest() in page
     assert "8.442 Hz</td>" in page
     assert (out / "figures" / "responses.svg").stat().st_size > 1000
+    assert said.splitlines()[-1] == f"report: {out / 'report.html'}"
+    saved = unquote(page.split('download="responses.csv"')[1].split("charset=utf-8,")[1].split('"')[0])
+    rows = list(csv.DictReader(saved.splitlines()))
+    at = "motor_speed / motor_torque "
+    for who in ("vehicle", "predicted", "measured"):
+        curve = np.array([float(row[f"{at} {who} modulus [rad/s per N·m]".replace("  ", " ")]) for row in rows])
+        f = np.array([float(row["frequency [Hz]"]) for row in rows])
+        assert f[curve.argmax()] == pytest.approx(8.44, rel=0.02)  # the vehicle's mode
 
 
 class Clock:

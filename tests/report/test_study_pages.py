@@ -172,6 +172,25 @@ def test_a_budget_leads_with_the_statement(budget):
     assert b"<svg" in b64decode(picture)
 
 
+def test_every_measurand_has_its_data_and_says_what_decides():
+    found = rm.uncertainty(EXAMPLES / "gum" / "impedance.toml", draws=10_000)
+    drawn = {f"{each.measurand.name}_{kind}": figure(each) for each in found.measurands
+             for kind, figure in (("contributions", contributions), ("ishikawa", ishikawa))}  # fmt: skip
+    html = uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    saved = tables(html)
+    assert {name: {row["measurand"] for row in rows} for name, rows in saved.items()} == {
+        f"{name}_contributions.csv": {name} for name in "RXZ"
+    }
+    first, _, watched = (unescape(part) for part in html.split('class="three"')[1].split("<h3>")[1:])
+    assert "; Other" not in html
+    for each in found.to_dict()["measurands"]:
+        name, verdict = each["name"], each["first_order_check"]["verdict"]
+        assert (f"{name}: propagation and Monte Carlo agree" in watched) == (verdict == "good")
+        assert (f"{name}: JCGM 101 check" in watched) == (verdict != "good")
+        told = next(point for point in first.split("<li>")[1:] if point.startswith(f"{name} ="))
+        assert ("do not decide" in told) == (verdict == "open")
+
+
 def on_page(html, name):
     """Caption of a figure, and whether its picture is there."""
     part = unescape(html.split(f'id="figure-{name}"')[1].split("</figure>")[0])

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from matching.report.bed_test.text import answer, why, with_uncertainty
-from matching.report.common.environment import embedded, environment
+from matching.report.common.environment import embedded, environment, in_address
 from matching.report.common.provenance import Provenance
 
 CAPTIONS = {
@@ -20,6 +20,7 @@ def page(
     images: Mapping[str, bytes],
     moving: Mapping[str, str] | None = None,
     made: Provenance | None = None,
+    data: Mapping[str, str] | None = None,
 ) -> str:
     """The page as HTML.
 
@@ -33,6 +34,8 @@ def page(
         The same figure to act in the browser, as :func:`matching.report.curves.acting_axes.acting` has it.
     made : Provenance, optional
         Where the result comes from.
+    data : mapping of str to str, optional
+        Curves of the same figure (CSV).
     """
     values = {
         "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
@@ -51,6 +54,7 @@ def page(
         "figures": {name: embedded(content) for name, content in images.items()},
         "captions": CAPTIONS,
         "moving": moving or {},
+        "data": {name: in_address(text, "text/csv") for name, text in (data or {}).items()},
         "made": made,
     }
     return environment().get_template("bed_test.html").render(values)

@@ -23,6 +23,7 @@ def environment() -> Environment:
         "practical": practical,
         "hertz": hertz,
         "component": component,
+        "in_style": in_style,
     }
     return templates
 
@@ -36,3 +37,8 @@ def embedded(content: bytes) -> str:
 def in_address(text: str, kind: str) -> str:
     """A text of some kind as a data URI: a sixth shorter than with base64."""
     return f"data:{kind};charset=utf-8,{quote(text, safe=READABLE)}"
+
+
+def in_style(text: str) -> str:
+    """A text within quotation marks of a style sheet: all but letters, digits and spaces by their numbers."""
+    return "".join(each if each.isalnum() or each == " " else f"\\{ord(each):x} " for each in text)

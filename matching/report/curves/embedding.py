@@ -13,14 +13,15 @@ RANDOM = re.compile(
 LETTER_PX = 7.4  # width of a letter of titles and labels, on average
 WRAP = """\
 const lines = [""]
+const tools = key === "text" && whole.length * letter > cb_obj[room] ? 60 : 0  // px for the menu beside a title
 for (const word of whole.split(" ")) {
   const longer = (lines[lines.length - 1] + " " + word).trim()
-  if (longer.length * letter <= cb_obj[room] || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
+  if (longer.length * letter <= cb_obj[room] - tools || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
   else lines.push(word)
 }
 setTimeout(() => {  // the layout that told the width is not over
   model[key] = lines.join("\\n")
-  if (key === "text") cb_obj.min_border_top = lines.length  // less than a title needs, but has the page laid out anew
+  if (key === "text") cb_obj.min_border_top = 8 + 18 * lines.length  // px of the title: so many lines are laid out
 })"""
 NARROWEST_PX = 300  # of a panel: where less room is left for two, they stand below each other
 MANY_PANELS, WIDER_PX = 4, 360  # of so many panels, with room for their legends; a narrow screen has 372

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -13,8 +13,10 @@ from matching.report.common.screen_point import ScreenPoint
 from matching.report.common.wording import number
 from matching.report.curves.acting_axes import acting
 from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
+from matching.validity.budget.budget import InputQuantity
 from matching.validity.uncertainty.result import Uncertainty
 
+NO_CAUSE = InputQuantity.cause  # of an input for which none is stated
 FIRST = 3  # inputs of a measurand on the first screen
 COLUMNS = (
     "name",
@@ -49,29 +51,35 @@ def page(
         captions={name: _caption(name) for name in images},
         tables=[PageTable(f"Budget of {each['name']}", [_row(row) for row in each["budget"]]) for each in measurands],
     )
-    first = next(iter(images), None)
-    data = {} if first is None else {first: budget_data(answer)}
+    bars = [name for name in images if not name.endswith("ishikawa")]
+    data = {name: budget_data([each]) for name, each in zip(bars, measurands, strict=False)}
     return study_page(content, PageFigures(images, acting(figures), data), made)
 
 
-def budget_data(answer: Mapping[str, Any]) -> str:
-    """The budget of every measurand (CSV)."""
-    rows = [[each["name"], *(row[key] for key in COLUMNS)] for each in answer["measurands"] for row in each["budget"]]
+def budget_data(measurands: Sequence[Mapping[str, Any]]) -> str:
+    """The budgets of measurands (CSV)."""
+    rows = [[each["name"], *(row[key] for key in COLUMNS)] for each in measurands for row in each["budget"]]
     return csv_table(["measurand", *COLUMNS], rows)
 
 
 def _by(measurand: Mapping[str, Any]) -> str:
-    kinds = {
-        "first_order": "by the law of propagation",
-        "monte_carlo": "by Monte Carlo: the law of propagation does not hold here",
-    }
-    return kinds[measurand["method"]]
+    if measurand["method"] == "first_order":
+        return "by the law of propagation"
+    undecided = measurand.get("first_order_check", {}).get("verdict") == "open"
+    why = (
+        "the draws do not decide whether the law of propagation holds"
+        if undecided
+        else "the law of propagation does not hold here"
+    )
+    return f"by Monte Carlo: {why}"
 
 
 def _to_improve(measurand: Mapping[str, Any]) -> list[ScreenPoint]:
     return [
         ScreenPoint(
-            row["name"], f"{100 * row['share']:.3g} % of u² of {measurand['name']}; {row['cause']}".rstrip("; ")
+            row["name"],
+            f"{100 * row['share']:.3g} % of u² of {measurand['name']}"
+            + (f"; {row['cause']}" if row["cause"] != NO_CAUSE else ""),
         )
         for row in measurand["budget"][:FIRST]
         if row["share"] > 0
@@ -80,15 +88,13 @@ def _to_improve(measurand: Mapping[str, Any]) -> list[ScreenPoint]:
 
 def _to_watch(answer: Mapping[str, Any]) -> list[ScreenPoint]:
     points = []
+    several = len(answer["measurands"]) > 1
     for measurand in answer["measurands"]:
-        points += [ScreenPoint(warning) for warning in measurand["warnings"]]
-        check = measurand.get("first_order_check")
-        if check:
-            verdict = {"good": "agree", "not good": "do not agree", "open": "may agree: too few draws"}[
-                check["verdict"]
-            ]
+        of_it = f"{measurand['name']}: " if several else ""
+        points += [ScreenPoint(f"{of_it}{warning}") for warning in measurand["warnings"]]
+        if measurand.get("first_order_check", {}).get("verdict") == "good":  # of the others a warning speaks
             points.append(
-                ScreenPoint(f"{measurand['name']}: propagation and Monte Carlo {verdict}", "check of JCGM 101, 8")
+                ScreenPoint(f"{measurand['name']}: propagation and Monte Carlo agree", "check of JCGM 101, 8")
             )
     for wish in answer.get("inverse", []):
         reached = wish["present"] <= wish["wanted"]

@@ -1,0 +1,87 @@
+"""Pages in the machine's browser: titles on a narrow screen, tables and links on paper."""
+
+import io
+
+import numpy as np
+import pytest
+from explore.browser import browser_path
+from matplotlib.figure import Figure
+
+from matching.report.common.style import image
+from matching.report.curves.acting_axes import acting
+from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
+
+TITLE = "Fidelity of a delay over the largest relevant frequency of the signals (Eqs. 19, 20)"
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory):
+    """A page with an acting figure of a long title, its data, a short and a long table."""
+    browser_path()
+    fig = Figure(figsize=(6, 3))
+    axes = fig.subplots()
+    axes.plot([0, 1, 2], [1, 2, 3], label="curve")
+    axes.set_title(TITLE)
+    rows = [{"row": str(n), "value": f"{n}.5"} for n in range(30)]
+    tables = [PageTable("Short", rows[:5]), PageTable("Long", rows)]
+    words = StudyPage('A "title" \\ </style>', "word", "Answer.", False, {}, {"a": "Caption."}, tables)
+    figures = PageFigures({"a": image(fig)}, acting({"a": fig}), {"a": "x,y\n1,2\n"})
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(study_page(words, figures), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+def test_a_long_title_is_whole_on_a_narrow_screen(page_file, browser):
+    """No letter touches the upper edge of the figure, and none was lost."""
+    from PIL import Image
+
+    page = browser.new_page(viewport={"width": 400, "height": 900})
+    page.goto(page_file.as_uri())
+    titles = (
+        "() => Bokeh.documents.flatMap(d => [...d.all_models]).filter(m => m.type === 'Figure').map(m => m.title.text)"
+    )
+    page.wait_for_function(f"({titles})().some(text => text.includes('\\n'))")
+    page.wait_for_timeout(500)  # the layout after the title
+    (title,) = page.evaluate(titles)
+    assert title.split() == TITLE.split()
+    picture = Image.open(io.BytesIO(page.locator("#figure-a .moving").screenshot())).convert("L")
+    dark = np.asarray(picture) < 200
+    lines = dark[:, 60:300].any(axis=1)
+    assert lines[:150].any()
+    assert not lines[:2].any()
+    starts = np.flatnonzero(np.diff(lines[:150].astype(int)) == 1)  # the lines of the title, then the frame
+    assert len(starts) >= len(title.splitlines())
+
+
+def test_on_paper_short_tables_stay_whole_and_links_to_data_are_left_out(page_file, browser):
+    page = browser.new_page()
+    page.goto(page_file.as_uri())
+    link = page.locator("a[download]")
+    assert link.is_visible()
+    page.emulate_media(media="print")
+    assert not link.is_visible()
+    breaks = page.eval_on_selector_all("table", "each => each.map(table => getComputedStyle(table).breakInside)")
+    assert breaks == ["avoid", "auto"]
+    header = "() => [...document.styleSheets[0].cssRules].find(rule => rule.type === 6).cssText"
+    assert "rigmatch: A " in page.evaluate(header)
+    assert page.locator("h1").inner_text() == 'A "title" \\ </style>'
+
+
+def test_a_name_beside_a_long_meaning_keeps_its_width_on_a_narrow_screen(page_file, browser):
+    """A table without a head, as that of the hardware: its names once stood in columns three letters wide."""
+    page = browser.new_page(viewport={"width": 400, "height": 900})
+    page.goto(page_file.as_uri())
+    row = f"<tr><td><code>loop.torque_sensor_lag</code></td><td>{'first-order lag of the torque flange ' * 5}</td></tr>"
+    page.evaluate("rows => document.querySelector('table').innerHTML = rows", row)
+    assert page.locator("td:has(> code)").bounding_box()["width"] > 100
+    assert page.evaluate("document.documentElement.scrollWidth") == 400
