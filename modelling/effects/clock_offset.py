@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from modelling.effects.delay_guesses import (
+    LONG_DELAYS,
+    SHORT_DELAYS,
+    Change,
+    delays_near,
+    first_delays,
+    fixed_delays,
+    late,
+)
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 from modelling.effects.place import members, shared_place
 from modelling.effects.recorded_range import RecordedRange
-
-FIRST_OFFSETS = (1e-3, 4e-3, 1.6e-2, 6.4e-2)  # s, of the screening
 
 
 class ClockOffset(Kind):
@@ -42,36 +48,53 @@ class ClockOffset(Kind):
         yield from ()
 
     def shared_guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        places = members(at)
-        if len(places) < 2:
+        """Early sensors; late ones too where the group is that of all sensors.
+
+        Late sensors of one quantity are those of a shared delay, which is looked for as such.
+        """
+        if len(members(at)) < 2:
             return
-        for early in FIRST_OFFSETS:
-            addition = {}
-            for place in places:
-                table, name = place.split(".")
-                signal = (motion.input if table == "inputs" else motion.reading)[name]
-                late = -early if table == "sensors" else early
-                addition[place] = motion.delayed(signal, late) - signal
-            yield Guess((addition,), partial(_late, -early))
+        for early in SHORT_DELAYS:
+            yield Guess((_stamped(motion, at)(-early),), _scaled(-early))
+        yield from fixed_delays(motion, _stamped_early(motion, at), "offset", LONG_DELAYS, -1.0)
+        if len(members(at)) == len(motion.reading):
+            yield from first_delays(motion, _stamped(motion, at), "offset")
+
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        offset = best["offset"]
+        change = _stamped(motion, at) if offset > 0 else _stamped_early(motion, at)
+        return delays_near(motion, change, "offset", offset, math.copysign(1.0, offset))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        """Early ones only: late sensors are those of a shared delay, which is looked for as such."""
-        return (-math.inf, 0.0)
+        """Early stays early, late stays late."""
+        return (0.0, math.inf) if guess > 0 else (-math.inf, 0.0)
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         return -recorded.longest_memory, recorded.longest_memory
 
     def shared_places(self, system: Drivetrain) -> list[str]:
-        """The inputs together, and the sensors of each quantity: loggers divide channels so.
+        """The sensors of each quantity, as loggers divide channels, and all sensors where there are several inputs.
 
-        That of all sensors is that of all inputs with the opposite sign.
+        That of all sensors is that of all inputs with the opposite sign; of a single input it is a dead time.
         """
         groups: dict[str, list[str]] = {}
         for sensor in system.sensors:
             groups.setdefault(sensor.measures, []).append(f"sensors.{sensor.name}")
         several = [group for group in groups.values() if len(group) > 1] if len(groups) > 1 else []
+        if len(list(system.inputs)) > 1 and sum(len(group) for group in groups.values()) > 1:
+            several.append([place for group in groups.values() for place in group])
         return [shared_place(group) for group in several]
 
 
-def _late(offset: float, a: np.ndarray) -> dict[str, float] | None:
-    return {"offset": offset * float(a[0])} if a[0] > 0 else None
+def _stamped(motion: FittedMotion, at: str) -> Change:
+    """What sensors read more when their clock is late."""
+    return late({place: motion.reading[place.split(".")[1]] for place in members(at)}, motion)
+
+
+def _stamped_early(motion: FittedMotion, at: str) -> Change:
+    change = _stamped(motion, at)
+    return lambda early: change(-early)
+
+
+def _scaled(offset: float) -> Callable[[np.ndarray], dict[str, float] | None]:
+    return lambda a: {"offset": offset * float(a[0])} if a[0] > 0 else None

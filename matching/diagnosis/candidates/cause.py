@@ -95,7 +95,7 @@ class ExtendedModel:
         return replace(self, causes=kept, bounds=bounds, values={n: fit.values[n] for n in bounds}, starts=())
 
     def not_taken(self, fit: Fit) -> str:
-        """Why the fit of a cause cannot be meant: ``not_physical`` or ``beyond_recording``; empty where it can."""
+        """Why the fit of a cause cannot be meant: ``not_physical``, ``beyond_recording``, ``at_bound``; else empty."""
         for cause in self.causes:
             values = {key: fit.values[name] for key, name in cause.names().items()}
             if not EFFECTS[cause.kind].possible(values):
@@ -105,7 +105,22 @@ class ExtendedModel:
                 near = AT_BOUND_SHARE * (high - low) if np.isfinite(high - low) else AT_BOUND_SHARE * abs(value)
                 if (value > high - near) or (np.isfinite(low) and low != 0 and value < low + near):
                     return "beyond_recording"
+            if self.ends_at_bound(fit, cause):
+                return "at_bound"
         return ""
+
+    def ends_at_bound(self, fit: Fit, cause: Cause) -> bool:
+        """Whether a parameter of a cause ends where its fit was not let go on, though physics would.
+
+        Such a bound says how far from a first guess the search goes, nothing of the drivetrain.
+        """
+        for key, name in cause.names().items():
+            parameter, value = EFFECTS[cause.kind].parameters[key], fit.values[name]
+            low, high = fit.problem.bounds[name]
+            near = AT_BOUND_SHARE * min(high - low, abs(value))
+            if (value > high - near and high < parameter.upper) or (value < low + near and low > parameter.lower):
+                return True
+        return False
 
     def negligible(self, fit: Fit, index: int = -1) -> bool:
         """Whether a cause (the last) is a torque on an inertia that is too small to matter beside the recorded ones."""

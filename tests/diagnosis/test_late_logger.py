@@ -1,0 +1,65 @@
+"""Channels of one logger whose clock is far off: found as one, also where a fit from short delays ends elsewhere."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant.explicit import scene_of, write_recording
+from plant.hidden import Hidden
+from plant.marks import needs_compiler
+
+from matching.diagnosis.candidates.cause import ExtendedModel
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.fitting.fit import Fit
+from matching.diagnosis.fitting.problem import base_problem
+from modelling.measurement.read import read_recording
+from modelling.model.files import from_dict, load
+
+LATE = 0.465  # s, more than half of the slowest mode's period
+SPEEDS = ("motor_speed", "load_speed")
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("sensors", "kind"), [((), "sensor_delay"), (SPEEDS, "clock_offset")], ids=["beside a torque", "all there is"]
+)
+def test_both_speeds_of_a_late_logger_are_one_cause(sensors: tuple[str, ...], kind: str, tmp_path: Path) -> None:
+    """Late beside a torque in time: a delay they share; late as all sensors beside two inputs: their clock."""
+    both = "+".join(f"sensors.{name}" for name in SPEEDS)
+    scene = scene_of("two_mass", 3, 8.0, 250.0)
+    write_recording(tmp_path, scene, [Hidden("clock_offset", both, {"offset": LATE})], sensors)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [(kind, both)]
+    (parameter,) = found.causes[0].parameters.values()
+    assert parameter.value == pytest.approx(LATE, abs=1e-4)
+    assert found.verdict == "explained"
+
+
+MODEL = {
+    "inertias": {"rotor": {"J": 0.2, "drag": 0.5}},
+    "inputs": {"motor": {"on": "rotor"}},
+    "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.01}},
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "guess", "end", "reason"),
+    [
+        ("lag", {"time_constant": 0.05}, 1.0, "at_bound"),  # 20 times the guess
+        ("lag", {"time_constant": 0.05}, 0.9, ""),
+        ("sensor_delay", {"delay": 0.05}, 0.0, ""),  # physics lets no delay be less
+    ],
+)
+def test_a_value_where_the_fit_was_not_let_go_on_is_no_cause(kind: str, guess: dict, end: float, reason: str) -> None:
+    system = from_dict(MODEL)
+    model = ExtendedModel(system, (), {}, {}).with_cause(kind, "sensors.speed", guess, 1e-3)
+    time = np.arange(50) * 1e-3
+    data = FitData((Segment(time, np.zeros((50, 1)), np.zeros((50, 1)), "made"),), np.array([0.01]))
+    problem, v = base_problem(model.system(), data)
+    problem.bounds.update(model.bounds)
+    problem.__post_init__()
+    v = np.concatenate([[end], v])
+    fit = Fit(problem, v, np.zeros(50), np.zeros((50, len(v))), 0.0)
+    assert model.not_taken(fit) == reason
