@@ -74,8 +74,8 @@ class EquationBuilder(Protocol):
     def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
         """A symbol for a constant expression of parameters and earlier abbreviations."""
 
-    def symbol(self, name: str) -> sm.Symbol:
-        """The symbol of a parameter of the model; that of the effect that replaces it, where there is one."""
+    def symbol(self, name: str) -> sm.Expr:
+        """The symbol of a parameter of the model; what effects make of it, where they replace or change it."""
 
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed (rad/s), smoothed over a stick speed that the simulation keeps small."""

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from sympy import Expr
+
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import (
     Drivetrain,
@@ -59,11 +61,14 @@ class State:
         For the description of an FMU, with ``{place}`` in it.
     settles : bool
         Whether it has one fixed value while inputs and motion stay constant, so that a simulation may start there.
+    from_zero : bool
+        It is 0 when a recording begins, and follows from time alone, see :meth:`Kind.state_after`: no fit changes it.
     """
 
     unit: str
     meaning: str
     settles: bool = False
+    from_zero: bool = False
 
 
 class Kind:
@@ -95,6 +100,8 @@ class Kind:
         Several inputs or sensors may share it: one filter on two channels, one clock for a logger.
     follows : bool
         ``at`` lists two inertias: it acts on the first as the second turns.
+    changes_quantity : bool
+        What acts at its place is what :meth:`quantity` makes of the quantity there.
     replaces_quantity : bool
         Its parameter ``value`` replaces the quantity at its place; it adds nothing else to the equations.
     free_play : str
@@ -130,6 +137,7 @@ class Kind:
     sticks: ClassVar[bool] = False
     shareable: ClassVar[bool] = False
     follows: ClassVar[bool] = False
+    changes_quantity: ClassVar[bool] = False
     replaces_quantity: ClassVar[bool] = False
     free_play: ClassVar[str] = ""
     speed_exponent: ClassVar[int | None] = None
@@ -163,6 +171,14 @@ class Kind:
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         """Change what a sensor reads."""
+        raise NotImplementedError
+
+    def quantity(self, value: Expr, p: Symbols, assembly: EquationBuilder, name: str) -> Expr:
+        """What a quantity of this value becomes; ``name`` is that of the state."""
+        raise NotImplementedError
+
+    def state_after(self, seconds: float, parameters: Mapping[str, float]) -> float:
+        """The state of a kind that begins ``from_zero``, so long after the start of a recording."""
         raise NotImplementedError
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterable[Guess]:

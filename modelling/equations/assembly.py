@@ -34,7 +34,7 @@ class Assembly:
     def __init__(self, system: System):
         self.system = system
         self.parameters: dict[str, sm.Symbol] = {name: sm.Symbol(name, real=True) for name in system.parameters}
-        self._override = {
+        self._override: dict[str, sm.Expr] = {
             effect.at: self.parameters[f"{effect.name}.value"]
             for effect in system.effects
             if effect.law.replaces_quantity
@@ -60,8 +60,8 @@ class Assembly:
         self.sensors: dict[str, SensorPath] = {}
         self._assemble()
 
-    def symbol(self, name: str) -> sm.Symbol:
-        """The symbol of a parameter; that of the effect that replaces it, where there is one."""
+    def symbol(self, name: str) -> sm.Expr:
+        """The symbol of a parameter; what effects make of it, where they replace or change it."""
         return self._override.get(name, self.parameters[name])
 
     def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
@@ -144,6 +144,8 @@ class Assembly:
             places = (effect.at,) if effect.law.follows else effect.places
             for place in places:
                 by_place.setdefault(place, []).append((effect.law, p))
+            if effect.law.changes_quantity:
+                self._override[effect.at] = effect.law.quantity(self.symbol(effect.at), p, self, effect.name)
         self.motions = eliminate(system, self)
         for shaft in system.shafts:
             law = self.shafts[shaft.name] = shaft_law.begin(shaft, self)

@@ -29,6 +29,7 @@ class Take:
 def record(drive: Drive, effects: list[Hidden], excitation: Excitation, dt: float, step: float = 50e-6) -> Take:
     """Simulate the drive with its hidden effects and read its sensors."""
     chain = chain_of(drive, effects)
+    chain.warm_from = excitation.begin * dt
     if np.isfinite(chain.jump_time):
         chain.jump_time += excitation.begin * dt
     for name, (proportional, integral) in excitation.controllers.items():

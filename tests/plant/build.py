@@ -40,6 +40,8 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
     p, group = effect.parameters, effect.at.split(".")[0]
     if effect.kind == "parameter_jump":
         chain.jump_time = p["time"]
+    if effect.kind == "parameter_drift":
+        _put_drift(chain, drive, effect)
     if group not in ("inertias", "shafts", "inputs") or KINDS[effect.kind].group == "values":
         return
     index = list(getattr(drive, group)).index(effect.name)
@@ -57,6 +59,8 @@ def _put(chain: Chain, drive: Drive, effect: Hidden) -> None:
         case "position_torque":
             for key in ("period", "amplitude", "phase"):
                 chain[f"place_{key}"][index] = p[key]
+        case "input_gain_drift":
+            chain["gain_change"][index], chain["gain_warm"][index] = p["change"], p["time_constant"]
         case "table":
             _put_curve(chain, index, p)
         case "gear_loss":
@@ -95,3 +99,11 @@ def _put_curve(chain: Chain, index: int, p: dict[str, float]) -> None:
     chain[f"{name}_count"][index] = count
     if name == "curve":
         chain["curve_over"][index] = {"speed": 1, "angle": 2}[axis]
+
+
+def _put_drift(chain: Chain, drive: Drive, effect: Hidden) -> None:
+    """A drag, stiffness or damping that changes with time."""
+    group, name, quantity = effect.at.split(".")
+    index, key = list(getattr(drive, group)).index(name), {"stiffness": "k", "damping": "c"}.get(quantity, quantity)
+    chain[f"{key}_change"][index] = effect.parameters["change"]
+    chain[f"{key}_warm"][index] = effect.parameters["time_constant"]

@@ -15,23 +15,25 @@
 
 typedef struct {
     int n, s, u, samples, substeps, rows_per_sample, jump_sample, disturbed;
-    double dt, disturbance_amplitude, disturbance_frequency, disturbance_phase;
+    double dt, disturbance_amplitude, disturbance_frequency, disturbance_phase, warm_from;
     /* inertias; J, drag (and k, c of shafts) hold a second block that holds from jump_sample on */
     const double *J, *drag, *friction, *friction_reverse, *breakaway, *breakaway_reverse, *stribeck_speed;
     const double *quadratic, *constant, *ripple_order, *ripple_amplitude, *ripple_phase;
     const double *ripple_follows;   /* number of the inertia whose angle the ripple is over */
     const double *place_period, *place_amplitude, *place_phase;   /* resisting torque that repeats over the angle */
+    const double *drag_change, *drag_warm;   /* change towards which a value goes from warm_from on, time constant */
     const double *curve_over, *curve_count, *curve_at, *curve_torque;   /* over 1: speed, 2: angle; CURVE_POINTS a row */
     const double *imposed;   /* 1: the inertia has the speed of the input on it, whatever torque that takes */
     /* shafts */
     const int *first, *second;
     const double *ratio, *k, *c, *gap, *cubic, *dahl_torque, *dahl_angle, *series_damper, *wave_amplitude, *wave_order;
     const double *lost_driven, *lost_driving;   /* shares of the torque that the second end loses */
+    const double *k_change, *k_warm, *c_change, *c_warm;
     const double *twist_count, *twist_at, *twist_torque;   /* torque besides the spring; CURVE_POINTS a row */
     const double *slip_stiffness, *slip_peak, *slip_shape;   /* a tyre on the road, which is the second end */
     /* inputs */
     const int *on, *controlled;
-    const double *delay, *lag, *factor, *limit, *offset;
+    const double *gain_change, *gain_warm, *delay, *lag, *factor, *limit, *offset;
     const double *gain_p, *gain_i, *torque_limit, *reference, *feedback_noise;
     double *input;   /* samples x u: feed-forward before, recorded torque after */
     const double *start;   /* angle[n], speed[n] */
@@ -42,6 +44,10 @@ typedef struct { int slide[16]; int contact[16]; } Modes;   /* slide 0 = stick; 
 
 static int block(const Plant *p, double t) { return t >= p->jump_sample * p->dt - 1e-12; }
 static int has_friction(const Plant *p, int i) { return p->friction[i] > 0 || p->friction_reverse[i] > 0; }
+
+static double warm(const Plant *p, double change, double constant, double t) {
+    return change == 0 || t <= p->warm_from ? 1 : 1 - change * expm1(-(t - p->warm_from) / constant);
+}
 
 /* a bed that is stepped takes its inputs from what arrived so far instead */
 #ifdef INPUT_NOW
@@ -59,7 +65,7 @@ static double recorded(const Plant *p, int j, double t) {
     if (x > p->samples - 1) x = p->samples - 1;
     a = p->input[k * p->u + j];
     b = p->input[(k + 1) * p->u + j];
-    a = p->factor[j] * (a + (b - a) * (x - k)) + p->offset[j];
+    a = p->factor[j] * warm(p, p->gain_change[j], p->gain_warm[j], t) * (a + (b - a) * (x - k)) + p->offset[j];
     if (a > p->limit[j]) a = p->limit[j];
     if (a < -p->limit[j]) a = -p->limit[j];
     return a;
@@ -73,14 +79,15 @@ static double recorded_slope(const Plant *p, int j, double t) {
 }
 
 /* twist beyond the free play and the pressing torque there; both must be positive for contact on that side */
-static double pressing(const Plant *p, int j, const double *y, int b, int side, double *torque) {
+static double pressing(const Plant *p, double t, int j, const double *y, int b, int side, double *torque) {
     const double *q = y, *w = y + p->n;
     double twist = q[p->first[j]] / p->ratio[j] - q[p->second[j]];
     double rate = w[p->first[j]] / p->ratio[j] - w[p->second[j]];
     double over = side * twist - p->gap[j] / 2;
-    double push = p->k[b * p->s + j] * over + p->c[b * p->s + j] * side * rate;
+    double k = p->k[b * p->s + j] * warm(p, p->k_change[j], p->k_warm[j], t);
+    double push = k * over + p->c[b * p->s + j] * warm(p, p->c_change[j], p->c_warm[j], t) * side * rate;
     if (torque) *torque = side * push;
-    return over < push / p->k[b * p->s + j] ? over : push / p->k[b * p->s + j];
+    return over < push / k ? over : push / k;
 }
 
 /* linear between its points, constant beyond them */
@@ -92,11 +99,12 @@ static double curve(const double *at, const double *torque, int count, double x)
     return torque[k - 1] + (torque[k] - torque[k - 1]) * (x - at[k - 1]) / (at[k] - at[k - 1]);
 }
 
-static double shaft_torque(const Plant *p, int j, const double *y, const Modes *m, int b, double *dspring) {
+static double shaft_torque(const Plant *p, double t, int j, const double *y, const Modes *m, int b, double *dspring) {
     const double *q = y, *w = y + p->n, *dahl = y + 2 * p->n, *spring = dahl + p->s;
     double twist = q[p->first[j]] / p->ratio[j] - q[p->second[j]];
     double rate = w[p->first[j]] / p->ratio[j] - w[p->second[j]];
-    double k = p->k[b * p->s + j], c = p->c[b * p->s + j], torque = 0;
+    double k = p->k[b * p->s + j] * warm(p, p->k_change[j], p->k_warm[j], t);
+    double c = p->c[b * p->s + j] * warm(p, p->c_change[j], p->c_warm[j], t), torque = 0;
     *dspring = 0;
     if (p->slip_stiffness[j] > 0) {   /* carcass in series with a contact patch after the Magic Formula */
         double per_torque = fabs(w[p->second[j]]) / p->slip_stiffness[j], most = p->slip_shape[j] * p->slip_peak[j];
@@ -106,7 +114,7 @@ static double shaft_torque(const Plant *p, int j, const double *y, const Modes *
         *dspring = (p->series_damper[j] * rate - k * spring[j]) / (p->series_damper[j] + c);
         torque = k * spring[j] + c * *dspring;
     } else if (p->gap[j] > 0) {
-        if (m->contact[j]) pressing(p, j, y, b, m->contact[j], &torque);
+        if (m->contact[j]) pressing(p, t, j, y, b, m->contact[j], &torque);
     } else {
         if (p->wave_amplitude[j] != 0) k *= 1 + p->wave_amplitude[j] * sin(p->wave_order[j] * q[p->second[j]]);
         torque = k * twist + c * rate + p->cubic[j] * twist * twist * twist;
@@ -126,7 +134,7 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
     if (!load) load = own_load;
     if (!torque) torque = own_torque;
     for (int i = 0; i < p->n; i++) {
-        load[i] = -p->drag[b * p->n + i] * w[i] - p->quadratic[i] * w[i] * fabs(w[i]) - p->constant[i];
+        load[i] = -p->drag[b * p->n + i] * warm(p, p->drag_change[i], p->drag_warm[i], t) * w[i] - p->quadratic[i] * w[i] * fabs(w[i]) - p->constant[i];
         if (p->ripple_amplitude[i] != 0)
             load[i] += p->ripple_amplitude[i] * sin(p->ripple_order[i] * q[(int)p->ripple_follows[i]] + p->ripple_phase[i]);
     }
@@ -148,7 +156,7 @@ static void field(const Plant *p, double t, const double *y, const Modes *m, int
     }
     for (int j = 0; j < p->s; j++) {
         double rate = w[p->first[j]] / p->ratio[j] - w[p->second[j]];
-        torque[j] = shaft_torque(p, j, y, m, b, &dy[2 * p->n + p->s + j]);
+        torque[j] = shaft_torque(p, t, j, y, m, b, &dy[2 * p->n + p->s + j]);
         load[p->first[j]] -= torque[j] / p->ratio[j];
         load[p->second[j]] += torque[j];
         if (p->lost_driven[j] > 0 || p->lost_driving[j] > 0) {
@@ -195,8 +203,8 @@ static int stuck_or_sliding(const Plant *p, int i, double load) {
     return load > p->breakaway[i] ? 1 : load < -p->breakaway_reverse[i] ? -1 : 0;
 }
 
-static int contact_now(const Plant *p, int j, const double *y, int b) {
-    return pressing(p, j, y, b, 1, 0) > 0 ? 1 : pressing(p, j, y, b, -1, 0) > 0 ? -1 : 0;
+static int contact_now(const Plant *p, double t, int j, const double *y, int b) {
+    return pressing(p, t, j, y, b, 1, 0) > 0 ? 1 : pressing(p, t, j, y, b, -1, 0) > 0 ? -1 : 0;
 }
 
 /* is the frozen set wrong at y? with change: set it right there */
@@ -205,7 +213,7 @@ static int event(const Plant *p, double t, double *y, Modes *m, int b, int chang
     int found = 0, any = 0;
     for (int j = 0; j < p->s; j++)
         if (p->gap[j] > 0) {
-            int now = contact_now(p, j, y, b);
+            int now = contact_now(p, t, j, y, b);
             if (now != m->contact[j]) { found = 1; if (change) m->contact[j] = now; }
         }
     for (int i = 0; i < p->n; i++) any |= has_friction(p, i);

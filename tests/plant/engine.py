@@ -16,7 +16,7 @@ import numpy as np
 
 SOURCE = Path(__file__).with_name("engine.c")
 INTEGERS = ("n", "s", "u", "samples", "substeps", "rows_per_sample", "jump_sample", "disturbed")
-SCALARS = ("dt", "disturbance_amplitude", "disturbance_frequency", "disturbance_phase")
+SCALARS = ("dt", "disturbance_amplitude", "disturbance_frequency", "disturbance_phase", "warm_from")
 INERTIA = (
     "J",
     "drag",
@@ -34,6 +34,8 @@ INERTIA = (
     "place_period",
     "place_amplitude",
     "place_phase",
+    "drag_change",
+    "drag_warm",
     "curve_over",
     "curve_count",
     "curve_at",
@@ -54,6 +56,10 @@ SHAFT = (
     "wave_order",
     "lost_driven",
     "lost_driving",
+    "k_change",
+    "k_warm",
+    "c_change",
+    "c_warm",
     "twist_count",
     "twist_at",
     "twist_torque",
@@ -62,7 +68,7 @@ SHAFT = (
     "slip_shape",
 )
 INPUT_FLAGS = ("on", "controlled")
-INPUT = ("delay", "lag", "factor", "limit", "offset", "gain_p", "gain_i", "torque_limit")
+INPUT = ("gain_change", "gain_warm", "delay", "lag", "factor", "limit", "offset", "gain_p", "gain_i", "torque_limit")
 CURVE_POINTS = 33  # of a torque over speed, angle or twist
 # values a component: J, drag, k and c have a second block that holds after a parameter jump
 WIDTHS = dict.fromkeys(("J", "drag", "k", "c"), 2) | dict.fromkeys(
@@ -126,6 +132,7 @@ class Chain:
     jump_time: float = np.inf
     disturbed: int = -1
     disturbance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # amplitude N·m, frequency rad/s, phase rad
+    warm_from: float = 0.0  # s, from which on values that drift do so
 
     def __post_init__(self) -> None:
         for names, size in ((INERTIA, self.n), (SHAFT, self.s), (INPUT, self.u)):
@@ -199,7 +206,7 @@ def simulate(
     plant = _Plant()
     late = 2**30 if not np.isfinite(chain.jump_time) else round(chain.jump_time / dt)
     sizes = (chain.n, chain.s, chain.u, samples, substeps, rows_per_sample, late, chain.disturbed)
-    for name, value in zip((*INTEGERS, *SCALARS), (*sizes, dt, *chain.disturbance), strict=True):
+    for name, value in zip((*INTEGERS, *SCALARS), (*sizes, dt, *chain.disturbance, chain.warm_from), strict=True):
         setattr(plant, name, value)
     for name in ARRAYS:
         setattr(plant, name, arrays[name].ctypes.data)

@@ -9,7 +9,7 @@ import numpy as np
 
 from plant.bench import Take, replay
 from plant.calibrate import SPARSE, freedom, remainder, stacked
-from plant.hidden import KINDS, SPOKEN, Hidden, places
+from plant.hidden import KINDS, SPOKEN, Hidden, known, places
 from plant.scene import Scene, scaled
 from plant.systems import Drive
 
@@ -30,7 +30,8 @@ def candidates(drive: Drive, effect: Hidden) -> list[Hidden]:
     """The same kind at other places, other kinds of its group at its place; further ones are :func:`crossed`."""
     group = next((g for g in ALIKE if effect.kind in g), (effect.kind,))
     elsewhere = [at for at in places(drive, effect.kind) if at != effect.at]
-    same = [Hidden(effect.kind, at) for at in elsewhere if at not in drive.tolerance]  # an uncertain value is fitted
+    fitted = drive.tolerance if effect.kind != "parameter_drift" else {}  # an uncertain value is fitted
+    same = [Hidden(effect.kind, at) for at in elsewhere if at not in fitted]
     if effect.kind == "input_offset":
         same.append(Hidden("constant_torque", f"inertias.{drive.inputs[effect.name]}"))
     if effect.kind == "geared_ripple":
@@ -54,8 +55,8 @@ def separations(scene: Scene, effect: Hidden, others: list[Hidden], take: Take) 
 
     `others` are the further effects in the take: they stay as they are on either side.
     """
-    drive, known = scene.drive, {e.at for e in (effect, *others)}
-    free = freedom(drive, take, scene.noise, scene.dt, scene.written, known)
+    drive = scene.drive
+    free = freedom(drive, take, scene.noise, scene.dt, scene.written, known([effect, *others]))
 
     def heard(*more: Hidden) -> np.ndarray:
         readings = replay(drive, take.inputs, take.start, scene.dt, effects=[*others, *more])

@@ -11,7 +11,7 @@ import numpy as np
 from plant.bench import Take, record
 from plant.calibrate import Freedom, OutOfReach, find_size, freedom, heard, remainder, stacked, worst
 from plant.excitation import Excitation, excite
-from plant.hidden import KINDS, Hidden, Scales, places, scales
+from plant.hidden import KINDS, Hidden, Scales, known, places, scales
 from plant.systems import SYSTEMS, Drive
 
 COARSE = 1e-4  # s, inner step while sizes are sought
@@ -62,31 +62,31 @@ def _left(scene: Scene, take: Take, free: Freedom) -> tuple[np.ndarray, np.ndarr
     return remainder(stacked(take.stepped, scene.noise) - without, free)
 
 
-def _refit(scene: Scene, take: Take, free: Freedom, known: set[str]) -> Freedom:
+def _refit(scene: Scene, take: Take, free: Freedom, kept: set[str]) -> Freedom:
     """One Gauss-Newton step: the freedom round the point to which the regression leads."""
     point = free.moved(_left(scene, take, free)[1])
-    return freedom(scene.drive, take, scene.noise, scene.dt, scene.written, known, point)
+    return freedom(scene.drive, take, scene.noise, scene.dt, scene.written, kept, point)
 
 
 def measured_worth(scene: Scene, effects: list[Hidden]) -> float:
     """What effects are worth in times the noise, worst sensor, after the best the base model can do."""
-    take, known = record(scene.drive, effects, scene.excitation, scene.dt), {e.at for e in effects}
-    free = freedom(scene.drive, take, scene.noise, scene.dt, scene.written, known)
+    take, kept = record(scene.drive, effects, scene.excitation, scene.dt), known(effects)
+    free = freedom(scene.drive, take, scene.noise, scene.dt, scene.written, kept)
     for _ in range(3):
-        free = _refit(scene, take, free, known)
+        free = _refit(scene, take, free, kept)
     return worst(_left(scene, take, free)[0])
 
 
 def sized(scene: Scene, kind: str, at: str, target: float, rng: np.random.Generator) -> Hidden:
     """The effect at a place, so large that it is worth the target. Raises OutOfReach."""
     draw, largest = int(rng.integers(2**31)), KINDS[kind].largest
-    parameters = scaled(scene, kind, at, draw)
+    parameters, kept = scaled(scene, kind, at, draw), known([Hidden(kind, at)])
 
     def take_at(s: float) -> Take:
         effects = [Hidden(kind, at, parameters(s))] if s else []
         return record(scene.drive, effects, scene.excitation, scene.dt, COARSE)
 
-    free = freedom(scene.drive, take_at(0.0), scene.noise, scene.dt, scene.written, {at})
+    free = freedom(scene.drive, take_at(0.0), scene.noise, scene.dt, scene.written, kept)
 
     def value_of(s: float) -> float:
         try:
@@ -96,7 +96,7 @@ def sized(scene: Scene, kind: str, at: str, target: float, rng: np.random.Genera
 
     s = find_size(value_of, target, largest)
     for _ in range(5):  # a large effect moves the fit, and under control the inputs: linearise again where they are
-        free = _refit(scene, take_at(s), free, {at})
+        free = _refit(scene, take_at(s), free, kept)
         if abs(value_of(s) / target - 1) < 0.04:
             break
         s = find_size(value_of, target, largest, s)

@@ -70,6 +70,8 @@ def _faulty(readings: dict[str, np.ndarray], e: Hidden, time: np.ndarray) -> np.
             return value * p["factor"]
         case "sensor_drift":
             return value + p["rate"] * time
+        case "sensor_gain_drift":
+            return value * (1 - p["change"] * np.expm1(-time / p["time_constant"]))
         case "crosstalk":
             return value + p["share"] * readings[p["from"]]  # type: ignore[index]
         case _:

@@ -8,9 +8,15 @@ import numpy as np
 
 from plant.calibrate import OutOfReach
 from plant.case import Case, make_case
+from plant.hidden import DRIFTS
 from plant.systems import SYSTEMS
 
-CATEGORIES: dict[str, tuple[str, ...]] = {"table": ("table",), "position": ("position_torque",), "clean": ()}
+CATEGORIES: dict[str, tuple[str, ...]] = {
+    "table": ("table",),
+    "position": ("position_torque",),
+    **{kind: (kind,) for kind in DRIFTS},
+    "clean": (),
+}
 SIZE = 30.0  # times the noise
 
 

@@ -102,3 +102,32 @@ def test_a_table_of_torque_is_that_of_the_plant(at, axis, points):
     agree(program, plant, 1e-4)
     without = plant_motion(chain_of(drive, []), inputs, np.zeros(4), 1e-3)
     assert np.abs(plant.speed - without.speed).max() > 0.05 * np.ptp(plant.speed)
+
+
+CHANGE, WARM = -0.4, 0.7  # relative, s
+
+
+@pytest.mark.parametrize(
+    ("law", "at", "kind"),
+    [
+        ("k", "shafts.tyre.stiffness", "parameter_drift"),
+        ("c", "shafts.tyre.damping", "parameter_drift"),
+        ("drag", "inertias.body.drag", "parameter_drift"),
+        ("gain", "inputs.drive", "gain_drift"),
+    ],
+)
+def test_a_value_that_drifts_changes_as_the_plants_does(law, at, kind):
+    """From the start of the recording on, exponentially towards the changed value."""
+    inputs = np.stack([60 * np.sin(2 * np.pi * 2.5 * TIME), 40 * np.cos(2 * np.pi * 0.7 * TIME)], axis=1)
+    start = np.array([0, 0, RATIO * SPEED, SPEED])
+    names = {f"{law}_change": CHANGE, f"{law}_warm": WARM}
+    component = {"gain": [1, 0], "drag": [0, 1]}.get(law, [1])
+    drifting = chain(**{name: np.array(component) * value for name, value in names.items()})
+    plant = plant_motion(drifting, inputs, start, 1e-3)
+    effect = {"kind": kind, "at": at, "change": CHANGE, "time_constant": WARM}
+    named = {"speed(wheel)": RATIO * SPEED, "speed(body)": SPEED}
+    program = simulate(system(effect), TIME, {"drive": inputs[:, 0], "road": inputs[:, 1]}, start=named)
+    agree(program, plant, 1e-4)
+    without = plant_motion(chain(), inputs, start, 1e-3)
+    moved = [np.abs(a - b).max() / np.ptp(a) for a, b in ((plant.torque, without.torque), (plant.speed, without.speed))]
+    assert max(moved) > 1e-3

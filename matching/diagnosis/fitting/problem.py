@@ -10,7 +10,12 @@ import numpy as np
 from matching.diagnosis.data.segments import FitData
 from matching.diagnosis.data.weighting import Weighting
 from matching.diagnosis.fitting.batch_simulation import simulate_readings, simulate_states, steps_and_stick_speed
-from matching.diagnosis.fitting.start_states import angles_without_reading, first_state, sensors_with_zero
+from matching.diagnosis.fitting.start_states import (
+    angles_without_reading,
+    first_state,
+    sensors_with_zero,
+    states_of_time,
+)
 from modelling.equations.assembly import STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
@@ -57,7 +62,8 @@ class FitProblem:
         self.free = list(self.bounds)
         self._parameter_index = np.array([self.model.parameters.index(name) for name in self.free], dtype=int)
         self._with_zero = sensors_with_zero(self.system)
-        held = angles_without_reading(self.system, self.model)
+        self._of_time = states_of_time(self.system, self.model)
+        held = angles_without_reading(self.system, self.model) | {i for i, _ in self._of_time}
         self.free_states = [i for i in range(len(self.model.states)) if i not in held]
         self.size = len(self.free) + len(self.free_states) * len(self.data.segments)
         unbounded = np.full(self.size - len(self.free), np.inf)
@@ -78,8 +84,17 @@ class FitProblem:
         for i, states in enumerate(np.split(v[len(self.free) :], len(self.data.segments))):
             start = np.zeros(len(self.model.states)) if self.held_states is None else self.held_states[i].copy()
             start[self.free_states] = states
+            self._set_states_of_time(start, p, float(self.data.segments[i].time[0]))
             starts.append(start)
         return p, starts
+
+    def _set_states_of_time(self, start: np.ndarray, p: np.ndarray, seconds: float) -> None:
+        """Set, in place, the states that follow from the time since the recording began."""
+        for i, effect in self._of_time:
+            values = {
+                key: float(p[self.model.parameters.index(f"{effect.name}.{key}")]) for key, _ in effect.parameters
+            }
+            start[i] = effect.law.state_after(seconds, values)
 
     def residuals(self, batch: np.ndarray) -> np.ndarray:
         """Variables (b, v) → (measured − simulated)/noise (b, r), weighted, segment by segment, sample by sample,

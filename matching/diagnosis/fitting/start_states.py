@@ -6,7 +6,7 @@ import numpy as np
 
 from matching.diagnosis.data.segments import Segment
 from modelling.equations.compiled import Model
-from modelling.model.components import Gear, Shaft
+from modelling.model.components import Effect, Gear, Shaft
 from modelling.model.system import System
 
 FIRST_SAMPLES = 20  # that are averaged for the speed at the start
@@ -42,6 +42,15 @@ def angles_without_reading(system: System, model: Model) -> set[int]:
             held.add(i)
             known |= connected[coordinate]
     return held
+
+
+def states_of_time(system: System, model: Model) -> list[tuple[int, Effect]]:
+    """States, by index, that follow from the time since a recording began alone, with the effect they are of."""
+    return [
+        (model.states.index(effect.name), effect)
+        for effect in system.effects
+        if effect.law.state is not None and effect.law.state.from_zero
+    ]
 
 
 def _connected_inertias(system: System) -> dict[str, set[str]]:

@@ -18,6 +18,7 @@ PLACES = {"shafts": "shafts.link", "inertias": "inertias.b", "inputs": "inputs.d
 VALUES = {
     "all_pass": {"delay": 0.01}, "angle_zero": {"zero": 0.7}, "clock_offset": {"offset": 0.01},
     "input_offset": {"offset": 2.0},
+    "gain_drift": {"change": 0.3, "time_constant": 2.0}, "parameter_drift": {"change": 0.3, "time_constant": 2.0},
     "gear_loss": {"efficiency": 0.9, "efficiency_reverse": 0.8},
     "position_torque": {"period": 2 * np.pi / 3, "amplitude": 2.0, "phase": 0.4},
     "backlash": {"gap": 0.02}, "compliance": {"stiffness": 900.0, "J": 0.1}, "constant_torque": {"torque": 3.0},
@@ -37,6 +38,7 @@ VALUES = {
 
 def with_effect(kind, **changed):
     at = "inertias.b.J" if EFFECTS[kind].replaces_quantity else PLACES[EFFECTS[kind].tables[0]]
+    at = "shafts.link.stiffness" if EFFECTS[kind].changes_quantity else at
     at = ["inertias.a", at] if EFFECTS[kind].follows else at
     base = BASE | {"sensors": {"speed": {"measures": "angle", "of": "b"}}} if kind == "angle_zero" else BASE
     return compiled(from_dict(base | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
@@ -93,7 +95,8 @@ def test_its_state_is_named_after_it(kind):
 def test_units_of_states():
     units = {kind: law.state_unit(PLACES[law.tables[0]], with_effect(kind).system)
              for kind, law in EFFECTS.items() if law.state}  # fmt: skip
-    assert units == {"all_pass": "rad/s", "hysteresis": "1", "lag": "N*m", "slip": "rad", "tyre_slip": "rad"}
+    assert units == {"all_pass": "rad/s", "gain_drift": "1", "hysteresis": "1", "lag": "N*m", "parameter_drift": "1",
+                     "slip": "rad", "tyre_slip": "rad"}  # fmt: skip
     assert EFFECTS["lag"].state_unit("sensors.speed", from_dict(BASE)) == "rad/s"
 
 
@@ -106,7 +109,7 @@ def test_what_settles_has_a_rate_that_falls_with_it(kind):
         A = np.array(model.jacobians(np.zeros(len(model.states)), [0.0], model.p0, 0.0)[0])
         still = np.abs(A[-1, : 2 * model.n]).max() < 1e-12  # what moves with the shaft settles with it, not by itself
         reads = law.tables == ("sensors",)  # and does not act on what it reads
-        assert law.state.settles == (A[-1, -1] < 0 and (still or reads))
+        assert (law.state.settles or law.state.from_zero) == (A[-1, -1] < 0 and (still or reads))
 
 
 @pytest.mark.parametrize("kind", EFFECTS)

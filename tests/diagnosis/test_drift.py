@@ -1,0 +1,66 @@
+"""Values that drift while a machine warms up, hidden by the truth plant."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant.case import make_case
+from plant.hidden import SPOKEN
+from plant.marks import needs_compiler
+
+from matching.diagnosis.data.segments import FitData, Segment
+from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.fitting.problem import base_problem
+from modelling.measurement.read import read_recording
+from modelling.model.files import from_dict, load
+from modelling.simulation.simulate import simulate
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("kind", "at", "seed"),
+    [
+        ("parameter_drift", "shafts.link.stiffness", 3),
+        ("parameter_drift", "inertias.load.drag", 4),
+        ("input_gain_drift", "inputs.motor_torque", 5),  # nearly a straight line: three times the recording
+        ("sensor_gain_drift", "sensors.load_speed", 6),
+    ],
+)
+def test_a_drift_is_named_with_its_values(kind: str, at: str, seed: int, tmp_path: Path) -> None:
+    case = make_case("two_mass", [(kind, at)], 8.0, "normal", seed, 8.0, 250.0)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
+    assert [(cause.kind, cause.at) for cause in found.causes] == [(SPOKEN.get(kind, kind), at)]
+    assert found.verdict == "explained"
+    for key, value in case.answer["parameters"].items():
+        estimate = found.causes[0].parameters[key]
+        assert abs(estimate.value - value) < 4 * estimate.standard_uncertainty
+    assert {name for name, _ in found.extended.effects[0].parameters} == {"change", "time_constant"}
+
+
+CHANGE, WARM, DRAG = 0.5, 3.0, 2.0  # relative, s, N·m·s/rad
+
+
+def brake():
+    return from_dict({
+        "inertias": {"disc": {"J": 4.0, "drag": {"value": DRAG, "tolerance": 0.5}}},
+        "inputs": {"drive": {"on": "disc"}},
+        "sensors": {"speed": {"measures": "speed", "of": "disc"}},
+        "effects": [{"kind": "parameter_drift", "at": "inertias.disc.drag", "change": CHANGE, "time_constant": WARM}],
+    })  # fmt: skip
+
+
+def test_a_part_of_a_recording_begins_as_warm_as_the_machine_is_then() -> None:
+    time = np.linspace(5.0, 6.0, 101)
+    data = FitData((Segment(time, np.zeros((101, 1)), np.ones((101, 1))),), np.array([0.1]))
+    problem, v = base_problem(brake(), data)
+    (start,) = problem.unpack(v)[1]
+    assert start[-1] == pytest.approx(1 - np.exp(-5.0 / WARM))
+    assert len(v) == 2  # drag and speed: how warm it is at the start is not free
+
+
+def test_steady_motion_is_that_of_the_warm_machine() -> None:
+    time = np.linspace(0, 1, 101)
+    done = simulate(brake(), time, {"drive": np.full(101, 6.0)}, start="steady")
+    assert done["speed"] == pytest.approx(6.0 / (DRAG * (1 + CHANGE)), rel=1e-6)
