@@ -8,14 +8,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from modelling.common.errors import InputError
+from modelling.measurement.readers import READERS
 
 POLL_SECONDS = 0.25  # between two looks at the files
-TEXT = (".csv", ".txt", ".tsv", ".dat")  # kinds whose last line may be half written
+TEXT = tuple(suffix for suffix, reader in READERS.items() if reader == "comma_separated")  # written line by line
 
 
-def appeared(path: Path) -> None:
-    """Wait until there is such a file."""
-    while not path.is_file():
+def appeared(places: Sequence[Path]) -> None:
+    """Wait until there is a file at one of the places."""
+    while not any(place.is_file() for place in places):
         time.sleep(POLL_SECONDS)
 
 

@@ -11,7 +11,16 @@ from typing import Any
 from matching.bed_test.judge import judge
 from matching.bed_test.recorded import read_recordings
 from matching.commissioning.bed_system import bed_system
-from matching.commissioning.by_hand import ByHand, Tell, Waiting, so_far
+from matching.commissioning.by_hand import (
+    KEPT,
+    ByHand,
+    HandedRecording,
+    Tell,
+    Waiting,
+    keep_recording,
+    kept_recording,
+    so_far,
+)
 from matching.commissioning.fmu_bed import FmuBed, FmuController
 from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
 from matching.commissioning.rounds import Commissioning, Round, end_of
@@ -29,9 +38,9 @@ from matching.frequency.search.match import match
 from modelling.common.errors import InputError
 from modelling.fmu.controller import controller_fmu
 from modelling.measurement.read import read_recording
-from modelling.writing.output import strict_json, write_all
+from modelling.writing.output import strict_json
 
-RECORDING = "recording.csv"
+BY_FMU = f"{KEPT}.csv"  # what an FMU of the bed recorded
 VEHICLE = "0_vehicle"  # the step before the first round
 DIAGNOSIS_LIMIT = 600.0  # s
 
@@ -143,7 +152,7 @@ class Circle:
         for number in judged[:-1]:
             name, case = f"{number}_verify", self._tuned[judged[-1]]
             self._tell(f"round {number}: judge against the vehicle of round {judged[-1]}")
-            path = self._folder / name / RECORDING
+            path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
                 result = judge(case, read_recordings([path], case)).to_dict()
@@ -198,7 +207,7 @@ class Circle:
             speed = plan_speed(case, self._order)
             wanted = plan_proof(case, speed)
             if self._bed.is_dir():
-                text = self._by_hand.recording(
+                taken = self._by_hand.recording(
                     name, {"excitation.csv": proof_csv(wanted)},
                     f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
                     f"{name}_excitation.csv, and record them with the torque commands and every sensor of the rig",
@@ -207,10 +216,10 @@ class Circle:
             else:
                 law = exported_controller(case).law
                 with self._fmu(case) as bed, FmuController(exported, law) as controller:
-                    text = proof_recording(bed, case, law, controller, wanted, speed)
-            write_all(self._folder / name, {RECORDING: text})
-            result = judge(case, read_recordings([self._folder / name / RECORDING], case)).to_dict()
-            files = {RECORDING: text, "proof.json": strict_json(wanted.to_dict())}
+                    taken = HandedRecording(BY_FMU, proof_recording(bed, case, law, controller, wanted, speed))
+            keep_recording(self._folder / name, taken)
+            result = judge(case, read_recordings([self._folder / name / taken.name], case)).to_dict()
+            files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 
         return self._stages.run(name, _of_case(case), work)
@@ -230,7 +239,7 @@ class Circle:
         )  # fmt: skip
         self._recorded(case, plan, number)
         self._tell(f"round {number}: diagnose")
-        path = self._folder / f"{number}_record" / RECORDING
+        path = kept_recording(self._folder / f"{number}_record")
 
         def work() -> tuple[Files, dict[str, Any]]:
             bed = bed_from_recordings(
@@ -249,7 +258,7 @@ class Circle:
 
         def work() -> tuple[Files, dict[str, Any]]:
             if self._bed.is_dir():
-                text = self._by_hand.recording(
+                taken = self._by_hand.recording(
                     name, {"excitation.csv": excitation},
                     f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
                     f"the torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
@@ -257,8 +266,9 @@ class Circle:
                 )  # fmt: skip
             else:
                 with self._fmu(case) as bed:
-                    text = excited_recording(bed, case, plan())
-            return {RECORDING: text}, {}
+                    taken = HandedRecording(BY_FMU, excited_recording(bed, case, plan()))
+            keep_recording(self._folder / name, taken)
+            return {taken.name: taken.content}, {}
 
         self._stages.run(name, checksum(excitation), work)
 

@@ -231,6 +231,14 @@ def test_whole_lines_of_a_growing_recording_are_copied(tmp_path, monkeypatch):
         next(snapshots([tmp_path / "none.csv"], 2.0, tmp_path / "copies"))
 
 
+@pytest.mark.parametrize("name", ["r.mf4", "r.dat"])
+def test_of_a_file_that_is_no_text_everything_is_copied(name, tmp_path, monkeypatch):
+    (tmp_path / name).write_bytes(b"MDF\n\x00\x01")
+    monkeypatch.setattr("matching.bed_test.growing.time", Clock())
+    copies = snapshots([tmp_path / name], 2.0, tmp_path / "copies")
+    assert next(copies)[0].read_bytes() == b"MDF\n\x00\x01"
+
+
 def test_a_recording_that_another_takes_the_place_of_is_copied_anew(tmp_path, monkeypatch):
     """As loggers do: the file is moved away and a new one begun a moment later; then the new one is cut short."""
     growing = tmp_path / "r.csv"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from matching.commissioning.by_hand import ByHand, Waiting
+from matching.commissioning.by_hand import ByHand, HandedRecording, Waiting, keep_recording, kept_recording
 from modelling.common.errors import InputError
 
 
@@ -31,7 +31,7 @@ def test_what_is_not_there_is_asked_for_with_what_it_needs(tmp_path):
     assert asked.value.what.startswith(str(tmp_path / "1_verify.csv"))
     assert (tmp_path / "1_verify_excitation.csv").read_text() == "time"
     (tmp_path / "1_verify.csv").write_text("a\n1\n")
-    assert ByHand(tmp_path, None, never).recording("1_verify", {}, "", never) == "a\n1\n"
+    assert ByHand(tmp_path, None, never).recording("1_verify", {}, "", never).content == "a\n1\n"
 
 
 def test_a_growing_recording_is_waited_for_and_followed(tmp_path, monkeypatch):
@@ -48,8 +48,8 @@ def test_a_growing_recording_is_waited_for_and_followed(tmp_path, monkeypatch):
             raise InputError(str(copy), "is too short", "record longer")
         return f"{len(lines)} lines"
 
-    text = ByHand(tmp_path, 2.0, said.append).recording("1_verify", {}, "run it", estimate)
-    assert text == "a\n1\n2\n"
+    taken = ByHand(tmp_path, 2.0, said.append).recording("1_verify", {}, "run it", estimate)
+    assert taken.content == "a\n1\n2\n"
     assert said[0].startswith(f"waiting for {place}: run it")
     assert said[1].startswith("1_verify.csv: not yet: ")
     assert str(place) in said[1]
@@ -60,7 +60,39 @@ def test_a_growing_recording_is_waited_for_and_followed(tmp_path, monkeypatch):
 def test_a_recording_in_the_encoding_of_a_spreadsheet_is_taken_and_no_text_is_one_line(tmp_path):
     place, hand = tmp_path / "1_verify.csv", ByHand(tmp_path, None, never)
     place.write_bytes("angle [°]\n1\n".encode("cp1252"))
-    assert hand.recording("1_verify", {}, "", never) == "angle [°]\n1\n"
+    assert hand.recording("1_verify", {}, "", never).content == "angle [°]\n1\n"
     place.write_bytes(b"\xff\x81\x8d")
     with pytest.raises(InputError, match=r"1_verify\.csv: is no text"):
         hand.recording("1_verify", {}, "", never)
+
+
+def test_a_growing_recording_that_is_no_text_is_taken_as_it_is(tmp_path, monkeypatch):
+    """An MDF file: bytes after its last line feed belong to it."""
+    place, whole = tmp_path / "1_verify.mf4", b"MDF     4.10\n\x00\x01"
+    clock = Clock(lambda: place.write_bytes(whole[:9]), lambda: place.write_bytes(whole))
+    monkeypatch.setattr("matching.bed_test.growing.time", clock)
+    sizes = []
+
+    def estimate(copy):
+        assert copy.name == place.name
+        sizes.append(copy.stat().st_size)
+        return ""
+
+    taken = ByHand(tmp_path, 2.0, lambda _: None).recording("1_verify", {}, "run it", estimate)
+    assert taken == HandedRecording("recording.mf4", whole)
+    assert sizes == [9, len(whole)]
+
+
+def test_a_recording_in_two_formats_is_one_line(tmp_path):
+    for suffix in (".csv", ".mf4"):
+        (tmp_path / f"1_verify{suffix}").write_bytes(b"a\n1\n")
+    with pytest.raises(InputError, match=r"1_verify\.csv: is there as 1_verify\.mf4 too; leave one of them"):
+        ByHand(tmp_path, None, never).recording("1_verify", {}, "", never)
+
+
+def test_a_step_keeps_one_recording(tmp_path):
+    keep_recording(tmp_path, HandedRecording("recording.csv", "a\n1\n"))
+    assert kept_recording(tmp_path).read_text() == "a\n1\n"
+    keep_recording(tmp_path, HandedRecording("recording.mf4", b"MDF"))
+    assert kept_recording(tmp_path).name == "recording.mf4"
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["recording.mf4"]

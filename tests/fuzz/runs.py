@@ -82,8 +82,8 @@ def bed(path: Path, deep: bool) -> None:
 
 def by_hand(path: Path, deep: bool) -> None:
     """A recording that somebody puts into the folder of a commissioning."""
-    text = ByHand(path.parent, None, str).recording(path.stem, {}, "record", str)
-    path.write_text(text, encoding="utf-8")
+    taken = ByHand(path.parent, None, str).recording(path.stem, {}, "record", str)
+    path.write_bytes(taken.content.encode() if isinstance(taken.content, str) else taken.content)
     read_recordings([path], load_case(path.parent / "case.toml"))
 
 
