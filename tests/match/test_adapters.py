@@ -52,6 +52,33 @@ def test_each_value_is_tuned_next_to_one_that_was():
     assert retuning.asked == [0.6, 0.75, 1.0, 0.5, 0.25, 0.0]
 
 
+class TwoOptima(Retuning):
+    """A good optimum, slowly falling, that steps of more than 0.1 leave for a poor one; none at all beyond a value."""
+
+    def __init__(self, none_above=2.0):
+        self.ordered, self.ends, self.none_above = 0.5, {}, none_above
+        self.solution = SimpleNamespace(as_good_to=1.0)
+        self.begin = np.array([0.5, 1.0])  # the value that it was tuned for, and whether at the good optimum
+
+    def _tuned_from(self, start, place):
+        good = start[1] and abs(place - start[0]) < 0.1
+        if place > self.none_above and not good:
+            return None
+        return End(1.2 - 0.4 * place if good else 2.0, np.array([place, good]), True)
+
+
+@pytest.mark.parametrize("none_above", [2.0, 0.9])
+def test_the_error_over_a_quantity_does_not_jump_to_another_optimum(none_above):
+    """At both ends, where a step from the neighbour leads to a poor optimum or to no loop at all."""
+    retuning = TwoOptima(none_above)
+    retuning.survey()
+    assert any(end is None or end.objective == 2.0 for end in retuning.ends.values())
+    retuning.follow_neighbours()
+    assert {place: end.objective for place, end in retuning.ends.items()} == pytest.approx(
+        {place: 1.2 - 0.4 * place for place in PLACES}
+    )
+
+
 def test_what_is_looked_for_does_not_depend_on_where_one_starts(tmp_path):
     """A case matched before, read again from its files: the same objective, weights and bed as planned."""
     case = load_case(STARTER)

@@ -1,5 +1,6 @@
 """Which of several ends is taken when each may give way to the margin between the frequencies of the grid."""
 
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,3 +38,38 @@ def taken(monkeypatch, finished):
 )
 def test_the_best_that_holds_is_taken(monkeypatch, finished, best, tried):
     assert taken(monkeypatch, finished) == (best, tried)
+
+
+@dataclass
+class NoLoopFarAway:
+    """A programme whose search leaves the start's optimum unless it is held near by."""
+
+    moves: tuple = (SimpleNamespace(name="loop.integral_gain"), SimpleNamespace(name="rig.J"))
+    lower: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -np.inf]))
+    upper: np.ndarray = field(default_factory=lambda: np.array([1.0, 1.0, np.inf]))
+
+    def build(self, **asked):
+        return self
+
+    def missed(self, v):
+        return np.zeros(0)
+
+    def values(self, v):
+        return {"gain": v[0]}
+
+
+def test_where_the_margin_is_missed_by_far_the_optimum_is_kept_by_small_steps(monkeypatch):
+    """The whole range leads to an unstable loop, gentler loops to a poor optimum: the answer stays by the end."""
+
+    def ends(problem, begins, extra=()):
+        for begin in begins:
+            if (problem.upper[:2] - problem.lower[:2] < 0.1).all():
+                assert np.isinf(problem.upper[2])  # eigenpairs are free
+                yield End(1.1, begin, True, margin=0.5)
+            elif begin[0] < 0.8:
+                yield End(2.0, begin, True, margin=0.5)
+
+    monkeypatch.setattr(finishing, "stable_ends", ends)
+    task = SimpleNamespace(build=NoLoopFarAway().build, case=SimpleNamespace(limits={"modulus_margin": 0.4}))
+    end = End(1.0, np.array([0.8, 0.5, 0.3]), True, margin=0.2, margin_frequency=25.0)
+    assert finishing.finish(task, end, ()).objective == 1.1

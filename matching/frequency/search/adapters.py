@@ -180,6 +180,7 @@ def _trade(
     retuning = Retuning(task, settled.solution, number, held)
     as_planned = scaled(move.planned, move)
     retuning.survey(*([as_planned] if 0 <= as_planned <= 1 else []))
+    retuning.follow_neighbours()
     low, high = retuning.as_good_between()
     curve = retuning.curve(nodes)
     error = next((error for value, error in curve if abs(value - move.planned) <= 1e-9 * abs(move.planned)), None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from matching.frequency.solver.task import Solution, TuningTask
 
 PLACES = np.linspace(0, 1, 5)  # of the range between the bounds, at which the error is worked out
 MARGIN_ROUNDS, AROUND = 4, 0.015  # of asking for a margin missed between the grid, and how far about it, relative
+JUMP = 1.1  # times a neighbour's objective, above which a value is taken to lie at a poorer optimum than that
+FOLLOWING_STEPS = 5  # in which a neighbour's optimum is followed to such a value
 HALVINGS = 2  # of the way between a value that is as good and one that is not, in looking for the end of the range
 
 
@@ -56,6 +59,21 @@ class Retuning:
         for way in (places[at:], places[:at][::-1]):
             for place in way:
                 self.as_good(place)
+
+    def follow_neighbours(self) -> None:
+        """Where the error jumps between neighbouring values, follow the better optimum to the other, in small steps.
+
+        Each value is tuned from one neighbour. A large step may leave that optimum for a poorer one, or for none.
+        """
+        places = sorted(self.ends)
+        for way in (places, places[::-1]):
+            for near, place in pairwise(way):
+                better, end = self.ends[near], self.ends[place]
+                if better is None or (end is not None and end.objective <= JUMP * better.objective):
+                    continue
+                followed = self._followed(better, near, place)
+                if followed is not None and (end is None or followed.objective < end.objective):
+                    self.ends[place] = followed
 
     def as_good(self, place: float) -> bool:
         """Whether a value is as good as the best, all else tuned for it."""
@@ -104,6 +122,13 @@ class Retuning:
             return best
         ends = (end for end in (best, self._tuned_from(self.begin, place)) if end is not None)
         return min(ends, key=lambda end: end.objective, default=None)
+
+    def _followed(self, end: End, near: float, place: float) -> End | None:
+        """The end at one value, followed to another; None where it is lost on the way."""
+        followed: End | None = end
+        for step in np.linspace(near, place, FOLLOWING_STEPS + 1)[1:]:
+            followed = None if followed is None else self._tuned_from(followed.v, float(step))
+        return followed
 
     def _tuned_from(self, start: np.ndarray, place: float) -> End | None:
         lower, upper = self.problem.lower.copy(), self.problem.upper.copy()

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from matching.frequency.programme.margin_grid import SLOTS
+from matching.frequency.programme.problem import Problem
 from matching.frequency.solver.ends import End, stable_ends
 from matching.frequency.solver.starts import gentler
 from matching.frequency.solver.task import AGREEMENT, Solution, TuningTask
@@ -14,6 +18,7 @@ MARGIN_ROUNDS = 8  # of putting frequencies where the margin is missed between t
 FREQUENCIES_AROUND = (
     0.015  # about such a frequency more are held, as it moves when it is held; a third of it the next time
 )
+SMALL_STEP = 0.02  # of each quantity's range, which no quantity leaves where the whole range leads to no stable loop
 
 
 def first_that_holds(task: TuningTask, ends: list[End], starts: tuple[float | None, ...]) -> Solution:
@@ -49,7 +54,7 @@ def finish(task: TuningTask, best: End, starts: tuple[float | None, ...], added:
             missed = np.append(problem.missed(best.v), best.margin_frequency)
             apart = FREQUENCIES_AROUND / 3**number
             extra = np.concatenate([extra, *(missed * part for part in (1 - apart, 1 + apart, 1.0))])
-        end = next(stable_ends(problem, [best.v, *gentler(problem, best.v)], extra), None)
+        end = next(_ends_from(problem, best.v, extra), None)
         if end is None:
             break
         best = end
@@ -63,3 +68,17 @@ def finish(task: TuningTask, best: End, starts: tuple[float | None, ...], added:
     holds, pairs = best.margin >= least, best.v[len(problem.moves) :]
     values = problem.values(best.v)
     return Solution(values, best.objective, starts, True, holds, tuple(extra.tolist()), tuple(pairs.tolist()))
+
+
+def _ends_from(problem: Problem, v: np.ndarray, extra: np.ndarray) -> Iterator[End]:
+    """Stable ends from a start (v,): over the whole ranges, by a small step, and from gentler loops.
+
+    Where the margin is missed by far between the grid, the search leaps to a loop that is unstable, from gentler ones
+    to another optimum; a small step stays.
+    """
+    yield from stable_ends(problem, [v], extra)
+    lower, upper, size = problem.lower.copy(), problem.upper.copy(), len(problem.moves)
+    lower[:size] = np.maximum(lower[:size], v[:size] - SMALL_STEP)
+    upper[:size] = np.minimum(upper[:size], v[:size] + SMALL_STEP)
+    yield from stable_ends(replace(problem, lower=lower, upper=upper), [v], extra)
+    yield from stable_ends(problem, gentler(problem, v), extra)
