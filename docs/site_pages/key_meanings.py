@@ -25,6 +25,7 @@ MODEL_TABLES = {
     "inputs": {
         "on": "the inertia that the torque (N·m) acts on, or whose motion is imposed",
         "measures": "`torque`, or `speed` or `angle` of an imposed motion; unless stated torque, or imposed speed",
+        "reference": "the channel that the controller of this input follows, e.g. a commanded speed; optional",
     },
     "sensors": {
         "measures": "`angle`, `speed` or `acceleration` of an inertia, `torque` of a shaft",

@@ -103,7 +103,7 @@ def diagnose(
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final
     judge, restarted = _predictable(final, judge, remembered)
-    notes += restarted + closed_loop_notes(final) + scatter_notes(final)
+    notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
     residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict, rest = _verdict(final, after), remaining_errors(final)

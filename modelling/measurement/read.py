@@ -43,7 +43,8 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
         time that does not rise, too few rows.
     """
     source = str(path)
-    table = read_table(path, names_in_file(_units(system), channels), groups_in_file(channels))
+    names = [*_units(system), *(part.reference for part in system.inputs if part.reference)]
+    table = read_table(path, names_in_file(names, channels), groups_in_file(channels))
     return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
 
 
@@ -62,6 +63,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     si_units = _units(system)
     units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
+    scales |= _references(table, system, source)
     base = _time_base(table, source)
     columns = {name: column(table, name, base.rows, scale, source) for name, scale in scales.items()}
     notes = [*table.notes, *base.notes]
@@ -75,9 +77,9 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     channels = {name: values[complete] for name, values in columns.items()}
     if not table.units[0]:
         check_seconds(time, channels, system, source)
-    for sensor in system.sensors:
-        if sensor.name in channels:
-            _note_missing_sensor(sensor.name, time, channels, notes)
+    for name in dict.fromkeys([*(sensor.name for sensor in system.sensors), *_references(table, system)]):
+        if name in channels:
+            _note_missing_sensor(name, time, channels, notes)
     notes += _unused_notes(table, system)
     return Recording(time, channels, tuple(notes), source, units)
 
@@ -120,6 +122,16 @@ def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Chan
 def _units(system: System) -> dict[str, str]:
     """SI units of the channels of a system by name."""
     return system.input_units | {part.name: part.unit for part in system.sensors}
+
+
+def _references(table: Table, system: System, source: str = "") -> dict[str, float]:
+    """References of controllers that were recorded, with the factor to SI: signals of any dimension."""
+    wanted = {part.reference for part in system.inputs} - set(_units(system))
+    return {
+        name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
+        for name, unit in zip(table.names, table.units, strict=True)
+        if name in wanted
+    }
 
 
 def _time_base(table: Table, source: str) -> TimeBase:
@@ -189,7 +201,7 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
 
 def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
-    known = _units(system)
+    known = {*_units(system), *(part.reference for part in system.inputs)}
     unused = [name for name in (*table.names[1:], *table.others) if name not in known]
     if not unused:
         return []

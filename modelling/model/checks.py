@@ -79,6 +79,13 @@ def _names(system: Components) -> None:
         raise InputError(
             f"sensors.{min(both)}", "an input has the same name", "inputs and sensors share the columns of a recording"
         )
+    taken = {source.name for source in system.inputs} | {sensor.name for sensor in system.sensors}
+    for source in system.inputs:
+        if source.reference in taken:
+            raise InputError(
+                f"inputs.{source.name}.reference", f"{source.reference!r} is an input or a sensor",
+                "name the channel with what the controller was to follow",
+            )  # fmt: skip
 
 
 def _sign(where: str, quantity: Quantity, positive: bool = False) -> None:

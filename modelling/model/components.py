@@ -62,11 +62,13 @@ class Input:
     """A torque (N·m) on the inertia ``on``; where an effect imposes its motion, its speed (rad/s) or angle (rad).
 
     ``measures`` is ``torque``, ``speed`` or ``angle``; None is a torque, or the speed of an imposed motion.
+    ``reference`` is the channel that the controller of the input follows, where there is one.
     """
 
     name: str
     on: str
     measures: str | None = None
+    reference: str | None = None
 
 
 @dataclass(frozen=True)

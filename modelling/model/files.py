@@ -23,7 +23,7 @@ _KEYS = {
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
     "differentials": {"cage", "left", "right"},
-    "inputs": {"on", "measures"},
+    "inputs": {"on", "measures", "reference"},
     "sensors": {"measures", "of", "uncertainty"},
 }
 _TOP = {"title", "reference", "mirror", "effects", *TABLES}
@@ -109,7 +109,8 @@ def _differential(name: str, table: dict, place: str) -> Differential:
 
 
 def _input(name: str, table: dict, place: str) -> Input:
-    return Input(name, text(table, "on", place), text(table, "measures", place) if "measures" in table else None)
+    measures, reference = (text(table, key, place) if key in table else None for key in ("measures", "reference"))
+    return Input(name, text(table, "on", place), measures, reference)
 
 
 def _sensor(name: str, table: dict, place: str) -> Sensor:
@@ -280,7 +281,7 @@ def dumps(system: System) -> str:
 
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
-    order = ("between", "cage", "left", "right", "on", "measures", "of", "uncertainty", *QUANTITY_UNITS)
+    order = ("between", "cage", "left", "right", "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
         key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
