@@ -15,7 +15,8 @@ from modelling.effects.warming import PARAMETERS, STATE, done_after, factor, fir
 class GainDrift(Kind):
     """The input acts, or the sensor reads, 1 + change·(1 − exp(−t/time_constant)) times the value.
 
-    t counts from the start of the recording. In steady motion, and in linear models, the change has happened.
+    t counts from the start of the recording. In steady motion the change has happened; linear models at rest are
+    without it.
     """
 
     kind = "gain_drift"

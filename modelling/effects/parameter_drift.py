@@ -18,7 +18,7 @@ MOTIONS = {"drag": "speed", "stiffness": "twist", "damping": "twist_rate"}  # qu
 class ParameterDrift(Kind):
     """The quantity at the place times 1 + change·(1 − exp(−t/time_constant)), t from the start of the recording.
 
-    In steady motion, and in linear models, the change has happened.
+    In steady motion the change has happened; modes and linear models at rest are without it.
     """
 
     kind = "parameter_drift"

@@ -12,6 +12,7 @@ from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.fitting.problem import base_problem
 from modelling.measurement.read import read_recording
+from modelling.modal.modes import modes
 from modelling.model.files import from_dict, load
 from modelling.simulation.simulate import simulate
 
@@ -64,3 +65,14 @@ def test_steady_motion_is_that_of_the_warm_machine() -> None:
     time = np.linspace(0, 1, 101)
     done = simulate(brake(), time, {"drive": np.full(101, 6.0)}, start="steady")
     assert done["speed"] == pytest.approx(6.0 / (DRAG * (1 + CHANGE)), rel=1e-6)
+
+
+def test_modes_at_rest_are_those_of_the_cold_machine() -> None:
+    cold = {
+        "inertias": {"a": {"J": 0.4}, "b": {"J": 1.5}},
+        "shafts": {"link": {"between": ["a", "b"], "stiffness": 300.0}},
+        "inputs": {"drive": {"on": "a"}},
+    }
+    drift = {"kind": "parameter_drift", "at": "shafts.link.stiffness", "change": CHANGE, "time_constant": WARM}
+    frequencies = modes(from_dict(cold | {"effects": [drift]})).frequencies
+    assert frequencies == pytest.approx(modes(from_dict(cold)).frequencies, rel=1e-9)
