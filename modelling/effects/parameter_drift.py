@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -46,6 +47,10 @@ class ParameterDrift(Kind):
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         place, signal = _torque(motion, at)
         yield from first_guesses(motion, place, signal)
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        low, high = super().fit_bounds(key, guess, step)
+        return low, math.inf if key == "time_constant" else high
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         place, signal = _torque(motion, at)

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plant.case import make_case
-from plant.hidden import SPOKEN
+from plant.explicit import scene_of, write_recording
+from plant.hidden import SPOKEN, Hidden
 from plant.marks import needs_compiler
 
 from matching.diagnosis.data.segments import FitData, Segment
@@ -38,6 +39,20 @@ def test_a_drift_is_named_with_its_values(kind: str, at: str, seed: int, tmp_pat
         estimate = found.causes[0].parameters[key]
         assert abs(estimate.value - value) < 4 * estimate.standard_uncertainty
     assert {name for name, _ in found.extended.effects[0].parameters} == {"change", "time_constant"}
+
+
+@needs_compiler
+def test_a_straight_line_is_a_drift_whose_end_was_not_recorded(tmp_path: Path) -> None:
+    """Its slope is known, its change and time constant only together."""
+    slope, constant = 0.3 / 8.0, 8000.0  # of the drag per s; s
+    hidden = Hidden("parameter_drift", "inertias.load.drag", {"change": slope * constant, "time_constant": constant})
+    write_recording(tmp_path, scene_of("two_mass", 5, 8.0, 250.0), [hidden])
+    system = load(tmp_path / "model.toml")
+    (cause,) = diagnose(system, [read_recording(tmp_path / "recording.csv", system)]).causes
+    assert (cause.kind, cause.at) == (hidden.kind, hidden.at)
+    change, time_constant = (cause.parameters[key] for key in ("change", "time_constant"))
+    assert change.value / time_constant.value == pytest.approx(slope, rel=0.1)
+    assert change.standard_uncertainty > 0.3 * change.value
 
 
 CHANGE, WARM, DRAG = 0.5, 3.0, 2.0  # relative, s, N·m·s/rad
