@@ -21,8 +21,9 @@ from tests.mutants.coverage_map import ROOT, Map
 from tests.mutants.operators import Fault
 from tests.mutants.rows import append, rows
 from tests.mutants.sample import all_faults, sample
-from tests.mutants.selection import tests_for
+from tests.mutants.selection import further_tests_for, tests_for
 
+SECOND_BUDGET = 5  # times the budget: what survives the first tests is tried with more of them
 KILLED = ("test", "time", "import")  # by a test, by using far more time than before, before any test
 
 
@@ -81,19 +82,21 @@ def record(folder: Path, workers: int) -> None:
 def judged(faults: list[Fault], tests: Map, folder: Path, asked: argparse.Namespace) -> Iterator[dict]:
     """One row a fault, as they end."""
     free = [copy(folder / f"copy-{number}") for number in range(asked.workers)]
-    waiting, running = list(faults), {}
+    waiting: list[tuple[Fault, tuple[str, ...]]] = [(fault, ()) for fault in faults]  # with the tests it survived
+    running: dict[int, tuple[Fault, tuple[str, ...], Run]] = {}
     checked: dict[str, bool] = {}  # tests that failed with a fault: whether they pass without
     while waiting or running:
         while waiting and free:
-            fault = waiting.pop(0)
-            chosen = tests.ordered(tests_for(fault, tests), asked.budget)
+            fault, survived = waiting.pop(0)
+            chosen = choice(fault, survived, tests, asked.budget)
             if not chosen:
-                yield {**facts(fault), "end": "no test", "tests": 0, "by": ""}
+                end_so_far = "survived" if survived else "no test"
+                yield {**facts(fault), "end": end_so_far, "tests": len(survived), "by": ""}
                 continue
             seconds = 60 + 4 * sum(tests.seconds[name] for name in chosen)
             run = Run(free.pop(), chosen, seconds, fault.file, fault.source).start()
-            running[run.pid] = (fault, run)
-        for fault, run in list(running.values()):
+            running[run.pid] = (fault, survived, run)
+        for fault, survived, run in list(running.values()):
             if (code := run.ended()) is None:
                 continue
             del running[run.pid]
@@ -101,10 +104,19 @@ def judged(faults: list[Fault], tests: Map, folder: Path, asked: argparse.Namesp
             name = run.failure or (run.tests[0] if code > 0 else "")  # an import fails before any test
             if code > 0 and not passes_alone(name, run.tree, checked):
                 tests.forget(name)
-                waiting.insert(0, fault)
-                continue
-            yield {**facts(fault), "end": end(code), "tests": len(run.tests), "by": name if code else ""}
+                waiting.insert(0, (fault, survived))
+            elif code == PASSED and not survived:
+                waiting.insert(0, (fault, tuple(run.tests)))
+            else:
+                yield {**facts(fault), "end": end(code), "tests": len(survived) + len(run.tests), "by": name}
         time.sleep(0.05)
+
+
+def choice(fault: Fault, survived: tuple[str, ...], tests: Map, budget: float) -> list[str]:
+    """The tests to run next against a fault: the most particular first, then what these left out."""
+    if not survived:
+        return tests.ordered(tests_for(fault, tests), budget)
+    return tests.ordered(further_tests_for(fault, tests) - set(survived), SECOND_BUDGET * budget)
 
 
 def end(code: int) -> str:

@@ -25,6 +25,19 @@ def tests_for(fault: Fault, tests: Map) -> set[str]:
     return found or {test for test in tests.tests if test.partition("::")[0] in naming(fault.file)}
 
 
+def further_tests_for(fault: Fault, tests: Map) -> set[str]:
+    """Tests that a fault survived by the first ones is tried with: all that run its statement or name its module.
+
+    A line that a recorded test runs may be judged by another one that has it run in another process.
+    """
+    stem = Path(fault.file).stem
+    return tests_for(fault, tests) | {
+        test
+        for test in tests.tests
+        if (path := test.partition("::")[0]) in naming(fault.file) or Path(path).stem == f"test_{stem}"
+    }
+
+
 def _of_name(name: str, tests: Map) -> set[str]:
     """Tests that run a line with a name."""
     return set().union(*(tests.of(file, range(n, n + 1)) for file, n in lines_with(name)))
