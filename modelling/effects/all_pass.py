@@ -23,7 +23,7 @@ class AllPass(Kind):
     parameters = {"delay": Parameter("s", lower=1e-7)}
     shareable = True
     state = State("signal", "{place} behind the first half of its delay", settles=True)
-    second_state = State("signal", "{place} behind both halves of its delay", settles=True)
+    second_state = "{place} behind both halves of its delay"
     linear = True
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:

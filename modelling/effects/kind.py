@@ -86,8 +86,10 @@ class Kind:
         Tables of the model file that it can sit at.
     parameters : dict of str to Parameter
         By key of the model file.
-    state, second_state : State or None
-        The states it adds to the model; the second one is named ``place.kind.2``.
+    state : State or None
+        The state it adds to the model.
+    second_state : str
+        What a second one, named ``place.kind.2`` and in the unit of the first, means; empty where there is none.
     linear : bool
         A linear model holds it completely.
     state_dependent : bool
@@ -130,7 +132,7 @@ class Kind:
     tables: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[dict[str, Parameter]] = {}
     state: ClassVar[State | None] = None
-    second_state: ClassVar[State | None] = None
+    second_state: ClassVar[str] = ""
     linear: ClassVar[bool] = False
     state_dependent: ClassVar[bool] = False
     abrupt: ClassVar[bool] = False

@@ -97,6 +97,6 @@ def _further(system: System, name: str) -> tuple[str, str]:
         for place in effect.places
         if name.removesuffix(SECOND_STATE) == f"{place}.{effect.kind}"
     )
-    state = kind.second_state if name.endswith(SECOND_STATE) else kind.state
-    assert state is not None
-    return kind.state_unit(place, system), state.meaning.format(place=place)
+    assert kind.state is not None
+    meaning = kind.second_state if name.endswith(SECOND_STATE) else kind.state.meaning
+    return kind.state_unit(place, system), meaning.format(place=place)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.candidates.screening import ScreenedCandidate
-from matching.diagnosis.search.pairs import screened_pairs
+from matching.diagnosis.search import pairs
+from matching.diagnosis.search.pairs import ScreenedPair, fitted_pairs, screened_pairs
 from modelling.effects.first_guess import Guess
 
 SIGNATURES = {"first": [1.0, 0.1, 0.0, 0.0], "second": [1.0, -0.1, 0.0, 0.0], "third": [0.0, 0.0, 1.0, 0.0]}
@@ -49,3 +50,25 @@ def test_no_pair_where_one_explains_almost_all() -> None:
     residual = np.array([3.0, 0.3, 0.2, 0.0])
     some = sorted((candidate(name, residual) for name in SIGNATURES), key=lambda one: -one.reduction)
     assert screened_pairs(screening(residual), some) == []
+
+
+def test_a_pair_that_cannot_be_fitted_does_not_end_the_search(monkeypatch) -> None:
+    residual = np.array([0.0, 0.4, 0.01, 0.0])
+    first, second, third = (candidate(name, residual) for name in SIGNATURES)
+    causes = SimpleNamespace(causes=())
+
+    def with_cause(kind, at, *_):
+        return SimpleNamespace(causes=(SimpleNamespace(kind=kind, at=at),), with_cause=with_cause)
+
+    def fit(model, *_):
+        if model.causes[0].at == "second":
+            raise FloatingPointError
+        return "fitted"
+
+    monkeypatch.setattr(pairs, "replace", lambda *_, **__: SimpleNamespace(causes=(), with_cause=with_cause))
+    monkeypatch.setattr(pairs, "compilable", lambda models: True)
+    monkeypatch.setattr(pairs, "fit_extended", fit)
+    problem = SimpleNamespace(data=SimpleNamespace(sampling_interval=1.0), bounds={})
+    base = SimpleNamespace(fit=SimpleNamespace(problem=problem, values={}), model=causes)
+    some = [ScreenedPair(first, second, 3.0), ScreenedPair(second, third, 2.0)]
+    assert [one.fit for one in fitted_pairs(base, some, (), SimpleNamespace(take=lambda: True))] == ["fitted"]

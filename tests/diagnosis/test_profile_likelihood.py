@@ -57,6 +57,16 @@ def test_equivalent_up_to_three_standard_uncertainties() -> None:
         assert sorted(upward) == pytest.approx(values)
 
 
+@pytest.mark.parametrize(("ratio", "values"), [(5.0, [100.0, 150.0]), (3.5, [100.0])])
+def test_profiled_from_four_times_the_uncertainty_that_it_has_with_the_others_known(ratio, values, monkeypatch) -> None:
+    """Of two springs and a reading of weight w of one of them: √(1 + S/w²), with S of the compliance's readings."""
+    known = 0.05
+    information = known**2 * (ratio**2 - 1)
+    monkeypatch.setitem(springs.__globals__, "SIGMA", np.sqrt(100 / information) / 100.0**2)
+    upward = [one.values[NAME] for one in equivalent_fits(springs(known), (CAUSE,)) if one.values[NAME] >= 100]
+    assert sorted(upward) == pytest.approx(values)
+
+
 def test_estimates_reach_as_far_as_equivalent_fits() -> None:
     best, same, higher = (springs() for _ in range(3))
     best.v[:] = 100.0, 100.0

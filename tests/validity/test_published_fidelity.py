@@ -8,6 +8,7 @@ import pytest
 from matching.validity.fidelity.attribution import attribute
 from matching.validity.fidelity.case_file import read_case
 from modelling.common.errors import InputError
+from modelling.fidelity.fidelity import FidelityMethod
 from modelling.fidelity.measures import (
     chi,
     delay_fidelity,
@@ -46,6 +47,12 @@ def test_published_arithmetic_is_refused_for_other_shapes():
         dynamics_fidelity([1, 1, 1], [1, 1, 1], "published")
     with pytest.raises(InputError, match="divides by 6"):
         measurement_fidelity([0.1, 0.1], "published")
+
+
+@pytest.mark.parametrize(("key", "given"), [("arithmetic", {"arithmetic": "new"}), ("nrmse", {"nrmse_form": "new"})])
+def test_a_form_that_does_not_exist_is_refused_by_the_key_of_the_file(key, given):
+    with pytest.raises(InputError, match=f"^{key}: 'new' is not known"):
+        FidelityMethod(30.0, **given)
 
 
 def test_fig6_anchor_points():

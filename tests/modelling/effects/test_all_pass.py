@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from modelling.equations.compiled import compiled
+from modelling.fmu.variables import states
 from modelling.linear.linearise import linearise
 from modelling.linear.response import response
 from modelling.model.files import from_dict
@@ -34,3 +36,9 @@ def test_in_steady_motion_it_reads_the_speed():
     time = np.arange(5) * 1e-3
     run = simulate(with_effect("all_pass"), time, {"drive": np.full(5, 3.0)}, start="steady")
     assert run.readings["speed"] == pytest.approx(3.0, rel=1e-6)
+
+
+def test_both_states_are_described_in_the_unit_of_what_the_sensor_reads():
+    described = {one.name: (one.unit, one.description) for one in states(compiled(with_effect("all_pass")))}
+    assert described["sensors.speed.all_pass"] == ("rad/s", "sensors.speed behind the first half of its delay")
+    assert described["sensors.speed.all_pass.2"] == ("rad/s", "sensors.speed behind both halves of its delay")

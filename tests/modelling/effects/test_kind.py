@@ -88,8 +88,8 @@ def test_its_state_is_named_after_it(kind):
     (effect,) = model.system.effects
     wanted = [effect.name] * bool(law.state) + [f"{effect.name}.2"] * bool(law.second_state)
     assert model.states[2 * model.n :] == wanted
-    for state in (law.state, law.second_state):
-        assert state is None or "{place}" in state.meaning
+    meanings = [law.state.meaning if law.state else "", law.second_state]
+    assert all("{place}" in meaning for meaning in meanings if meaning)
 
 
 def test_units_of_states():
