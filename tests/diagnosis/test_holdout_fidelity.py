@@ -120,3 +120,13 @@ def test_a_model_that_nothing_was_added_to_is_assessed_once(monkeypatch: pytest.
     assert names == ["speed", "still"]
     assert found is not None
     assert found.before == found.after
+
+
+def test_a_sensor_without_a_long_enough_part_is_named() -> None:
+    keep = np.arange(len(TIME)) % 200 < 50  # parts of 50 samples, 0.3 s apart
+    scatter = 0.01 * np.random.default_rng(3).standard_normal(len(TIME))
+    data = held_out(scatter, keep)
+    data.measured[:, 1] = motion(TIME)
+    judged = fidelity(SYSTEM, data)
+    assert judged is not None
+    assert judged.notes == ["speed has no part of held-out data long enough for its fidelity"]
