@@ -93,6 +93,22 @@ def test_a_value_is_changed_tried_and_saved_by_keyboard_alone(bench):
     assert (folder / "bench.toml").read_text() == BENCH.replace("value = 200", "value = 400")
 
 
+def test_the_fields_of_channels_fit_on_a_phone(bench):
+    _, address = bench
+    with opened_page(address, 400) as (page, complaints):
+        page.get_by_role("tab", name="Measurement").click()
+        page.get_by_role("heading", name="Channels", exact=True).wait_for()
+        page.get_by_label("unit of link torque").wait_for()
+        edges = [
+            page.get_by_label(label, exact=True).bounding_box()
+            for label in ("link torque (torque)", "unit of link torque")
+        ]
+        assert edges[0]["y"] == edges[1]["y"]
+        assert edges[1]["x"] + edges[1]["width"] <= 400
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+        assert complaints == []
+
+
 def check_measured_response(page):
     """The points laid over the responses have the resonance of the recorded bench: its shaft has 230 N·m/rad."""
     data = page.evaluate(MEASURED)

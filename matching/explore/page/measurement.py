@@ -26,6 +26,7 @@ from modelling.writing.output import write_all
 
 LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
 NOT_RECORDED = "not recorded"
+COLUMN_PX, UNIT_PX = 215, 125  # of two fields that stand beside each other, on a screen of 400 px too
 
 
 class MeasurementTab:
@@ -97,9 +98,11 @@ class MeasurementTab:
         for wanted in wanted_channels(system):
             options = {NOT_RECORDED: ""} | {name: name for name in file.columns}
             label = f"{wanted.name.replace('_', ' ')} ({'input, ' if wanted.needed else ''}{wanted.kind})"
-            column = pn.widgets.Select(name=label, options=options, value=suggested[wanted.name].column, width=260)
+            column = pn.widgets.Select(
+                name=label, options=options, value=suggested[wanted.name].column, width=COLUMN_PX
+            )
             unit = pn.widgets.TextInput(
-                name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=150
+                name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=UNIT_PX
             )
             for chooser in (column, unit):
                 chooser.param.watch(lambda _: self._name_files(), "value")
