@@ -4,9 +4,11 @@ import io
 
 import numpy as np
 import pytest
+import sympy as sm
 from explore.browser import browser_path
 from matplotlib.figure import Figure
 
+from matching.report.common.mathml import _Printer
 from matching.report.common.style import image
 from matching.report.curves.acting_axes import acting
 from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
@@ -75,6 +77,18 @@ def test_on_paper_short_tables_stay_whole_and_links_to_data_are_left_out(page_fi
     header = "() => [...document.styleSheets[0].cssRules].find(rule => rule.type === 6).cssText"
     assert "rigmatch: A " in page.evaluate(header)
     assert page.locator("h1").inner_text() == 'A "title" \\ </style>'
+
+
+def test_factors_of_an_equation_stand_apart(browser):
+    """A subscript ran into the next factor: i_reduction d_shaft was read as one word."""
+    factors = sm.symbols("a b")
+    apart = _Printer({}).doprint(sm.Mul(*factors))
+    together = apart.replace("rspace", "data-rspace")
+    assert apart != together
+    page = browser.new_page()
+    page.set_content(f"<math><mrow>{together}</mrow></math><br><math><mrow>{apart}</mrow></math>")
+    widths = page.eval_on_selector_all("math", "each => each.map(math => math.getBoundingClientRect().width)")
+    assert widths[1] > widths[0] + 1
 
 
 def test_a_name_beside_a_long_meaning_keeps_its_width_on_a_narrow_screen(page_file, browser):

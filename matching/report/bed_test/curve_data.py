@@ -29,7 +29,7 @@ def curve_data(curves: Sequence[FunctionCurves]) -> str:
                 _placed(np.abs(values), row, frequencies),
                 _placed(np.degrees(np.angle(values)), row, frequencies),
             ]
-        head.append(f"{curve.sensor} / {curve.input}, U of modulus (k = {COVERAGE_FACTOR:g}) [{per}]")
+        head.append(f"{curve.sensor} / {curve.input}, expanded uncertainty (k = {COVERAGE_FACTOR:g}) [{per}]")
         columns.append(_placed(COVERAGE_FACTOR * curve.uncertainty, row, frequencies))
     return csv_table(head, ([_known(value) for value in row] for row in zip(*columns, strict=True)))
 

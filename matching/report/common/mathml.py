@@ -13,6 +13,7 @@ from modelling.equations.symbols import Sign, known_zeros, signs
 from modelling.model.system import System
 
 DOTS = ("", "\u0307", "\u0308")  # combining marks above a letter, by number of derivatives
+TIMES = '<mo lspace="0" rspace="0.17em">&InvisibleTimes;</mo>'  # apart: a subscript ran into the next factor
 LEGEND = (
     "J inertia, b drag, c stiffness, d damping, i ratio, φ angle of an inertia, M torque of an input; a dot is a "
     "derivative with respect to time."
@@ -52,7 +53,8 @@ class _Printer(MathMLPresentationPrinter):
 
     def doprint(self, expr: Any) -> str:
         """MathML of an expression, without the enclosing element."""
-        return self._print(expr).toxml().replace("<mo>-</mo>", "<mo>−</mo>")
+        written = self._print(expr).toxml().replace("<mo>-</mo>", "<mo>−</mo>")
+        return written.replace("<mo>&InvisibleTimes;</mo>", TIMES)
 
     def _print_Symbol(self, sym: sm.Symbol, style: str = "plain") -> Any:
         if sym not in self._signs:
