@@ -181,3 +181,16 @@ def test_the_name_of_a_column_is_no_formula(tmp_path):
     tab.signal.value = hostile
     assert isinstance(tab.figure.yaxis.axis_label, PlainText)
     assert tab.figure.yaxis.axis_label.text == f"{hostile} [SI]"
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_slider_that_is_moved_outside_a_server_shows_its_value_at_once(tmp_path):
+    pytest.importorskip("panel")
+    from matching.explore.files.workspace import opened, starter
+    from matching.explore.page.modes import ModesTab
+
+    tab = ModesTab(opened([starter(tmp_path)], tmp_path / "out"))
+    low, high = tab.slider.start, tab.slider.end
+    tab.slider.value = (low + high) / 2
+    assert tab.trial.values == {tab.quantity.value: (low + high) / 2}
+    assert not tab._waiting

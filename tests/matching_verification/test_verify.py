@@ -225,3 +225,13 @@ def test_a_long_dead_time_takes_higher_orders(feedback):
     assert checked.approximations[-1].order >= 8
     assert any("do not count" in note for note in checked.notes)
     assert checked.approximations[-1].unstable(0) == checked.winding.unstable
+
+
+def test_match_mode_leaves_out_rigid_modes_alone(verified, reference):
+    """A mode of half a hertz is one as any other."""
+    mode = modes(reference.vehicle)[1]
+    inertia = {f"inertias.{part.name}": part.J.value for part in reference.vehicle.inertias}
+    alike, _ = match_mode(mode, [mode for mode in verified.modes if mode.belongs_to == "feed_forward"], inertia)
+    slow = replace(alike, frequency=0.5)
+    assert match_mode(replace(mode, frequency=0.5), [slow], inertia)[0] is slow
+    assert match_mode(replace(mode, frequency=0.0), [slow], inertia) is None

@@ -229,3 +229,8 @@ def test_the_mode_nearest_to_a_target_has_its_symmetry_and_kinetic_energy():
     assert nearest(modes, 12.0, "symmetric").number == 5
     assert nearest(modes, 10.0, "none") is None
     assert nearest([mode(1, 0.0), mode(2, 1.1 * HIGHEST_HZ)], HIGHEST_HZ, "symmetric") is None
+
+
+def test_an_energy_that_is_missing_is_zero_and_nothing_else():
+    free = equations(from_dict({"inertias": {"disc": {"J": 2.0}}}))
+    assert [re.sub(r"<[^>]+>|&nbsp;|\s", "", line) for line in (*free["V"], *free["D"])] == ["V=0", "D=0"]

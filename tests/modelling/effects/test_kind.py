@@ -7,6 +7,7 @@ from modelling.effects import EFFECTS
 from modelling.equations.compiled import compiled
 from modelling.modal.modes import modes
 from modelling.model.files import from_dict
+from modelling.units import unit_of
 
 BASE = {
     "inertias": {"a": {"J": 0.4}, "b": {"J": 1.5}},
@@ -143,3 +144,11 @@ def test_hysteresis_stiffens_the_shaft_in_modes():
     """For small twists a Dahl element is a spring of torque/angle in parallel (Dahl 1968)."""
     frequency = modes(with_effect("hysteresis").system).frequencies[1]
     assert frequency == pytest.approx(np.sqrt((300.0 + 4.0 / 0.01) * (1 / 0.4 + 1 / 1.5)) / (2 * np.pi))
+
+
+def test_units_of_parameters_are_known():
+    """A form that is written with a word of its own stands for the unit of the place."""
+    of_places = {"sensor", "sensor/s", "quantity"}
+    for kind, law in EFFECTS.items():
+        for key, parameter in law.parameters.items():
+            assert parameter.unit in of_places or unit_of(parameter.unit, f"{kind}.{key}") is not None
