@@ -132,7 +132,8 @@ PIECES = {
     ("matching/report/diagnosis/page.py", "name"), ("matching/report/diagnosis/page.py", "name[2:]"),
     ("matching/report/match/fidelity_rows.py", "name[2:]"),
     *(("modelling/controller/c_source.py", each) for each in (
-        "fixed.SAMPLES_IN_A_ROW", "', '.join(map(str, controller.torque_readings))",
+        "fixed.SAMPLES_IN_A_ROW", "torque_gone.REMEMBERED_SAMPLES", "torque_gone.AVERAGED_SAMPLES",
+        "', '.join(map(str, controller.torque_readings))",
         "', '.join(map(str, controller.speed_readings))", "name", "part",
         "', '.join((_real(value) for value in getattr(settings, part)))",
     )),
