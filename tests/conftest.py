@@ -7,6 +7,7 @@ import matplotlib as mpl
 import pytest
 from hypothesis import settings
 
+import matching  # noqa: F401  brings the views of results, whichever test runs first
 from modelling.common import floating_point
 
 mpl.use("agg")  # no display, whatever the machine has

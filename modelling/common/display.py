@@ -81,7 +81,7 @@ def _registered(function: Any, result: Any) -> Callable[[Any], Any]:
     view: Callable[[Any], Any] = function.dispatch(type(result))
     if view is function.dispatch(object):
         name = type(result).__name__
-        raise InputError(name, "has no view yet", "import rigmatch, which brings the figures and tables")
+        raise InputError(name, "has no view yet", "import matching, which brings the figures and tables")
     return view
 
 
