@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -11,7 +10,7 @@ from sympy import Expr
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, Symbols
 from modelling.effects.kind import Kind
-from modelling.effects.warming import PARAMETERS, STATE, done_after, factor, first_guesses
+from modelling.effects.warming import PARAMETERS, STATE, done_after, drift_bounds, factor, first_guesses
 
 MOTIONS = {"drag": "speed", "stiffness": "twist", "damping": "twist_rate"}  # quantity → what it is multiplied by
 
@@ -49,8 +48,7 @@ class ParameterDrift(Kind):
         yield from first_guesses(motion, place, signal)
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        low, high = super().fit_bounds(key, guess, step)
-        return low, math.inf if key == "time_constant" else high
+        return drift_bounds(guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         place, signal = _torque(motion, at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -14,7 +15,8 @@ from modelling.effects.kind import Parameter, State
 PARAMETERS = {"change": Parameter("1", lower=-1.0), "time_constant": Parameter("s", lower=1e-3)}
 STATE = State("1", "share of the change of {place} that has happened", from_zero=True)
 FIRST_SHARE = 1.0  # time constant of the screening, of the longest recording: nearly a straight line
-NEARBY_SHARES = (0.3, 0.1)  # the same of further guesses, which bend
+NEARBY_SHARES = (0.3,)  # the same of a further guess, which bends
+FASTEST = 0.1  # of a guess: what has changed sooner is a value that is wrong throughout, which has kinds of its own
 
 
 def factor(p: Symbols, assembly: EquationBuilder, name: str) -> Expr:
@@ -26,6 +28,11 @@ def factor(p: Symbols, assembly: EquationBuilder, name: str) -> Expr:
 def done_after(seconds: float, time_constant: float) -> float:
     """Share of the change that has happened ``seconds`` after the start of a recording."""
     return float(-np.expm1(-seconds / time_constant))
+
+
+def drift_bounds(guess: float) -> tuple[float, float]:
+    """Bounds of a time constant, s, in a fit that starts from a guess."""
+    return FASTEST * guess, math.inf
 
 
 def first_guesses(motion: FittedMotion, at: str, signal: np.ndarray, *, bent: bool = False) -> Iterator[Guess]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,23 +72,29 @@ def test_orders_are_those_whose_period_was_recorded_as_a_whole_and_twice(
     assert low == pytest.approx(max(lowest, 1.7))  # a fit keeps within 0.3 of its guess
     names = extended.causes[0].names()
     at_end = {names["order"]: lowest, names["amplitude"]: 0.1, names["phase"]: 0.0}
-    assert extended.not_taken(SimpleNamespace(values=at_end)) == "beyond_recording"
+    assert extended.not_taken(fit_of(extended, at_end)) == "beyond_recording"
+
+
+def fit_of(extended: ExtendedModel, values: dict[str, float]) -> Any:
+    """A fit that ended there, within the bounds that the model has for it."""
+    return SimpleNamespace(values=values, problem=SimpleNamespace(bounds=extended.bounds))
 
 
 def test_values_at_the_end_of_the_recorded_range_are_refused(model: ExtendedModel) -> None:
     extended = model.with_cause("coulomb_friction", "inertias.rotor", {"torque": 1.0}, 0.01)
-    reasons = [extended.not_taken(SimpleNamespace(values={NAME: torque})) for torque in (0.0, 3.0, 8.1)]
+    reasons = [extended.not_taken(fit_of(extended, {NAME: torque})) for torque in (0.0, 3.0, 8.1)]
     assert reasons == ["", "", "beyond_recording"]
-    assert replace(extended, recorded=None).not_taken(SimpleNamespace(values={NAME: 8.1})) == ""
+    free = replace(extended, recorded=None, bounds={NAME: (0.0, np.inf)})
+    assert free.not_taken(fit_of(free, {NAME: 8.1})) == ""
 
 
 def test_friction_that_breaks_away_at_less_than_it_slides_is_not_physical(model: ExtendedModel) -> None:
     values = {"torque": 2.0, "breakaway": 2.8e-14, "speed": 0.5}
     extended = model.with_cause("stribeck_friction", "inertias.rotor", values, 0.01)
     names = extended.causes[0].names()
-    assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == "not_physical"
+    assert extended.not_taken(fit_of(extended, {names[key]: v for key, v in values.items()})) == "not_physical"
     values["breakaway"] = 3.0
-    assert extended.not_taken(SimpleNamespace(values={names[key]: v for key, v in values.items()})) == ""
+    assert extended.not_taken(fit_of(extended, {names[key]: v for key, v in values.items()})) == ""
 
 
 def test_range_of_two_segments_with_a_gear_and_two_shafts() -> None:

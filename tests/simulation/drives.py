@@ -59,6 +59,8 @@ EFFECTS: dict[str, tuple] = {
     "sensor_drift": ("sensors.link_torque", {"rate": 0.1}),
     "sensor_delay": ("sensors.load_speed", {"delay": 0.0033}),
     "all_pass": ("sensors.load_speed", {"delay": 0.0033}),
+    "gain_drift": ("inputs.motor_torque", {"change": 0.3, "time_constant": 1.2}),
+    "parameter_drift": ("shafts.link.stiffness", {"change": -0.3, "time_constant": 1.2}),
     "wrong_parameter": ("inertias.load.J", {"value": 1.5}),
     "input_offset": ("inputs.motor_torque", {"offset": 0.4}),
     "gear_loss": ("shafts.link", {"efficiency": 0.92, "efficiency_reverse": 0.85}),
