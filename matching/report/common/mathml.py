@@ -34,7 +34,7 @@ def equations(system: System) -> dict[str, list[str]]:
             negative = addend.could_extract_minus_sign()
             sign = "−" if negative else "+" if written else ""
             written += f" {sign}&nbsp;{_math(printer.doprint(-addend if negative else addend))}"
-        return written or _math("<mn>0</mn>")
+        return written
 
     return {
         "T": [f"{_math('<mi>T</mi>')} = {terms(derived.kinetic_energy)}"],
