@@ -55,14 +55,14 @@ class ClockOffset(Kind):
         if len(members(at)) < 2:
             return
         for early in SHORT_DELAYS:
-            yield Guess((_stamped(motion, at)(-early),), _scaled(-early))
+            yield Guess((late(motion, at)(-early),), _scaled(-early))
         yield from fixed_delays(motion, _stamped_early(motion, at), "offset", LONG_DELAYS, -1.0)
         if len(members(at)) == len(motion.reading):
-            yield from first_delays(motion, _stamped(motion, at), "offset")
+            yield from first_delays(motion, late(motion, at), "offset")
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         offset = best["offset"]
-        change = _stamped(motion, at) if offset > 0 else _stamped_early(motion, at)
+        change = late(motion, at) if offset > 0 else _stamped_early(motion, at)
         return delays_near(motion, change, "offset", offset, math.copysign(1.0, offset))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
@@ -86,13 +86,9 @@ class ClockOffset(Kind):
         return [shared_place(group) for group in several]
 
 
-def _stamped(motion: FittedMotion, at: str) -> Change:
-    """What sensors read more when their clock is late."""
-    return late({place: motion.reading[place.split(".")[1]] for place in members(at)}, motion)
-
-
 def _stamped_early(motion: FittedMotion, at: str) -> Change:
-    change = _stamped(motion, at)
+    """What sensors read more when their clock is early by so much."""
+    change = late(motion, at)
     return lambda early: change(-early)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from modelling.effects.first_guess import FittedMotion, Guess, if_positive
+from modelling.effects.place import members
 from modelling.effects.recorded_range import LONGEST_MEMORY_SHARE
 
 SHORT_DELAYS = (1e-3, 4e-3, 1.6e-2, 6.4e-2)  # s
@@ -21,8 +22,9 @@ REFINED = np.geomspace(0.4, 2.5, 61)  # times the best delay, each 3 % longer th
 Change = Callable[[float], dict[str, np.ndarray | float]]  # delay in s → what it adds, by place
 
 
-def late(signals: dict[str, np.ndarray], motion: FittedMotion) -> Change:
-    """What a delay adds to signals (t,) by place."""
+def late(motion: FittedMotion, at: str) -> Change:
+    """What a delay adds to the signals of the inputs and sensors at a place."""
+    signals = {place: motion.signal(place) for place in members(at)}
     return lambda delay: {place: motion.delayed(signal, delay) - signal for place, signal in signals.items()}
 
 

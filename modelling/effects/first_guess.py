@@ -66,6 +66,11 @@ class FittedMotion:
         """Sampling interval, s."""
         return float(np.median(np.diff(self.time[self.segments[0]])))
 
+    def signal(self, place: str) -> np.ndarray:
+        """What the input or sensor at a place carries, (t,): as recorded, or as simulated."""
+        table, name = place.split(".")
+        return (self.input if table == "inputs" else self.reading)[name]
+
     def per_segment(self, work: Callable[[np.ndarray, np.ndarray], np.ndarray], signal: np.ndarray) -> np.ndarray:
         """``work(time, signal)`` on every segment by itself."""
         return np.concatenate([work(self.time[part], signal[part]) for part in self.segments])

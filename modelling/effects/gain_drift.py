@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind
@@ -36,15 +34,10 @@ class GainDrift(Kind):
         return done_after(seconds, parameters["time_constant"])
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from first_guesses(motion, at, _signal(motion, at))
+        yield from first_guesses(motion, at, motion.signal(at))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return drift_bounds(guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
-        yield from first_guesses(motion, at, _signal(motion, at), bent=True)
-
-
-def _signal(motion: FittedMotion, at: str) -> np.ndarray:
-    table, name = at.split(".")
-    return (motion.input if table == "inputs" else motion.reading)[name]
+        yield from first_guesses(motion, at, motion.signal(at), bent=True)

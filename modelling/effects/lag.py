@@ -36,8 +36,7 @@ class Lag(Kind):
         path.value += ramp.subs(assembly.time, assembly.time - p["time_constant"])  # a drift, after the lag has settled
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        table, name = at.split(".")
-        signal = (motion.input if table == "inputs" else motion.reading)[name]
+        signal = motion.signal(at)
         for time_constant in (1e-3, 4e-3, 1.6e-2, 6.4e-2):
             yield Guess(
                 ({at: motion.lagged(signal, time_constant) - signal},), if_positive("time_constant", time_constant)

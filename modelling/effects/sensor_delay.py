@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from modelling.effects.delay_guesses import Change, delays_near, first_delays, late
+from modelling.effects.delay_guesses import delays_near, first_delays, late
 from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import EquationBuilder, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
-from modelling.effects.place import members
 from modelling.effects.recorded_range import RecordedRange
 
 
@@ -27,14 +26,10 @@ class SensorDelay(Kind):
         path.delay += p["delay"]
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from first_delays(motion, _read_late(motion, at), "delay")
+        yield from first_delays(motion, late(motion, at), "delay")
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
-        return delays_near(motion, _read_late(motion, at), "delay", best["delay"])
+        return delays_near(motion, late(motion, at), "delay", best["delay"])
 
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         return 0.0, recorded.longest_memory
-
-
-def _read_late(motion: FittedMotion, at: str) -> Change:
-    return late({place: motion.reading[place.split(".")[1]] for place in members(at)}, motion)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from plant.bench import record
+from plant.calibrate import OutOfReach
 from plant.hidden import KINDS, SPOKEN, Hidden
 from plant.rivals import alike, separations
 from plant.scene import Scene, first_that_fits, set_scene
 from plant.sensing import add_noise
-from plant.systems import Drive
+from plant.systems import SYSTEMS, Drive
 from plant.writing import model_text, recording_text
 
 SIZES = {"plain": 30.0, "subtle": 3.0}
@@ -107,6 +108,17 @@ def _texts(
         recordings.append(recording_text(scene.drive, take, kept))
     stated = {name: stated_noise * value for name, value in scene.noise.items()}
     return model_text(scene.drive, written, stated, known), recordings[0], recordings[1]
+
+
+def in_reach(system: str, make: Callable[[str], Case]) -> Case:
+    """The case of a system; where it is out of reach, that of the first other one where it is not."""
+    why = ""
+    for name in (system, *(other for other in SYSTEMS if other != system)):
+        try:
+            return make(name)
+        except OutOfReach as reason:
+            why = str(reason)
+    raise OutOfReach(why)
 
 
 def _spoken(drive: Drive, effect: Hidden, angle: np.ndarray) -> dict[str, Any]:

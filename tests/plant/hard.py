@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant.calibrate import OutOfReach
-from plant.case import Case, make_case
+from plant.case import Case, in_reach, make_case
 from plant.hidden import INSIDE, KINDS, NEWER
 from plant.systems import SYSTEMS
 
@@ -30,20 +29,15 @@ class HardOrder:
     stated_noise: float = 1.0
 
     def make(self, duration: float = 8.0, rate: float = 1000.0, *, rivals: bool = True) -> Case:
-        why = ""
-        for system in (self.system, *(name for name in SYSTEMS if name != self.system)):
-            try:
-                case = make_case(
-                    system, self.effects, self.size, "normal", self.seed, duration, rate, closed_loop=self.closed_loop,
-                    moving=self.seed % 2 == 0, rivals=rivals, background=self.background,
-                    stated_noise=self.stated_noise,
-                )  # fmt: skip
-            except OutOfReach as reason:
-                why = str(reason)
-                continue
-            case.answer["category"] = self.category
-            return case
-        raise OutOfReach(why)
+        case = in_reach(
+            self.system,
+            lambda system: make_case(
+                system, self.effects, self.size, "normal", self.seed, duration, rate, closed_loop=self.closed_loop,
+                moving=self.seed % 2 == 0, rivals=rivals, background=self.background, stated_noise=self.stated_noise,
+            ),
+        )  # fmt: skip
+        case.answer["category"] = self.category
+        return case
 
 
 def hard_cases(n: int, seed: int) -> list[HardOrder]:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant.calibrate import OutOfReach
-from plant.case import Case, make_case
+from plant.case import Case, in_reach, make_case
 from plant.hidden import DRIFTS
 from plant.systems import SYSTEMS
 
@@ -31,16 +30,14 @@ class VocabularyOrder:
     seed: int
 
     def make(self, duration: float = 8.0, rate: float = 1000.0, *, rivals: bool = True) -> Case:
-        why = ""
-        for system in (self.system, *(name for name in SYSTEMS if name != self.system)):
-            try:
-                case = make_case(system, self.effects, self.size, "normal", self.seed, duration, rate, rivals=rivals)
-            except OutOfReach as reason:
-                why = str(reason)
-                continue
-            case.answer["category"] = self.category
-            return case
-        raise OutOfReach(why)
+        case = in_reach(
+            self.system,
+            lambda system: make_case(
+                system, self.effects, self.size, "normal", self.seed, duration, rate, rivals=rivals
+            ),
+        )
+        case.answer["category"] = self.category
+        return case
 
 
 def vocabulary_cases(n: int, seed: int) -> list[VocabularyOrder]:
