@@ -14,7 +14,7 @@ from matching.commissioning.circle import Circle, CommissionOrder
 from matching.commissioning.fmu_bed import held_as_linear
 from matching.commissioning.from_recordings import bed_from_recordings
 from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
-from matching.commissioning.runs import proof_recording
+from matching.commissioning.runs import SETTLING_SECONDS, excited_recording, proof_recording
 from matching.commissioning.stages import RECORD, Stages
 from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.excitation.proof import Proof
@@ -231,6 +231,37 @@ class ListeningController:
     def step(self, readings, known, mode, hold, life):
         self.known.append(known)
         return SimpleNamespace(commands=np.ones(1), fault=0)
+
+
+class TurningBed(StandingBed):
+    """One rotor of 2 kg·m² that nothing brakes."""
+
+    inputs, sensors = ("dyno", "motor_torque"), ("rotor_speed",)
+
+    def readings(self):
+        return np.array([self.speed])
+
+    def step(self, torques, span):
+        super().step(torques, span)
+        self.speed += span * torques.sum() / 2.0
+
+
+@pytest.mark.parametrize(("gains", "left"), [((40.0, 0.0), 12.0 / 40.0), ((40.0, 200.0), 0.0)])
+def test_an_excitation_turns_the_bed_about_its_speed_as_the_hold_allows(case, gains, left):
+    """A constant 12 N·m: a proportional hold is left 12 N·m over its gain too fast, an integral one takes it up."""
+    count = round(4.0 / case.loop["sample_time"])
+    torques = np.column_stack([np.zeros(count), np.full(count, 12.0)])
+    bed, plan = TurningBed(), SimpleNamespace(hold={"dyno": gains}, torques=torques, inputs=TurningBed.inputs, speed=30.0)
+    rows = excited_recording(bed, case, plan).splitlines()
+    recorded = np.array([row.split(",") for row in rows[1:]], float)
+    assert rows[0] == "time [s],dyno [N*m],motor_torque [N*m],rotor_speed [rad/s]"
+    assert len(recorded) == count
+    assert len(bed.given) == count + round(SETTLING_SECONDS / case.loop["sample_time"])
+    assert recorded[0, 0] == 0.0
+    assert recorded[0, 3] == 30.0
+    assert recorded[-1, 3] == pytest.approx(30.0 + left, abs=1e-5)
+    assert recorded[-1, 1] == pytest.approx(-12.0, abs=1e-3)
+    np.testing.assert_allclose(recorded[5:, 2], 12.0, rtol=1e-6)
 
 
 def test_a_proof_records_held_torques_as_what_they_do_and_road_torques_as_they_are_read(case):

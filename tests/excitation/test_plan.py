@@ -134,6 +134,12 @@ def test_a_recording_tells_what_matters(plan):
     assert shares == sorted(shares, reverse=True)
 
 
+def test_what_a_diagnosis_holds_out_is_not_counted_on(plan):
+    """The last 30 % of a recording (the specification) tells nothing of the quantities."""
+    step = plan.time[1] - plan.time[0]
+    assert plan.fitted_until == pytest.approx(0.7 * (plan.time[-1] + step), abs=step)
+
+
 def test_shapes_begin_and_end_at_zero():
     lines = np.array([2.0, 7.0])
     for shape in (

@@ -125,6 +125,10 @@ def test_one_line_errors(path, value, words):
         budget_from_tables(changed(path, value))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+    table = "budget: " + ".".join(path.split("/")[:-1])  # the key that is wrong, its table, or one of its keys
+    assert caught.value.where.startswith(table.removesuffix(": "))
+    assert all(part.isidentifier() for part in caught.value.where.removeprefix("budget: ").split("."))
+    assert "None" not in caught.value.where
 
 
 def test_invalid_correlation_matrix():
