@@ -2,6 +2,8 @@
 
 import pytest
 
+from match.conftest import script
+
 
 def test_adapters_alone_end_limited(adapters):
     assert adapters.status == "limited"
@@ -29,3 +31,9 @@ def test_compact_car(compact):
     assert compact.targets[0].symmetry == "none"
     tuned = {own.name: own.tuned for own in compact.parameters}
     assert tuned["residual_vehicle.inertias.wheel_left.J"] != tuned["residual_vehicle.inertias.wheel_right.J"]
+
+
+@pytest.mark.long
+def test_compact_car_as_it_is():
+    """With its flanges free and all starts: the example asserts its own figures."""
+    script("compact_bev").main()
