@@ -43,14 +43,15 @@ def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | N
     """
     if SEVERAL_LOGGERS not in paths or Path(paths).exists():
         return read_recording(paths, system, channels)
-    names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
+    names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors), *_references(system)]
     return joined(system, [read_signals(Path(path), names, channels) for path in paths.split(SEVERAL_LOGGERS)])
 
 
 def joined(system: System, parts: Sequence[Recording]) -> Recording:
     """Recordings of the same motion by several loggers as one, on the clock of the one that recorded the inputs.
 
-    Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets.
+    Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets. The reference of a controller
+    is taken from any of them.
 
     Raises
     ------
@@ -91,12 +92,23 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
     kept = leading.time[inside]
     channels = {name: values[inside] for name, values in leading.channels.items()}
     channels |= {name: _at(kept, time, part.channels[name]) for name in names}
+    channels |= {
+        name: np.interp(kept, time, part.channels[name])
+        for name in _references(system)
+        if name in part.channels and name not in channels
+    }
     note = f"{part.source}: its clock is {offset:.4g} s late, found from {', '.join(names)}; taken out"
     return replace(
         leading, time=kept, channels=channels, notes=(*leading.notes, *part.notes, note),
         source=f"{leading.source}+{part.source}", units={**leading.units, **part.units},
         clock_groups=(*leading.clock_groups, tuple(names)),
     )  # fmt: skip
+
+
+def _references(system: System) -> list[str]:
+    """References of controllers, which are no channel of the model."""
+    known = {part.name for part in (*system.inputs, *system.sensors)}
+    return [part.reference for part in system.inputs if part.reference and part.reference not in known]
 
 
 def _at(kept: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

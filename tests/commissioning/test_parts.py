@@ -251,7 +251,10 @@ def test_an_excitation_turns_the_bed_about_its_speed_as_the_hold_allows(case, ga
     """A constant 12 N·m: a proportional hold is left 12 N·m over its gain too fast, an integral one takes it up."""
     count = round(4.0 / case.loop["sample_time"])
     torques = np.column_stack([np.zeros(count), np.full(count, 12.0)])
-    bed, plan = TurningBed(), SimpleNamespace(hold={"dyno": gains}, torques=torques, inputs=TurningBed.inputs, speed=30.0)
+    bed, plan = (
+        TurningBed(),
+        SimpleNamespace(hold={"dyno": gains}, torques=torques, inputs=TurningBed.inputs, speed=30.0),
+    )
     rows = excited_recording(bed, case, plan).splitlines()
     recorded = np.array([row.split(",") for row in rows[1:]], float)
     assert rows[0] == "time [s],dyno [N*m],motor_torque [N*m],rotor_speed [rad/s]"

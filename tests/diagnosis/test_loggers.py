@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.loggers import joined, with_clocks
+from matching.diagnosis.loggers import joined, read_loggers, with_clocks
 from modelling.common.errors import InputError
 from modelling.measurement.recording import Recording
+from modelling.measurement.write import csv_text
 from modelling.model.files import from_dict
 from modelling.simulation.simulate import simulate
 
@@ -53,6 +54,32 @@ def test_offset_is_found_before_anything_is_fitted(loggers):
     (note,) = whole.notes
     late = float(note.split("clock is ")[1].split(" s")[0])
     assert late == pytest.approx(LATE, abs=0.02)  # of a model that is not fitted yet
+
+
+@pytest.mark.parametrize("logger", [0, 1])
+def test_the_reference_of_a_controller_is_handed_on_whichever_logger_has_it(loggers, logger):
+    """A reference of 3·t on the motion's clock stays that, on the further logger's clock as well."""
+    controlled = drive()
+    controlled = replace(controlled, inputs=tuple(replace(part, reference="wanted") for part in controlled.inputs))
+    late = (0.0, LATE)[logger]
+    parts = list(loggers)
+    wanted = {"wanted": 3 * (parts[logger].time - late)}
+    parts[logger] = replace(parts[logger], channels=parts[logger].channels | wanted)
+    whole = joined(controlled, parts)
+    assert whole.clock_groups == (("load_speed",),)
+    np.testing.assert_allclose(whole["wanted"], 3 * whole.time, atol=3 * 0.02)
+
+
+def test_files_of_two_loggers_are_read_with_the_reference(loggers, tmp_path):
+    model = drive()
+    model = replace(model, inputs=tuple(replace(part, reference="wanted") for part in model.inputs))
+    units = {"torque": "N*m", "motor_speed": "rad/s", "load_speed": "rad/s", "wanted": "1/min"}
+    extra = {"wanted": 300 * np.sin(loggers[0].time)}
+    for logger, more in zip(loggers, (extra, {}), strict=True):
+        text = csv_text(logger.time, logger.channels | more, units)
+        (tmp_path / logger.source).write_text(text, encoding="utf-8")
+    whole = read_loggers(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", model)
+    np.testing.assert_allclose(whole["wanted"], np.pi / 30 * 300 * np.sin(whole.time), rtol=1e-6, atol=1e-6)
 
 
 def test_what_the_correlation_leaves_is_fitted_and_no_cause(loggers):

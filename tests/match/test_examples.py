@@ -1,7 +1,6 @@
 """The examples run as scripts do, with their own asserted numbers."""
 
 import pytest
-
 from match.conftest import script
 
 
