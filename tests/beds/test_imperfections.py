@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from matching.frequency.in_time.imperfection import Imperfection, flawed, imperfections
+from matching.frequency.in_time.imperfection import (
+    EVERYTHING_DRAWN,
+    EVERYTHING_STATED,
+    Imperfection,
+    flawed,
+    imperfections,
+)
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 
@@ -36,8 +42,16 @@ def test_one_thing_is_wrong_at_a_time(small_case, words, changed):
     assert row == rest
 
 
+def test_all_that_is_wrong_alone_is_wrong_at_once(small_case):
+    row = named(small_case, EVERYTHING_STATED)
+    values = {"rig.shafts.side.stiffness": 0.95 * 4000, "rig.inertias.motor.J": 1.05 * 0.5, "loop.dead_time": 0.0028}
+    assert row.values == pytest.approx(values)
+    wrong = replace(NOTHING, gap=0.02, friction=5.0, demand_factor=1.05, demand_late=5e-3, poor_sensors=True)
+    assert row == replace(wrong, words=EVERYTHING_STATED, values=row.values)
+
+
 def test_everything_is_wrong_at_once_on_four_drawn_beds(small_case):
-    rows = [row for row in imperfections(small_case, 250.0, 3) if row.words == "everything at once, bed drawn"]
+    rows = [row for row in imperfections(small_case, 250.0, 3) if row.words == EVERYTHING_DRAWN]
     drawn = small_case.uncertainty.draw(4, 3)
     wrong = replace(NOTHING, gap=0.02, friction=5.0, demand_factor=1.05, demand_late=5e-3, poor_sensors=True)
     for row, position in zip(rows, drawn, strict=True):

@@ -11,7 +11,7 @@ from plant.marks import needs_compiler
 from matching.frequency.case.load import load_case
 from matching.frequency.case.uncertainty import of_system
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
-from matching.frequency.in_time.imperfection import Imperfection, imperfections
+from matching.frequency.in_time.imperfection import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, imperfections
 from matching.frequency.in_time.nonlinear_beds import _refine_friction
 from matching.frequency.in_time.open_lash import lash_runs, open_lash
 from matching.frequency.in_time.sensing import ANGLE_OF_A_COUNT, PoorSensors
@@ -34,6 +34,9 @@ WRONG = {
     }, demand_factor=1.05, demand_late=5e-3),
     "lash": Imperfection("", gap=0.02),
     "friction": Imperfection("", friction=3.0),
+    "everything": Imperfection("", {
+        "rig.shafts.side.stiffness": 3800.0, "rig.inertias.motor.J": 0.525, "loop.dead_time": 0.0028,
+    }, 0.02, 3.0, 1.05, 5e-3),
 }  # fmt: skip
 
 
@@ -82,7 +85,7 @@ def table(small_case, law):
 
 def test_the_table_has_every_row(table):
     assert [row.words for row in table.rows][:2] == ["nothing", "shafts at the cut 5 % softer"]
-    assert table.rows[-1].words == "everything at once, bed drawn"
+    assert [row.words for row in table.rows][-2:] == [EVERYTHING_STATED, EVERYTHING_DRAWN]
     assert table.rows[0].measured["side_torque"] < 0.005  # the sampled controller on its own model
     assert table.rows[0].largest() < table.rows[-1].largest() < 0.3
     assert set(table.traces.vehicle) == set(SENSORS)

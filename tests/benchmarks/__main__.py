@@ -20,6 +20,7 @@ APART = {
     "dead_times",
     "delay_coverage",
     "diagnosis_growth",
+    "observer_in_time",
     "observer_table",
     "observer_variants",
     "search_seeds",

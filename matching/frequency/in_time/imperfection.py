@@ -19,6 +19,8 @@ DEMAND_FACTOR, DEMAND_LATE_S = 1.05, 5e-3  # an inverter's or engine's torque ov
 LASH_RAD = 0.02  # of a drive's whole lash at the wheel, a degree
 FRICTION_SHARE = 0.02  # of the largest torque at a cut: seals and bearings of an axle
 DRAWN_BEDS = 4  # that have everything wrong at once
+EVERYTHING_STATED = "everything at once, values 5 % off"
+EVERYTHING_DRAWN = f"everything at once, worst of {DRAWN_BEDS} drawn beds"
 
 
 def required_parameters(law: Kind) -> list[str]:
@@ -59,7 +61,7 @@ class Imperfection:
 
 
 def imperfections(case: Case, largest_torque: float, seed: int) -> list[Imperfection]:
-    """One thing wrong at a time, then everything at once on beds drawn from the case's box.
+    """One thing wrong at a time; all of that at once; then everything at once on beds drawn from the case's box.
 
     Parameters
     ----------
@@ -85,14 +87,24 @@ def imperfections(case: Case, largest_torque: float, seed: int) -> list[Imperfec
     ]  # fmt: skip
     every = [
         Imperfection(
-            EVERYTHING, case.uncertainty.at(position), LASH_RAD, friction, DEMAND_FACTOR, DEMAND_LATE_S, True
+            EVERYTHING_DRAWN, case.uncertainty.at(position), LASH_RAD, friction, DEMAND_FACTOR, DEMAND_LATE_S, True
         )
         for position in case.uncertainty.draw(DRAWN_BEDS, seed)
     ]  # fmt: skip
-    return alone + every
+    return [*alone, _at_once(alone), *every]
 
 
-EVERYTHING = "everything at once, bed drawn"
+def _at_once(alone: list[Imperfection]) -> Imperfection:
+    """All that is wrong of beds with one thing wrong each."""
+    return Imperfection(
+        EVERYTHING_STATED,
+        {name: value for row in alone for name, value in row.values.items()},
+        max(row.gap for row in alone),
+        max(row.friction for row in alone),
+        max(row.demand_factor for row in alone),
+        max(row.demand_late for row in alone),
+        any(row.poor_sensors for row in alone),
+    )
 
 
 def _cut_stiffnesses(case: Case) -> list[str]:

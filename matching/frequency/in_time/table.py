@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.frequency.case.case import Case
 from matching.frequency.in_time.closed_loop import BedMotion, BedRun, bed_motions, vehicle_motions
-from matching.frequency.in_time.imperfection import EVERYTHING, Imperfection, imperfections
+from matching.frequency.in_time.imperfection import EVERYTHING_DRAWN, Imperfection, imperfections
 from matching.frequency.in_time.open_lash import OpenLash, lash_runs, open_lash
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of, shaft_torque
@@ -137,13 +137,13 @@ def truth_in_time(
         TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
         for i, row in enumerate(rows)
     ]
-    every = [i for i, row in enumerate(rows) if row.words == EVERYTHING]
+    every = [i for i, row in enumerate(rows) if row.words == EVERYTHING_DRAWN]
     worst = max(every, key=lambda i: results[i].largest())
     time = (np.arange(count) - lead) * law.sample_time
     signals = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
     traces = None
     if len(signals) == 3:
-        traces = BedTraces(EVERYTHING, time, *(dict(zip(sensors, signal.T, strict=False)) for signal in signals))
+        traces = BedTraces(EVERYTHING_DRAWN, time, *(dict(zip(sensors, signal.T, strict=False)) for signal in signals))
     kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
     at, first = [read.index(name) for name in cuts], len(runs)
     lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from matching.frequency.in_time.imperfection import EVERYTHING_STATED
 from matching.frequency.in_time.table import TruthInTime
 from matching.report.common.wording import number, percent
 
 
 def in_time_lines(result: Mapping[str, Any]) -> list[str]:
-    """Error of the bed as modelled and with everything wrong, and what an open lash does."""
+    """Error of the bed as modelled and of those with everything wrong, and what an open lash does."""
     in_time = result.get("in_time")
     if not in_time or not in_time["rows"]:
         return []
-    first, last = in_time["rows"][0], in_time["rows"][-1]
+    first, *others, last = in_time["rows"]
+    wrong = [row for row in others if row["what_is_wrong"] == EVERYTHING_STATED]
+    errors = "; ".join(f"{row['what_is_wrong']}: {_pair(row)}" for row in (*wrong, last))
     lash = in_time["open_lash"]
     swinging = f"; open lash: {_lash(lash)}" if lash else ""
     return [
         f"in time, {number(in_time['duration'], 2)} s on beds that are not the model, largest error over range: as "
-        f"modelled {_pair(first)}, {last['what_is_wrong']} {_pair(last)}{swinging}"
+        f"modelled {_pair(first)}; {errors}{swinging}"
     ]
 
 
