@@ -47,6 +47,7 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "phase_error_deg": "its largest phase error over the band of the case, °",
         "largest_sampled_pole": "largest magnitude of a pole of the sampled loop; below 1 is stable",
         "feed_forward_spectral_abscissa": "largest real part of the poles of the model-based feed-forward, 1/s",
+        "modulus_margin_from": "from which frequency on `modulus_margin` counts, Hz; 0: everywhere",
         "nyquist": "numbers of the Nyquist criterion, with the exact dead time; null for an observer",
         "identified": "target modes as read off simulated responses",
         "excited_by": "`manoeuvre`, or the input that a further excitation acted on",

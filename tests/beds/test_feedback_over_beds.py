@@ -13,6 +13,7 @@ from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.search.match import match
 from matching.frequency.verification.feedback_gains import drawn_beds, feedback_tuner
+from matching.report.match.text import summary
 
 
 @pytest.fixture(scope="module")
@@ -79,4 +80,7 @@ def test_feedback_that_misses_a_target_with_the_margin_over_all_is_matched_over_
     assert result.robust.beds.stable == result.robust.beds.damped == 60
     assert result.verification.modulus_margin == result.robust.loop.modulus_margin >= 0.5
     assert result.verification.winding.modulus_margin < 0.5  # on the emulated mode, where it has to be
+    counted_from = result.robust.required.margin_from
+    assert result.verification.margin_from == result.to_dict()["modulus_margin_from"] == counted_from
+    assert f"from {counted_from:.3g} Hz on (required 0.5)" in summary(result.to_dict())
     assert result.response_error.after <= result.case.tolerance

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from matching.frequency.loop.exact_loop import ExactLoop
 from matching.frequency.loop.loop_modes import match_mode
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.response_error import error_figures
@@ -13,6 +14,7 @@ from matching.frequency.response.responses import ComparedBed
 from matching.frequency.search.errors import lower_bound
 from matching.frequency.verification.robustness import _deviating
 from matching.frequency.verification.verify import verify
+from matching.report.match.checks import margin_counted_from
 from modelling.bed.residual_vehicle import cut
 from modelling.bed.structures import STRUCTURES
 from modelling.modal.modes import modes
@@ -139,6 +141,29 @@ def test_what_must_be_known_is_ranked(verified):
     assert {own.name for own in verified.robustness[:4]} == {"rig.inertias.motor.J", "rig.shafts.side_left.stiffness"}
     late = [own.change for own in verified.robustness if own.name == "loop.dead_time"]
     assert sorted(late) == pytest.approx([-5e-4, 5e-4])
+
+
+def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedback):
+    case = feedback
+    everywhere = verify(case, deviations=False)
+    counted_from = 1.5 * everywhere.margin_frequency
+    checked = verify(case, margin_from=counted_from)
+    frequencies = np.geomspace(counted_from, 1000, 4000)
+
+    def least(dead_time):
+        difference = ExactLoop(parts_of(case), dead_time).return_difference(2j * np.pi * frequencies)
+        return np.linalg.svd(difference, compute_uv=False).min()
+
+    assert checked.modulus_margin == pytest.approx(least(case.loop["dead_time"]), rel=1e-3)
+    assert checked.modulus_margin > 1.05 * everywhere.modulus_margin == checked.winding.modulus_margin * 1.05
+    late = {wrong.change: wrong.modulus_margin for wrong in checked.robustness if wrong.name == "loop.dead_time"}
+    assert len(late) == 2
+    for change, margin in late.items():
+        assert margin == pytest.approx(least(case.loop["dead_time"] + change), rel=1e-3)
+    assert (everywhere.margin_from, checked.margin_from) == (0, counted_from)
+    assert margin_counted_from(everywhere) == ""
+    assert f"from {counted_from:.3g} Hz on" in margin_counted_from(checked)
+    assert f"{everywhere.modulus_margin:.2g} at" in margin_counted_from(checked)
 
 
 def test_dictionary_is_plain(verified):

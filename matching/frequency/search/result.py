@@ -259,6 +259,7 @@ class MatchResult(Displayed):
             "insensitive_parameters": [parameter.name for parameter in self.parameters if parameter.fixed],
             "stable": checks.stable,
             "modulus_margin": checks.modulus_margin,
+            "modulus_margin_from": checks.margin_from,
             "spectral_abscissa": checks.spectral_abscissa,
             "response_error": self.response_error.to_dict(),
             "operating_point": speeds_of(self.tuned.rig),

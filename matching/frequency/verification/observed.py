@@ -103,7 +103,7 @@ def verify_observer(
     least = min(swinging, default=(1.0, 0.0))
     verification = Verification(
         all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
-        figures.modulus_margin, figures.margin_at, None, IndependentCheck(JUDGES_BEDS),
+        figures.modulus_margin, figures.margin_at, required.margin_from, None, IndependentCheck(JUDGES_BEDS),
         (), (), poles, ahead.poles, modes, targets, least,
         of_the_targets_modes(identified, (target.mode for target in targets), modes), peaks,
         violations_of(case, peaks, figures.modulus_margin, least),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from matching.frequency.beds.requirements import requirements
 from matching.frequency.case.case import Case, Move
 from matching.frequency.case.tuned import apply
 from matching.frequency.verification.drawn_beds import on_drawn_beds
@@ -81,7 +82,8 @@ def over_beds(
         return None
     _, values, as_cut = min(ends, key=lambda end: end[0])
     case = apply(tuned, values)
-    robust = on_drawn_beds(case, verify(case, untuned), count, seed)
+    checked = verify(case, untuned, margin_from=requirements(case).margin_from)
+    robust = on_drawn_beds(case, checked, count, seed)
     return TunedOverBeds(case, values, as_cut, replace(robust, verification=_margin_above(case, robust)))
 
 
@@ -93,7 +95,7 @@ def _middle(move: Move) -> float:
 
 
 def _margin_above(case: Case, robust: RobustVerification) -> Verification:
-    """The verification with the margin from where it counts."""
+    """The verification with the margin of the controller as it runs."""
     checked, loop, allowed = robust.verification, robust.loop, case.limits[MARGIN]
     violations = tuple(violation for violation in checked.violations if violation.limit != MARGIN)
     if loop.modulus_margin < allowed:

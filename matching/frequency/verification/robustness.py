@@ -36,7 +36,7 @@ class Deviation:
         Relative; in s for the dead time.
     stable : bool
     spectral_abscissa, modulus_margin : float
-        Of the feedback loop; the margin is None where it was not looked for.
+        Of the feedback loop, the margin counted as for the nominal one; None where it was not looked for.
     response_error : float
         Against the vehicle, which has the wrong value too where it shares the component.
     """
@@ -64,8 +64,8 @@ class _Deviating:
 
 
 def robustness(
-    parts: Parts, feed_forward: FeedForward | None, nodes: BandNodes, order: int
-) -> tuple[Deviation, ...]:  # fmt: skip
+    parts: Parts, feed_forward: FeedForward | None, nodes: BandNodes, order: int, margin_from: float = 0.0
+) -> tuple[Deviation, ...]:
     """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first.
 
     Parameters
@@ -76,8 +76,10 @@ def robustness(
         Frequencies at which the nominal response error has converged.
     order : int
         Of the Padé approximation of the dead time that stability is judged with.
+    margin_from : float
+        Hz, from where on the modulus margin counts.
     """
-    judged = [_judged(deviating, nodes, order) for deviating in _deviating(parts, feed_forward)]
+    judged = [_judged(deviating, nodes, order, margin_from) for deviating in _deviating(parts, feed_forward)]
     return tuple(sorted(judged, key=lambda deviation: (deviation.stable, -deviation.response_error)))
 
 
@@ -103,12 +105,13 @@ def _deviating(parts: Parts, feed_forward: FeedForward | None) -> Iterator[_Devi
             yield _Deviating("loop.dead_time", changed - dead_time, bed, changed)
 
 
-def _judged(deviating: _Deviating, nodes: BandNodes, order: int) -> Deviation:
+def _judged(deviating: _Deviating, nodes: BandNodes, order: int, margin_from: float) -> Deviation:
     parts = deviating.bed.parts
     poles = np.linalg.eigvals(closed_matrix(parts, order, deviating.dead_time))
     _, unstable = resting_and_right(poles, neutral_motions(parts))
     difference = ExactLoop(parts, deviating.dead_time).return_difference
-    margin, _ = modulus_margin(difference, GRID_HZ, difference(2j * np.pi * GRID_HZ))
+    counted = np.union1d(GRID_HZ[margin_from < GRID_HZ], [margin_from] if margin_from > 0 else [])
+    margin, _ = modulus_margin(difference, counted, difference(2j * np.pi * counted))
     responses = deviating.bed.at(nodes.frequencies)
     error = pooled(nodes.root_mean(log_squares(responses.matched, responses.vehicle)))
     return Deviation(deviating.name, float(deviating.change), unstable == 0, float(poles.real.max()), margin, error)

@@ -71,6 +71,8 @@ class Verification:
         alone slows counts with its slow decay.
     modulus_margin, margin_frequency : float
         Least singular value of I + L, and where, Hz.
+    margin_from : float
+        Hz, from where on it counts; 0 for all frequencies.
     winding : Encirclements or None
         None where the controller has no law in the Laplace domain.
     independent : IndependentCheck
@@ -110,6 +112,7 @@ class Verification:
     spectral_abscissa: float
     modulus_margin: float
     margin_frequency: float
+    margin_from: float
     winding: Encirclements | None
     independent: IndependentCheck
     disagreements: tuple[str, ...]
@@ -135,6 +138,7 @@ class Verification:
             "spectral_abscissa": self.spectral_abscissa,
             "modulus_margin": self.modulus_margin,
             "margin_frequency": self.margin_frequency,
+            "modulus_margin_from": self.margin_from,
             "nyquist": None if self.winding is None else {
                 "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
                 "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
@@ -167,7 +171,9 @@ class Verification:
         }  # fmt: skip
 
 
-def verify(case: Case, untuned: System | None = None, *, deviations: bool = True) -> Verification:
+def verify(
+    case: Case, untuned: System | None = None, *, deviations: bool = True, margin_from: float = 0.0
+) -> Verification:
     """Check a tuned case.
 
     Parameters
@@ -176,6 +182,8 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
         The rig before it was tuned, which the figures compare with; the case's own unless given.
     deviations : bool
         Whether to work out :attr:`Verification.robustness`, about half of the time.
+    margin_from : float
+        Hz, from where on the modulus margin counts, that of the deviations too; the winding counts all frequencies.
 
     Raises
     ------
@@ -208,15 +216,17 @@ def verify(case: Case, untuned: System | None = None, *, deviations: bool = True
     swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
     peaks = {} if traces is None else peaks_of(parts, traces)
     errors, targets = error_figures(case, parts, feed_forward), target_modes_of(case, designed or every)
-    least, margin = min(swinging, default=(1.0, 0.0)), winding.modulus_margin
+    least = min(swinging, default=(1.0, 0.0))
+    counted = encirclements(parts, margin_from=margin_from) if margin_from > 0 else winding
     return Verification(
         all(checks.values()), checks,
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
-        margin, winding.margin_frequency, winding, independent,
-        tuple(independent.disagreements(winding.unstable == 0, margin)), orders, sampled, feed_forward_poles, every,
-        targets, least, of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
-        violations_of(case, peaks, margin, least), errors,
-        robustness(parts, feed_forward, errors.nodes, orders[-1].order) if deviations else (), traces,
+        counted.modulus_margin, counted.margin_frequency, margin_from, winding, independent,
+        tuple(independent.disagreements(winding.unstable == 0, winding.modulus_margin)),
+        orders, sampled, feed_forward_poles, every, targets, least,
+        of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
+        violations_of(case, peaks, counted.modulus_margin, least), errors,
+        robustness(parts, feed_forward, errors.nodes, orders[-1].order, margin_from) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
     )  # fmt: skip
 

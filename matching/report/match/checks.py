@@ -94,6 +94,17 @@ def needs(result: MatchResult) -> list[Need]:
     return peaks
 
 
+def margin_counted_from(verification: Verification) -> str:
+    """From where on the modulus margin counts, and what it is below; nothing where it counts everywhere."""
+    if not verification.margin_from > 0:
+        return ""
+    winding, below = verification.winding, ""
+    if winding is not None and winding.margin_frequency < verification.margin_from:
+        least, at = number(winding.modulus_margin, 2), number(winding.margin_frequency, 3)
+        below = f", where the loop follows the emulated modes: {least} at {at} Hz"
+    return f" from {number(verification.margin_from, 3)} Hz on{below}"
+
+
 def checks(result: MatchResult) -> list[ResultCheck]:
     """Every check with its outcome, stability first."""
     verification = result.verification
@@ -104,7 +115,7 @@ def checks(result: MatchResult) -> list[ResultCheck]:
         ResultCheck(
             "Modulus margin of the feedback loop, exact dead time",
             f"{number(margin, 3)} at {number(verification.margin_frequency, 3)} Hz, "
-            f"at least {number(limits['modulus_margin'])} required",
+            f"at least {number(limits['modulus_margin'])} required{margin_counted_from(verification)}",
             margin >= limits["modulus_margin"] * (1 - ROUNDING),
         )
     )

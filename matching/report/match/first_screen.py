@@ -86,7 +86,9 @@ def why_these_values(result: MatchResult) -> str:
             f"over beds drawn within [uncertainty]; {margin} above the emulated band, the loop rolls off, and sensor "
             f"noise stays within its limit. Judged on {drawn} fresh beds."
         )
-    return f"Tuned for the least response error, {number(band[0])} to {number(band[1])} Hz, while {margin}."
+    counted_from = result.verification.margin_from
+    counted = f" from {number(counted_from, 3)} Hz on" if counted_from > 0 else ""
+    return f"Tuned for the least response error, {number(band[0])} to {number(band[1])} Hz, while {margin}{counted}."
 
 
 def measured_inputs(result: MatchResult) -> list[str]:

@@ -90,9 +90,11 @@ def _fidelity(result: Mapping[str, Any]) -> list[str]:
 def _loop(result: Mapping[str, Any]) -> str:
     limits = result.get("asked", {})
     required = f" (required {number(limits['modulus_margin'], 3)})" if "modulus_margin" in limits else ""
+    counted_from = result.get("modulus_margin_from", 0.0)
+    counted = f" from {number(counted_from, 3)} Hz on" if counted_from > 0 else ""
     return (
         f"loop {'stable' if result['stable'] else 'NOT STABLE'}, modulus margin {number(result['modulus_margin'], 3)}"
-        f"{required}, slowest pole {number(result['spectral_abscissa'], 3)} 1/s"
+        f"{counted}{required}, slowest pole {number(result['spectral_abscissa'], 3)} 1/s"
     )
 
 

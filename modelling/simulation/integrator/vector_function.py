@@ -15,7 +15,9 @@ import numpy as np
 from modelling.simulation.integrator.c_library import library_of
 
 LANES = 8  # points an operation
-OPTIMISATION = "-O1"
+# GCC ends wide registers' use before calls to the C library with the second option only; without it log, atan2 and
+# the like are some ten times slower after operations on vectors
+OPTIMISATION = "-O1 -fexpensive-optimizations"
 
 _HEAD = """#include <math.h>
 #include <string.h>
