@@ -217,15 +217,15 @@ def verify(
     peaks = {} if traces is None else peaks_of(parts, traces)
     errors, targets = error_figures(case, parts, feed_forward), target_modes_of(case, designed or every)
     least = min(swinging, default=(1.0, 0.0))
-    counted = encirclements(parts, margin_from=margin_from) if margin_from > 0 else winding
+    above = encirclements(parts, margin_from=margin_from) if margin_from > 0 else winding
     return Verification(
         all(checks.values()), checks,
         float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
-        counted.modulus_margin, counted.margin_frequency, margin_from, winding, independent,
+        above.modulus_margin, above.margin_frequency, margin_from, winding, independent,
         tuple(independent.disagreements(winding.unstable == 0, winding.modulus_margin)),
         orders, sampled, feed_forward_poles, every, targets, least,
         of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
-        violations_of(case, peaks, counted.modulus_margin, least), errors,
+        violations_of(case, peaks, above.modulus_margin, least), errors,
         robustness(parts, feed_forward, errors.nodes, orders[-1].order, margin_from) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
     )  # fmt: skip
