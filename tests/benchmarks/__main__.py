@@ -23,6 +23,7 @@ APART = {
     "observer_in_time",
     "observer_table",
     "observer_variants",
+    "opened_clutch",
     "search_seeds",
 }
 
