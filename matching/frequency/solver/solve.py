@@ -6,7 +6,7 @@ Starts are not trusted that agree on a place where the loop has no root near a t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 
@@ -37,8 +37,8 @@ def solve(
     """Solve the programme of a case from many starts; the point it is given with counts and is kept unless beaten.
 
     The error alone decides; of answers as good within 0.2 % the one that changes least is taken.
-    What starts agree on is left again by searches from about it, and given up for what is better. Where no start ends
-    in a stable loop, settings are drawn blindly over the bounds, and those that are stable are starts as well.
+    What starts agree on is left again by searches from about it, and given up for what is better. Where none is stable,
+    settings drawn blindly over the bounds that are stable are starts as well.
 
     Parameters
     ----------
@@ -80,16 +80,31 @@ def solve(
         kept.append(end)
     if kept and not task.case.loop.torqueless:
         kept.append(improved(task, problem, min(kept, key=lambda end: end.objective), seed))
-    blind = None
-    if not kept and not task.case.loop.torqueless:
-        blind = blind_draws(problem, seed)
+    blind = blind_draws(problem, seed) if not kept and not task.case.loop.torqueless else None
+    if blind:
         kept = list(stable_ends(problem, blind.stable))
     if not kept:
         best = blind.stable[0] if blind and blind.stable else start(problem, None)
         counted = (blind.drawn, len(blind.stable)) if blind else None
         nothing = Solution(problem.values(best), float("nan"), objectives, False, False, blind=counted)
         return never_worse(task, nothing, point)
-    return _settled(task, never_worse(task, first_that_holds(task, kept, objectives), point), point)
+    best = never_worse(task, first_that_holds(task, kept, objectives), point)
+    return _settled(task, _searched_again(task, problem, best, kept), point)
+
+
+def _searched_again(task: TuningTask, problem: Problem, best: Solution, tried: Sequence[End]) -> Solution:
+    """The best, or what a search from its values with eigenpairs on their targets leads to, as matching again would.
+
+    An end that led to the best, or to nothing better, is not finished a second time.
+    """
+    if not best.holds or task.case.loop.torqueless:
+        return best
+    for end in stable_ends(problem, [start_at(problem, best.values)]):
+        known = any(abs(end.objective - other.objective) <= AGREEMENT * abs(other.objective) for other in tried)
+        if end.objective < best.objective and not known and follows_targets(task, end):
+            again = finish(task, end, best.starts)
+            return again if again.holds and again.objective < best.objective else best
+    return best
 
 
 def _settled(task: TuningTask, best: Solution, point: End | None = None) -> Solution:
