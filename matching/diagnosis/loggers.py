@@ -107,7 +107,7 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
 
 def _references(system: System) -> list[str]:
     """References of controllers, which are no channel of the model."""
-    known = {part.name for part in (*system.inputs, *system.sensors)}
+    known = {*system.input_units, *(sensor.name for sensor in system.sensors)}
     return [part.reference for part in system.inputs if part.reference and part.reference not in known]
 
 

@@ -84,9 +84,9 @@ def solve(
     if blind:
         kept = list(stable_ends(problem, blind.stable))
     if not kept:
-        best = blind.stable[0] if blind and blind.stable else start(problem, None)
+        anywhere = blind.stable[0] if blind and blind.stable else start(problem, None)
         counted = (blind.drawn, len(blind.stable)) if blind else None
-        nothing = Solution(problem.values(best), float("nan"), objectives, False, False, blind=counted)
+        nothing = Solution(problem.values(anywhere), float("nan"), objectives, False, False, blind=counted)
         return never_worse(task, nothing, point)
     best = never_worse(task, first_that_holds(task, kept, objectives), point)
     return _settled(task, _searched_again(task, problem, best, kept), point)
