@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from matching.frequency.case.tuned import apply
 from matching.frequency.case.uncertainty import read_uncertainty
 from matching.frequency.studies.tolerance import tolerance
 from modelling.common.errors import InputError
@@ -41,6 +42,22 @@ def test_what_stands_later_counts_and_zero_is_known_exactly(small_case):
 def test_what_cannot_be_is_named(small_case, table, key):
     with pytest.raises(InputError, match=key):
         widths(small_case, table)
+
+
+def test_beds_are_drawn_about_what_was_tuned(small_case):
+    """An adapter that is ordered three times as heavy is not judged as it was planned."""
+    ordered = 3 * small_case.rig.parameters["inertias.adapter.J"].value
+    tuned = apply(small_case, {"rig.inertias.adapter.J": ordered, "loop.dead_time": 0.005})
+    before, now = (
+        {quantity.name: quantity for quantity in box.uncertain} for box in (small_case.uncertainty, tuned.uncertainty)
+    )
+    changed = {name for name in now if now[name] != before[name]}
+    assert changed == {"rig.inertias.adapter.J", "loop.dead_time"}
+    assert now["rig.inertias.adapter.J"].value == ordered
+    assert now["rig.inertias.adapter.J"].half_width == pytest.approx(0.05 * ordered)
+    assert (now["loop.dead_time"].value, now["loop.dead_time"].half_width) == (0.005, 5e-4)
+    beds = [tuned.uncertainty.at(position) for position in tuned.uncertainty.draw(20, 1)]
+    assert all(0.95 * ordered <= bed["rig.inertias.adapter.J"] <= 1.05 * ordered for bed in beds)
 
 
 def test_draws_fill_the_box_and_come_again_with_their_seed(small_case):

@@ -11,6 +11,8 @@ from matching.frequency.case.case import Case
 def apply(case: Case, values: Mapping[str, float]) -> Case:
     """The case with quantities ``rig.…``, ``residual_vehicle.…`` and ``loop.…`` changed, SI.
 
+    What is uncertain goes with them: beds are drawn about the changed values.
+
     Raises
     ------
     InputError
@@ -32,4 +34,5 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
         rig=case.rig.with_values(rig, designed=True),
         residual_vehicle=dataclasses.replace(case.residual_vehicle, parts=parts),
         loop=case.loop.with_values(loop),
+        uncertainty=case.uncertainty.about(values),
     )

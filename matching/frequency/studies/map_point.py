@@ -98,7 +98,7 @@ def held_at(case: Case, name: str, value: float) -> Case:
     left = tuple(move for move in case.moves if name not in move.together)
     if not left and not case.loop.structure.is_observer:
         raise InputError(name, "is all that may move", "let the case move something else as well")
-    return replace(moved, moves=left, uncertainty=case.uncertainty.about(values))
+    return replace(moved, moves=left)
 
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
