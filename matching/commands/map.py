@@ -9,6 +9,7 @@ number of values, or all of them: loop.dead_time=0.001:0.008:6 or "loop.dead_tim
 the same value. Every point is then solved again from its neighbours' solutions until none improves. Writes map.json,
 report.html, map.svg and map.png. Points are kept in map.partial.jsonl as they come; a map that was stopped continues
 from them."""
+PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
     "rigmatch map case.toml --x loop.dead_time=1ms:8ms:6 --y rig.shafts.flange_left.stiffness --out out/map",
     'rigmatch map case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag --starts 1 --out out/map',
@@ -70,12 +71,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     files["report.html"] = page(study, image(drawn), provenance(case, arguments.seed))
     written = write_results(arguments.out, "map.json", result, files)
     record.unlink(missing_ok=True)
-    return written | {"report": str(Path(arguments.out) / "report.html")}
+    return written
 
 
 def summary(result: dict[str, Any]) -> str:
     """The best point, how many match, and how many were improved from their neighbours' solutions."""
-    from matching.report.common.wording import amount, number
+    from matching.report.common.wording import amount, counted, number
 
     points = [point for point in result["points"] if point["error"] is not None]
     matched = [point for point in points if point["status"] == "matched"]
@@ -86,5 +87,5 @@ def summary(result: dict[str, Any]) -> str:
         lines.append(f"least error {number(best['error'], 3)} at {place} ({best['status']})")
     better = [point for point in points if point["objective"] != point["objective_from_own_starts"]]
     if better:
-        lines.append(f"{len(better)} points improved from their neighbours' solutions")
-    return "\n".join([*lines, f"report: {result['report']}"] if "report" in result else lines)
+        lines.append(f"{counted(len(better), 'point')} improved from their neighbours' solutions")
+    return "\n".join(lines)

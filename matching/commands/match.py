@@ -8,6 +8,7 @@ result by methods other than those of the tuning, and write result.json, report.
 files (case.toml, vehicle.toml, rig.toml, residual_vehicle*.toml), which rigmatch reads again. Where the targets
 cannot be met the status is "limited" and the limits name the reasons."""
 BEDS_OF_FEEDBACK = 40  # drawn beds that judge a feedback law unless asked otherwise; they take about two seconds
+PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
     "rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig",
     "rigmatch match case.toml --seed 3 --starts 20 --workers 4 --out out/match",
@@ -36,8 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
-    from pathlib import Path
-
     from matching.arguments import cores, steps
     from matching.aside import beside
     from matching.frequency.case.case_file import case_files
@@ -57,8 +56,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         with steps("match") as tell:
             matched = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
         result, files = _written(matched, arguments.seed, aside)
-    written = write_results(arguments.out, "result.json", result, files)
-    return written | {"report": str(Path(arguments.out) / "report.html")}
+    return write_results(arguments.out, "result.json", result, files)
 
 
 def _written(matched: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
@@ -83,7 +81,7 @@ def _written(matched: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[
 
 
 def summary(result: dict[str, Any]) -> str:
-    """The result in at most twenty lines; the last says where the report is."""
+    """The result in at most twenty lines."""
     from matching.report.match.text import summary as words
 
-    return f"{words(result)}\nreport: {result['report']}"
+    return words(result)

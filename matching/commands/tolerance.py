@@ -8,6 +8,7 @@ and give the spread of modulus margin, loop modes and response error, the yield,
 spread. CASE is the case.toml that a match wrote: its [move] start values are taken as tuned. Writes tolerance.json,
 report.html and tolerance.svg; finished parts are kept in tolerance.partial.jsonl until the end: a study that was
 stopped continues from them."""
+PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
     "rigmatch tolerance out/road_to_rig/case.toml -n 10000 --out out/tolerance",
     "rigmatch tolerance case.toml --tolerance 'rig.*.stiffness=0.05' --tolerance loop.dead_time=0.1 --out out/t",
@@ -74,14 +75,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     report = page(study, drawn, picture, provenance(case, arguments.seed))
     written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": picture, "report.html": report})
     record.unlink(missing_ok=True)
-    return written | {"report": str(Path(arguments.out) / "report.html")}
+    return written
 
 
 def summary(result: dict[str, Any]) -> str:
     """Spread, yield and drivers in a few lines."""
     from matching.report.tolerance.view import summary as lines
 
-    return lines(result) + (f"\nreport: {result['report']}" if "report" in result else "")
+    return lines(result)
 
 
 def _tolerance(assignment: str) -> tuple[str, float]:

@@ -235,7 +235,7 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
     words = ["map", str(CASE), "--x", "loop.dead_time=0.001:0.003:2", "--y", f"{STIFFNESS}=1.5e5:2e5:2"]
     assert main([*words, "--starts", "3", "--seed", "7", "--workers", "2", "--json", "--out", str(out)]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert Path(printed.pop("report")).read_text().startswith("<!doctype html>")
+    assert (out / "report.html").read_text().startswith("<!doctype html>")
     assert printed == json.loads((out / "map.json").read_text())
     assert (out / "map.svg").read_bytes().startswith(b"<?xml")
     assert (out / "map.png").read_bytes().startswith(b"\x89PNG")

@@ -8,6 +8,7 @@ import sympy as sm
 from explore.browser import browser_path
 from matplotlib.figure import Figure
 
+from matching.report.common.environment import breakable, embedded, environment, is_wide
 from matching.report.common.mathml import _Printer
 from matching.report.common.style import image
 from matching.report.curves.acting_axes import acting
@@ -99,3 +100,63 @@ def test_a_name_beside_a_long_meaning_keeps_its_width_on_a_narrow_screen(page_fi
     page.evaluate("rows => document.querySelector('table').innerHTML = rows", row)
     assert page.locator("td:has(> code)").bounding_box()["width"] > 100
     assert page.evaluate("document.documentElement.scrollWidth") == 400
+
+
+def lettered(width, height, points):
+    """A figure in inches with letters of a size in points."""
+    fig = Figure(figsize=(width, height))
+    fig.text(0.5, 0.5, "text", fontsize=points)
+    return image(fig)
+
+
+def test_wide_figures_are_printed_across_and_narrow_screens_keep_their_size(tmp_path, browser):
+    """Text of a figure 12 inches wide would be 4 points high on upright paper, and 2 in the width of a telephone."""
+    drawn = {"wide": lettered(12, 5, 7), "upright": lettered(6, 3, 7)}
+    words = StudyPage("Title", "word", "Answer.", False, {}, {"wide": "Caption.", "upright": "Caption."})
+    path = tmp_path / "page.html"
+    path.write_text(study_page(words, PageFigures(drawn)), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 400, "height": 900})
+    page.goto(path.as_uri())
+    picture = page.locator("#figure-wide img")
+    assert picture.bounding_box()["width"] == pytest.approx(12 * 96, abs=1)
+    assert page.evaluate("document.documentElement.scrollWidth") == 400
+    page.locator("#figure-wide input").check()
+    assert picture.bounding_box()["width"] < 400
+    page.emulate_media(media="print")
+    paper = "figure => getComputedStyle(figure).page"
+    assert page.locator("#figure-wide").evaluate(paper) == "across"
+    assert page.locator("#figure-upright").evaluate(paper) == "auto"
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "points", "expected"),
+    [(12, 5, 7, True), (12, 5, 9, False), (12, 12, 7, False), (7.5, 3, 4, False), (5, 12, 4, False)],
+)
+def test_a_figure_is_laid_across_where_its_letters_are_too_small_upright(width, height, points, expected):
+    assert is_wide(embedded(lettered(width, height, points))) is expected
+
+
+def test_what_has_no_letters_or_no_size_in_points_is_not_laid_across():
+    assert not is_wide(embedded(image(Figure(figsize=(12, 5)))))
+    assert not is_wide(embedded(image(Figure(figsize=(12, 5)), "png")))
+    assert not is_wide(embedded(b"<svg></svg>"))
+    assert not is_wide("")
+
+
+def test_names_break_behind_points_and_strokes_and_stay_text():
+    assert breakable("rig.flange_left.J") == "rig.<wbr>flange_<wbr>left.<wbr>J"
+    assert breakable("a/b\\c<d>") == "a/<wbr>b\\<wbr>c&lt;d&gt;"
+    assert breakable("") == ""
+
+
+def test_a_name_is_broken_behind_its_points_on_a_narrow_screen_alone(tmp_path, browser):
+    style = environment().from_string('<style>{% include "style.css" %}</style>').render(title="Title")
+    name = breakable("shafts.tyre_body_left.stiffness")
+    path = tmp_path / "page.html"
+    path.write_text(f"{style}<table><tr><td><code>{name}</code></td><td>{'word ' * 99}</td></tr></table>")
+    page = browser.new_page(viewport={"width": 400, "height": 900})
+    page.goto(path.as_uri())
+    lines = "() => new Set([...document.querySelector('code').getClientRects()].map(part => part.top)).size"
+    assert page.evaluate(lines) > 1
+    page.set_viewport_size({"width": 1000, "height": 900})
+    assert page.evaluate(lines) == 1

@@ -120,6 +120,17 @@ def a_study(stable=0.9):
     return Tolerance("bed", 100, 0, (), (margin,), {"modulus_margin": 2e-3}, shares, 0.5, 16.2)
 
 
+def test_a_lost_target_mode_says_what_is_required_and_the_figure_shows_it():
+    study = a_study()
+    (margin,) = study.spreads
+    mode = replace(margin, name="target 3 frequency", unit="Hz", nominal=8.0, edges=np.linspace(7.9, 8.04, 4))
+    study = replace(study, spreads=(margin, mode), shares=study.shares | {mode.name: 0.6})
+    drawn = plot(study)
+    assert "required: 7.92 to 8.08 Hz, about the bed as planned" in tolerance_page.page(study, drawn, image(drawn))
+    lines = {line.get_linestyle(): line.get_xdata()[0] for line in drawn.axes[2].get_lines()}
+    assert lines == pytest.approx({"-": 8.0, "--": 7.92})  # 8.08 lies beyond all draws
+
+
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     study = a_study()
     figure = plot(study)
@@ -206,7 +217,16 @@ def test_figures_of_a_map_hold_its_points():
         ring = axes.get_lines()[-1].get_xydata().tolist()
         assert ring == [[found.x.here, found.y.here]]
         assert axes.get_xlim() == pytest.approx((0.5e-3, 2.5e-3))
-    assert on_page(map_page.page(found, image(drawn)), "map") == (map_page.CAPTION, True)
+    assert on_page(map_page.page(found, image(drawn)), "map") == (
+        f"{map_page.CAPTION} {map_page.CAPTION_OF_RING}",
+        True,
+    )
+
+
+def test_a_map_beside_its_case_does_not_speak_of_a_ring():
+    found = a_map()
+    found = replace(found, y=replace(found.y, here=3.0))
+    assert on_page(map_page.page(found, image(map_figure(found))), "map") == (map_page.CAPTION, True)
 
 
 def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():

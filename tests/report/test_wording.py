@@ -8,6 +8,7 @@ from matching.report.common.wording import (
     amount,
     change,
     component,
+    counted,
     enough_digits,
     hertz,
     number,
@@ -85,3 +86,8 @@ def test_close_numbers_have_enough_digits_to_differ(size, apart):
 
 def test_equal_and_unknown_ends_get_the_least_digits():
     assert enough_digits([8.1, 8.1], 4) == enough_digits([None, 8.1], 4) == enough_digits([], 4) == 4
+
+
+def test_counts_agree_with_their_nouns():
+    assert [counted(count, "point") for count in (0, 1, 2)] == ["0 points", "1 point", "2 points"]
+    assert [counted(count, "quantity", "quantities") for count in (1, 2)] == ["1 quantity", "2 quantities"]

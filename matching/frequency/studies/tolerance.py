@@ -201,9 +201,28 @@ def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked
     kept = {"stable": values["stable"] > 0.5}
     kept["modulus_margin"] = kept["stable"] & (values["modulus_margin"] >= asked)
     for name in nominal:
-        if name.startswith("target") and name.endswith("frequency"):
-            kept[name] = np.abs(values[name] / nominal[name] - 1) <= TARGET_FREQUENCY_TOLERANCE
-        elif name.startswith("target"):
-            kept[name] = np.abs(values[name] - nominal[name]) <= TARGET_DAMPING_TOLERANCE
+        if name.startswith("target"):
+            low, high = required_range(name, nominal[name], asked)
+            kept[name] = (values[name] >= low) & (values[name] <= high)
     kept["all"] = np.logical_and.reduce(list(kept.values()))
     return {name: float(value.mean()) for name, value in kept.items()}
+
+
+def required_range(name: str, nominal: float, asked: float) -> tuple[float, float]:
+    """Least and largest value of a result with which a bed counts in the yield; infinite where nothing is required.
+
+    Parameters
+    ----------
+    name : str
+        As in :func:`yields`.
+    nominal : float
+        Value of the bed as planned: Hz for a frequency.
+    asked : float
+        Modulus margin.
+    """
+    if name == "modulus_margin":
+        return asked, np.inf
+    if not name.startswith("target"):
+        return -np.inf, np.inf
+    reach = TARGET_FREQUENCY_TOLERANCE * nominal if name.endswith("frequency") else TARGET_DAMPING_TOLERANCE
+    return nominal - reach, nominal + reach

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import base64
 import functools
+import re
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from matching.report.common.wording import component, hertz, number, practical, unit
 
+UPRIGHT_WIDTH, ACROSS_WIDTH, ACROSS_HEIGHT = 515.0, 760.0, 411.0  # points for a figure on A4, margins and caption off
+SMALLEST_LETTERS = 4.5  # points on paper; a figure laid across takes a page of its own, so only where it has to
+WORTH_TURNING = 1.25  # larger by this at least
 READABLE = " ,;:/?@=+$()*!.-_~|"  # letters and signs that a data URI in quotation marks may hold as they are
 
 
@@ -24,7 +29,9 @@ def environment() -> Environment:
         "hertz": hertz,
         "component": component,
         "in_style": in_style,
+        "breakable": breakable,
     }
+    templates.tests["wide"] = is_wide
     return templates
 
 
@@ -42,3 +49,23 @@ def in_address(text: str, kind: str) -> str:
 def in_style(text: str) -> str:
     """A text within quotation marks of a style sheet: all but letters, digits and spaces by their numbers."""
     return "".join(each if each.isalnum() or each == " " else f"\\{ord(each):x} " for each in text)
+
+
+def breakable(name: str) -> Markup:
+    """A name of a quantity or a path for a page: a line may end behind each point, stroke and slash in it."""
+    return Markup("<wbr>").join(escape(part) for part in re.split(r"(?<=[._/\\])", name) if part)
+
+
+def is_wide(address: str) -> bool:
+    """Whether a figure, a data URI of :func:`embedded`, is to be printed on paper laid across to be read."""
+    content = address.removeprefix("data:image/svg+xml;base64,")
+    if content == address:
+        return False
+    svg = base64.b64decode(content).decode(errors="replace")
+    size = re.search(r'<svg[^>]*? width="([\d.]+)pt" height="([\d.]+)pt"', svg)
+    letters = [float(points) for points in re.findall(r"font(?:-size)?: ?([\d.]+)px", svg)]
+    if size is None or not letters:
+        return False
+    width, height = (float(text) for text in size.groups())
+    upright, across = min(UPRIGHT_WIDTH / width, 1.0), min(ACROSS_WIDTH / width, ACROSS_HEIGHT / height, 1.0)
+    return upright * min(letters) < SMALLEST_LETTERS and across >= WORTH_TURNING * upright

@@ -100,3 +100,8 @@ def sentence(parts: Sequence[str]) -> str:
     """Parts joined as in a sentence: a, b and c."""
     parts = list(parts)
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """A number with its noun: ``1 point``, ``2 points``; ``many`` where the plural has no bare s."""
+    return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"

@@ -10,13 +10,16 @@ HEIGHT_PX = 260
 RANDOM = re.compile(
     r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 )  # names that Bokeh draws: the same page twice differs
-LETTER_PX = 7.4  # width of a letter of titles and labels, on average
 WRAP = """\
+const pen = document.createElement("canvas").getContext("2d")
+const part = key === "text" ? "text" : "axis_label_text"
+pen.font = ["style", "size", "font"].map(each => model[part + "_font" + (each === "font" ? "" : "_" + each)]).join(" ")
+const width = words => pen.measureText(words).width
 const lines = [""]
-const tools = key === "text" && whole.length * letter > cb_obj[room] ? 60 : 0  // px for the menu beside a title
+const tools = key === "text" ? 60 : 0  // px for the menu beside a title
 for (const word of whole.split(" ")) {
   const longer = (lines[lines.length - 1] + " " + word).trim()
-  if (longer.length * letter <= cb_obj[room] - tools || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
+  if (width(longer) <= cb_obj[room] - tools || lines[lines.length - 1] === "") lines[lines.length - 1] = longer
   else lines.push(word)
 }
 setTimeout(() => {  // the layout that told the width is not over
@@ -56,7 +59,7 @@ def wrap_texts(fig: Any) -> None:
     texts.append((fig.yaxis[0], "axis_label", "inner_height"))
     for model, key, room in texts:
         if whole := getattr(model, key):
-            args = {"model": model, "key": key, "whole": whole, "room": room, "letter": LETTER_PX}
+            args = {"model": model, "key": key, "whole": whole, "room": room}
             fig.js_on_change(room, CustomJS(args=args, code=WRAP))
 
 

@@ -16,7 +16,7 @@ from matching.report.common.style import INK, RIG
 from matching.report.common.wording import number, unit
 from matching.report.curves.acting_bars import HATCHES as PATTERNS
 from matching.report.curves.embedding import acting_figure, embedded_figures, place_legend
-from matching.report.map.figure import SHADES, edges, panels, scale_words
+from matching.report.map.figure import SHADES, case_lies_on, edges, panels, scale_words
 from matching.report.map.marks import HATCHES, kinds
 
 MOST_TICKS = 8  # of an axis that has one at each of its values
@@ -72,7 +72,7 @@ def _panel(result: Map, title: str, errors: np.ndarray) -> Any:
     fig.hover[0].renderers = []
     fig.add_tools(HoverTool(tooltips=tips, renderers=[each for each in quads if each is not None]))
     here = (result.x.here * shown_scale(result.x), result.y.here * shown_scale(result.y))
-    if all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y)):
+    if case_lies_on(result):
         look: dict[str, Any] = {"size": 16, "fill_color": None}
         fig.scatter([here[0]], [here[1]], line_color="white", line_width=8, **look)  # so that it is seen in grey, too
         fig.scatter([here[0]], [here[1]], legend_label="the case as it is", line_color=RIG, line_width=3, **look)

@@ -136,9 +136,8 @@ def _write(axes: Any, result: Map, errors: np.ndarray) -> None:
 
 def _mark(axes: Any, result: Map) -> list[Any]:
     """A ring at the case's own values, if they lie on the map."""
-    for axis in (result.x, result.y):
-        if not axis.values[0] <= axis.here <= axis.values[-1]:
-            return []
+    if not case_lies_on(result):
+        return []
     ring: Any = {"markerfacecolor": "none", "linestyle": "none", "clip_on": False}
     axes.plot(
         result.x.here, result.y.here, "o", markersize=15, markeredgecolor="white", markeredgewidth=5, zorder=5, **ring
@@ -149,6 +148,11 @@ def _mark(axes: Any, result: Map) -> list[Any]:
             label="the case as it is", **ring,
         )
     )  # fmt: skip
+
+
+def case_lies_on(result: Map) -> bool:
+    """Whether the case's values of both quantities lie within the map."""
+    return all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y))
 
 
 def scale_words(result: Map) -> str:

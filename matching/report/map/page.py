@@ -12,12 +12,11 @@ from matching.report.common.provenance import Provenance
 from matching.report.common.screen_point import ScreenPoint
 from matching.report.common.wording import amount, number, practical
 from matching.report.map.acting import acting_map, limiting_words
+from matching.report.map.figure import case_lies_on
 from matching.report.study.page import PageFigures, StudyPage, study_page
 
-CAPTION = (
-    "Response error that a match reaches at every pair of values; hatched where a limit stands in the way. "
-    "The ring is the case as it is."
-)
+CAPTION = "Response error that a match reaches at every pair of values; hatched where a limit stands in the way."
+CAPTION_OF_RING = "The ring is the case as it is."
 NO_MATCH = "no point is matched: widen the limits, the bounds under [move] or the range of the map"
 
 
@@ -37,7 +36,7 @@ def page(result: Map, image: bytes, made: Provenance | None = None) -> str:
             ],
             "What stands in the way": _in_the_way(points),
         },
-        captions={"map": CAPTION},
+        captions={"map": f"{CAPTION} {CAPTION_OF_RING}" if case_lies_on(result) else CAPTION},
     )
     return study_page(content, PageFigures({"map": image}, acting_map(result), {"map": point_data(result)}), made)
 

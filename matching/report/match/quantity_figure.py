@@ -46,7 +46,7 @@ def _weights(axes: Any, rows: Sequence[ParameterResult]) -> None:
     for place, row in enumerate(rows):
         axes.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
         axes.annotate(
-            number(row.weight, 2), (row.weight, place), (3, 0), textcoords="offset points", va="center", fontsize=7.5
+            number(row.weight, 2), (row.weight, place), (3, 0), textcoords="offset points", va="center", fontsize=8
         )
     axes.grid(False, axis="y")
     axes.set_xlabel("Weight on a change")
@@ -83,8 +83,8 @@ def _bar(axes: Any, place: int, row: ParameterResult) -> None:
     if row.fixed:
         marker = {"label": "not moved, need not be identified accurately", "markerfacecolor": "white", "marker": "D"}
     axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
-    axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=7.5)
-    axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=7.5)
+    axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=8)
+    axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=8)
 
 
 def _label(row: ParameterResult) -> str:

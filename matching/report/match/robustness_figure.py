@@ -44,7 +44,7 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
                     edgecolor=RIG if unusable else "#333333", linewidth=0.7, hatch="////" if unusable else None,
                 )  # fmt: skip
                 said = f"{row.off}: {'unstable' if not row.stable else number(row.error, 2)}"
-                axes.annotate(said, (reach, at), (4, 0), textcoords="offset points", va="center", fontsize=7)
+                axes.annotate(said, (reach, at), (4, 0), textcoords="offset points", va="center", fontsize=8)
         axes.axvline(error, color=LIMIT, linestyle="--", linewidth=1.2)
         axes.set_yticks(range(len(names)), names, fontsize=8)
         axes.set_ylim(len(names) - 0.4, -0.6)

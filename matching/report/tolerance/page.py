@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from matching.frequency.studies.distribution import Spread
-from matching.frequency.studies.tolerance import Tolerance
+from matching.frequency.studies.tolerance import Tolerance, required_range
 from matching.report.common.csv_table import csv_table
 from matching.report.common.provenance import Provenance
 from matching.report.common.screen_point import ScreenPoint
@@ -107,9 +107,14 @@ def _failure(name: str) -> str:
 
 
 def _required(study: Tolerance, name: str) -> str:
-    if name != "modulus_margin":
-        return ""
-    return f"required: {number(study.asked)} from {number(study.asked_from, 3)} Hz on"
+    if name == "modulus_margin":
+        return f"required: {number(study.asked)} from {number(study.asked_from, 3)} Hz on"
+    for spread in study.spreads:
+        if spread.name == name:
+            ends = required_range(name, spread.nominal, study.asked)
+            low, high = (number(end, enough_digits(ends)) for end in ends)
+            return f"required: {low} to {high}{f' {spread.unit}' if spread.unit else ''}, about the bed as planned"
+    return ""
 
 
 def _row(spread: Spread) -> dict[str, str]:

@@ -7,10 +7,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from matching.frequency.studies.tolerance import Tolerance
+from matching.frequency.studies.distribution import Spread
+from matching.frequency.studies.tolerance import Tolerance, required_range
 from matching.report.common.style import LIMIT, MATCHED, VEHICLE, figure, styled
 from matching.report.common.table import preformatted
-from matching.report.common.wording import ABSENT, enough_digits, number, spaced
+from matching.report.common.wording import ABSENT, counted, enough_digits, number, spaced
 from modelling.common import display
 
 DRIVERS_DRAWN, DRIVERS_PRINTED = 5, 3  # quantities with the largest shares of the variance
@@ -26,8 +27,8 @@ def plot(study: Tolerance) -> Figure:
         for (left, right), spread in zip(rows, study.spreads, strict=True):
             left.stairs(100 * spread.counts / spread.draws, spread.edges, fill=True, color=MATCHED, alpha=0.6)
             left.axvline(spread.nominal, color="black", linewidth=1.2, label="nominal")
-            if spread.name == "modulus_margin":
-                left.axvline(study.asked, color=LIMIT, linestyle="--", linewidth=1.2, label="required")
+            for place, label in zip(_required(study, spread), ("required", "_"), strict=False):
+                left.axvline(place, color=LIMIT, linestyle="--", linewidth=1.2, label=label)
             left.set_xlabel(result_words(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
             left.set_ylabel("share of draws\nin %")
             left.locator_params(axis="x", nbins=6)
@@ -39,6 +40,14 @@ def plot(study: Tolerance) -> Figure:
             right.set_xlabel("share of the variance in %", fontsize=8)
         fig.align_ylabels(rows[:, 0])
     return fig
+
+
+def _required(study: Tolerance, spread: Spread) -> list[float]:
+    """Ends of what is required of a result: the margin, and those of a target mode that a draw comes near."""
+    if spread.name == "modulus_margin":
+        return [study.asked]
+    low, high = spread.edges[0], spread.edges[-1]
+    return [end for end in required_range(spread.name, spread.nominal, study.asked) if low <= end <= high]
 
 
 @display.text.register
@@ -57,7 +66,8 @@ def summary(result: Mapping[str, Any]) -> str:
     """Yield, spread and drivers in a few lines, from the content of ``tolerance.json``."""
     shares = result["yield"]
     lines = [
-        f"{result['title'] or 'Tolerances of the bed'}: {result['draws']} draws of {len(result['varied'])} quantities",
+        f"{result['title'] or 'Tolerances of the bed'}: {result['draws']} draws of "
+        f"{counted(len(result['varied']), 'quantity', 'quantities')}",
         f"yield {shares['all']:.1%}: stable {shares['stable']:.1%}, modulus margin of at least "
         f"{result['modulus_margin_asked']:g} from {result['modulus_margin_from']:.3g} Hz on "
         f"{shares['modulus_margin']:.1%}"
