@@ -34,17 +34,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         system = load(arguments.file)
         drawn, systems = model_figure(system), {"model": system}
     write_all(arguments.out, {f"drivetrain.{kind}": image(drawn, kind) for kind in ("svg", "png")})
-    counted = {
+    counts = {
         role: {"title": system.title, "inertias": len(system.inertias), "shafts": len(system.shafts)}
         for role, system in systems.items()
     }
-    return {"file": arguments.file, "drawn": counted, "files": ["drivetrain.png", "drivetrain.svg"]}
+    return {"file": arguments.file, "drawn": counts, "files": ["drivetrain.png", "drivetrain.svg"]}
 
 
 def summary(result: dict[str, Any]) -> str:
     """What was drawn and written."""
+    from matching.report.common.wording import counted
+
     lines = [
-        f"{role}: {counts['inertias']} inertias, {counts['shafts']} shafts"
+        f"{role}: {counted(counts['inertias'], 'inertia')}, {counted(counts['shafts'], 'shaft')}"
         + (f" ({counts['title']})" if counts["title"] else "")
         for role, counts in result["drawn"].items()
     ]

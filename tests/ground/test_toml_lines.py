@@ -61,3 +61,9 @@ def test_the_command_line_says_the_line(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.endswith("(line 12)\n")
     assert said.count("\n") == 1
+
+
+def test_an_unknown_list_of_tables_is_found_at_its_first(tmp_path):
+    path = tmp_path / "file.toml"
+    path.write_text("a = 1\n\n[[lists]]\nb = 2\n\n[[lists]]\nb = 3\n")
+    assert line_of(str(path), "'lists' does not exist") == 3

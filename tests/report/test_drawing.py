@@ -178,6 +178,20 @@ def test_a_drawing_without_a_title_is_called_a_drivetrain(title, said):
     assert f"alt='{said}'" in chain(["motor", "load"], **title)._repr_html_()
 
 
+@pytest.mark.parametrize("names", [["only"], ["a", "b", "c", "d", "e", "f"]])
+def test_a_long_title_is_whole_in_a_drawing_of_any_width(names):
+    title = "Electro-mechanical positioning system (linear axis, written as a rotation), " * 3
+    drawn = model_figure(chain(names, title=title.strip()))
+    drawn.draw_without_rendering()  # lays it out
+    (axes,) = drawn.axes
+    shown = axes.title if axes.get_title() else axes._left_title
+    assert shown.get_text().split() == title.split()
+    box, frame = shown.get_window_extent(), drawn.bbox
+    assert box.x0 >= frame.x0
+    assert box.x1 <= frame.x1
+    assert box.y1 <= frame.y1
+
+
 def test_too_many_inertias_are_one_line():
     with pytest.raises(InputError, match=f"at most {MOST_INERTIAS}"):
         model_figure(chain([f"i{i}" for i in range(MOST_INERTIAS + 1)]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import replace
 
 from matplotlib.figure import Figure
@@ -12,6 +13,10 @@ from matching.report.drawing.drivetrain import Drawing, Emphasis, draw, drawing
 from modelling.model.system import System
 
 INCHES = 0.62  # of a unit of the drawing
+NARROWEST_INCHES = 4.5  # with room for the legend
+TITLE_POINTS = 9.0
+POINTS_AN_INCH = 72.0
+LETTER_WIDTH = 0.62  # of the height of a title's letters, on average
 LEGEND = "height of a disc ~ J^(1/4), as of discs of one thickness; ↻ torque input; φ ω α M sensor; + effect"
 
 CASE_LEGEND = (
@@ -80,11 +85,16 @@ def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figur
     width = max(drawn.width for _, _, drawn in drawings)
     heights = [drawn.height for _, _, drawn in drawings]
     with styled():
-        fig = figure(max(INCHES * width, 4.5), INCHES * (sum(heights) + 0.6) + 0.25 * len(drawings))
+        inches = max(INCHES * width, NARROWEST_INCHES)
+        letters = int(inches * POINTS_AN_INCH / (TITLE_POINTS * LETTER_WIDTH))
+        titles = [textwrap.fill(title, letters, break_on_hyphens=False) for title, _, _ in drawings]
+        lines = sum(1 + title.count("\n") for title in titles)
+        fig = figure(inches, INCHES * (sum(heights) + 0.6) + 0.25 * lines)
+        beside = (inches / INCHES - width) / 2  # of a drawing narrower than the figure
         rows = fig.subplots(len(drawings), 1, squeeze=False, height_ratios=heights)[:, 0]
-        for axes, (title, colour, drawn) in zip(rows, drawings, strict=True):
+        for axes, title, (_, colour, drawn) in zip(rows, titles, drawings, strict=True):
             draw(axes, drawn)
-            axes.set_xlim(-1.0, width - 1.0)
-            axes.set_title(title, loc="left", color=colour, fontsize=9, parse_math=False)
+            axes.set_xlim(-1.0 - beside, width - 1.0 + beside)
+            axes.set_title(title, loc="left", color=colour, fontsize=TITLE_POINTS, parse_math=False)
         fig.supxlabel(legend + LEGEND, fontsize=6, color="#555555", parse_math=False, wrap=True)
     return fig
