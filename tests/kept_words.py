@@ -44,7 +44,6 @@ class _Text(HTMLParser):
 
 def words(text: str, *places: object) -> list[str]:
     """Sentences of a text or a page, numbers as ``#``, the given paths as ``PLACE``."""
-    text = text.replace("<wbr>", "")
     for place in sorted(map(str, places), key=len, reverse=True):
         text = text.replace(place, "PLACE")
     if text.lstrip().lower().startswith("<!doctype"):

@@ -8,7 +8,7 @@ import sympy as sm
 from explore.browser import browser_path
 from matplotlib.figure import Figure
 
-from matching.report.common.environment import breakable, embedded, environment, is_wide
+from matching.report.common.environment import embedded, is_wide
 from matching.report.common.mathml import _Printer
 from matching.report.common.style import image
 from matching.report.curves.acting_axes import acting
@@ -141,22 +141,3 @@ def test_what_has_no_letters_or_no_size_in_points_is_not_laid_across():
     assert not is_wide(embedded(image(Figure(figsize=(12, 5)), "png")))
     assert not is_wide(embedded(b"<svg></svg>"))
     assert not is_wide("")
-
-
-def test_names_break_behind_points_and_strokes_and_stay_text():
-    assert breakable("rig.flange_left.J") == "rig.<wbr>flange_<wbr>left.<wbr>J"
-    assert breakable("a/b\\c<d>") == "a/<wbr>b\\<wbr>c&lt;d&gt;"
-    assert breakable("") == ""
-
-
-def test_a_name_is_broken_behind_its_points_on_a_narrow_screen_alone(tmp_path, browser):
-    style = environment().from_string('<style>{% include "style.css" %}</style>').render(title="Title")
-    name = breakable("shafts.tyre_body_left.stiffness")
-    path = tmp_path / "page.html"
-    path.write_text(f"{style}<table><tr><td><code>{name}</code></td><td>{'word ' * 99}</td></tr></table>")
-    page = browser.new_page(viewport={"width": 400, "height": 900})
-    page.goto(path.as_uri())
-    lines = "() => new Set([...document.querySelector('code').getClientRects()].map(part => part.top)).size"
-    assert page.evaluate(lines) > 1
-    page.set_viewport_size({"width": 1000, "height": 900})
-    assert page.evaluate(lines) == 1

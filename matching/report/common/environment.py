@@ -8,7 +8,6 @@ import re
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
 
 from matching.report.common.wording import component, hertz, number, practical, unit
 
@@ -29,7 +28,6 @@ def environment() -> Environment:
         "hertz": hertz,
         "component": component,
         "in_style": in_style,
-        "breakable": breakable,
     }
     templates.tests["wide"] = is_wide
     return templates
@@ -49,11 +47,6 @@ def in_address(text: str, kind: str) -> str:
 def in_style(text: str) -> str:
     """A text within quotation marks of a style sheet: all but letters, digits and spaces by their numbers."""
     return "".join(each if each.isalnum() or each == " " else f"\\{ord(each):x} " for each in text)
-
-
-def breakable(name: str) -> Markup:
-    """A name of a quantity or a path for a page: a line may end behind each point, stroke and slash in it."""
-    return Markup("<wbr>").join(escape(part) for part in re.split(r"(?<=[._/\\])", name) if part)
 
 
 def is_wide(address: str) -> bool:
