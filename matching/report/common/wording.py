@@ -102,6 +102,6 @@ def sentence(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
 
 
-def counted(count: int, one: str, many: str = "") -> str:
-    """A number with its noun: ``1 point``, ``2 points``; ``many`` where the plural has no bare s."""
-    return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"
+def counted(count: int, singular: str, plural: str = "") -> str:
+    """A number with its noun: ``1 point``, ``2 points``; ``plural`` where it is not the singular with an s."""
+    return f"{count} {singular}" if count == 1 else f"{count} {plural or singular + 's'}"
