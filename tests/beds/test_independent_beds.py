@@ -90,18 +90,33 @@ class Plane:
     def __init__(self, slopes):
         self.slopes = slopes
 
-    def damping(self, values):
-        return 0.1 - sum(slope * values[name] for name, slope in self.slopes.items())
+    def dampings(self, values):
+        return np.array([0.1 - sum(slope * values[name] for name, slope in self.slopes.items())])
 
 
 def test_the_worst_bed_of_a_plane_is_its_corner():
     slopes = {"a": 0.02, "b": -0.05, "c": 0.001}
     box = Box(tuple(Uncertain(name, 2.0, 1.0) for name in slopes))
-    found = worst_bed(Plane(slopes).damping, box, box.draw(3, 0))
+    found = worst_bed(Plane(slopes).dampings, box, box.draw(3, 0))
     assert found.values == pytest.approx({"a": 3.0, "b": 1.0, "c": 3.0})
     assert found.damping_ratio == pytest.approx(0.1 - 0.06 + 0.05 - 0.003)
     assert found.named == ("b", "a", "c")
-    assert worst_bed(Plane({}).damping, Box(), np.zeros((3, 0))) is None
+    assert worst_bed(Plane({}).dampings, Box(), np.zeros((3, 0))) is None
+
+
+@pytest.mark.parametrize("rounding", [1e-15, -1e-15])
+def test_a_mode_that_no_bed_moves_hides_no_worst_bed(rounding):
+    """A mode with 0.02 in every bed but for rounding; another one is damped by 0.001 in one corner."""
+    box = Box((Uncertain("a", 2.0, 1.0), Uncertain("b", 2.0, 1.0)))
+
+    def dampings(values):
+        moved = 0.03 + 0.02 * (values["a"] - 2) - 0.009 * (values["b"] - 2)
+        return np.sort([0.02 + rounding * values["a"], moved])
+
+    found = worst_bed(dampings, box, box.draw(3, 0))
+    assert found.values == pytest.approx({"a": 1.0, "b": 3.0})
+    assert found.damping_ratio == pytest.approx(0.001)
+    assert found.named == ("a", "b")
 
 
 def test_the_largest_error_is_climbed_to_and_stops_short_of_beds_that_are_not_stable():

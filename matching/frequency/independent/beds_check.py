@@ -20,6 +20,7 @@ POINTS = 150  # of the response error over the band, midpoints of equal parts of
 AT_REST = 1e-7  # of z: a rigid motion stands at 1; rounding moves it by less
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 LEFT_TO_ITS_OWN = 0.95  # of the damping of a mode of the bed's own, where the loop has rolled off
+MODES = 16  # of a bed, the least damped ones, that the search for the worst bed looks at
 LOWEST_Z = 1e-3  # poles that decay faster from sample to sample have no frequency worth a number
 
 
@@ -47,7 +48,7 @@ class BedsCheck:
     measured, unmeasured : tuple of float
         Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
     worst : WorstBed or None
-        The least damped bed of the box that a descent from the worst of the drawn ones finds.
+        The least damped bed of the box that descents from the bed as planned and from the worst drawn one find.
     largest_error : LargestError or None
         The bed with the largest error to unmeasured torques that an ascent from the worst of the drawn ones finds.
     opened : mapping of float to float
@@ -178,8 +179,17 @@ class Judge:
 
     def damping(self, values: Mapping[str, float]) -> float:
         """Least damping ratio of any mode of one bed; −1 where it grows without swinging."""
-        stable, ratio = self._poles(np.linalg.eigvals(self._bed(values).closed(self.law)))
-        return ratio if stable or ratio < 0 else -1.0
+        return float(self.dampings(values)[0])
+
+    def dampings(self, values: Mapping[str, float]) -> np.ndarray:
+        """Damping ratios (m,) of the least damped modes of one bed, least first, which is :meth:`damping`; 1 beyond."""
+        z = np.linalg.eigvals(self._bed(values).closed(self.law))
+        stable, ratio = self._poles(z)
+        s = self._swinging(z)
+        s = s[s.imag > 0]
+        least = np.sort(np.append(-s.real / np.abs(s), np.ones(MODES)))[:MODES]
+        least[0] = ratio if stable or ratio < 0 else -1.0
+        return least
 
     def _bed(self, values: Mapping[str, float]) -> DrawnBed:
         of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
@@ -251,8 +261,9 @@ def check_beds(
         judge = Judge(case, law, required=(required_damping, rolled_off_from))
         positions = case.uncertainty.draw(count, seed)
         verdicts = [judge.verdict(case.uncertainty.at(position)) for position in positions]
-        order = np.argsort([verdict.damping_ratio for verdict in verdicts])
-        worst = worst_bed(judge.damping, case.uncertainty, positions[order])
+        # rounded: beds whose least damped mode is the same that none of them moves stay as they were drawn
+        order = np.argsort(np.round([verdict.damping_ratio for verdict in verdicts], 9), kind="stable")
+        worst = worst_bed(judge.dampings, case.uncertainty, positions[order])
         largest = _largest_error(judge, positions, verdicts)
         opened, alone = dampings_opened(case, judge.damping)
     except NotCovered as reason:
