@@ -4,6 +4,7 @@ import base64
 import io
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -70,6 +71,21 @@ def test_runs(path: Path, place: Path) -> None:
     found = executed(smaller(nbformat.read(path, as_version=4), path.stem), place)
     assert figures(found) == shown
     assert shown >= 3
+
+
+def test_long_notebooks_ask_for_what_there_is(tmp_path: Path) -> None:
+    """They run in `make test-long` alone: here a name that the program has no more is told by the types."""
+    pytest.importorskip("mypy")
+    for name in sorted(LONG):
+        cells = code(nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4))
+        lines = [line for cell in cells for line in cell.source.splitlines() if not line.startswith("%")]
+        text = "\n".join(["# mypy: allow-redefinition", *lines, "case.no_such_name"])
+        (tmp_path / f"notebook_{name}.py").write_text(text + "\n", encoding="utf-8")
+    asked = [sys.executable, "-m", "mypy", "--config-file", "pyproject.toml", str(tmp_path)]
+    answer = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, encoding="utf-8").stdout
+    wrong = [line for line in answer.splitlines() if line.endswith(("[attr-defined]", "[call-arg]", "[name-defined]"))]
+    assert [line for line in wrong if "no_such_name" not in line] == []
+    assert len(wrong) == len(LONG)  # the name that was put in
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
