@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from matching.frequency.case.tuned import apply
-from matching.frequency.case.uncertainty import read_uncertainty
+from matching.frequency.case.uncertainty import read_uncertainty, uncertainty_table
 from matching.frequency.studies.tolerance import tolerance
 from modelling.common.errors import InputError
 
@@ -34,6 +34,17 @@ def test_what_stands_later_counts_and_zero_is_known_exactly(small_case):
     assert found["loop.dead_time"] == pytest.approx(1e-3)
     assert not any(name.endswith("torque_gain") for name in found)
     assert found["sensors.motor_speed.gain"] == 0.01
+
+
+@pytest.mark.parametrize("inertia", [0.7, 0.0947, 1 / 3])
+def test_shares_are_written_as_a_person_would(small_case, inertia):
+    """Whatever the value that they are of: 0.05, not 0.05000000000000001."""
+    case = apply(small_case, {"rig.inertias.rotor.J": inertia})
+    table = uncertainty_table(case.uncertainty, case.vehicle, case.rig, case.loop)
+    assert {name: share for name, share in table.items() if name.endswith(".J")} == dict.fromkeys(
+        [name for name in table if name.endswith(".J")], 0.05
+    )
+    assert "rig.inertias.rotor.J" in table
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,8 @@ def uncertainty_table(box: Box, vehicle: System, rig: System, loop: Loop) -> dic
         elif name == "loop.dead_time":
             table[name] = width.half_width
         elif width.value:
-            table[name] = min(width.half_width / abs(width.value), LARGEST_SHARE)
+            share = float(f"{width.half_width / abs(width.value):.12g}")  # 0.05, not 0.05000000000000001
+            table[name] = min(share, LARGEST_SHARE)
     return table
 
 
