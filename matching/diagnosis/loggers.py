@@ -43,7 +43,8 @@ def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | N
     """
     if SEVERAL_LOGGERS not in paths or Path(paths).exists():
         return read_recording(paths, system, channels)
-    names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors), *_references(system)]
+    names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
+    names += system.input_references
     return joined(system, [read_signals(Path(path), names, channels) for path in paths.split(SEVERAL_LOGGERS)])
 
 
@@ -94,7 +95,7 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
     channels |= {name: _at(kept, time, part.channels[name]) for name in names}
     channels |= {
         name: np.interp(kept, time, part.channels[name])
-        for name in _references(system)
+        for name in system.input_references
         if name in part.channels and name not in channels
     }
     note = f"{part.source}: its clock is {offset:.4g} s late, found from {', '.join(names)}; taken out"
@@ -103,12 +104,6 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
         source=f"{leading.source}+{part.source}", units={**leading.units, **part.units},
         clock_groups=(*leading.clock_groups, tuple(names)),
     )  # fmt: skip
-
-
-def _references(system: System) -> list[str]:
-    """References of controllers, which are no channel of the model."""
-    known = {*system.input_units, *(sensor.name for sensor in system.sensors)}
-    return [part.reference for part in system.inputs if part.reference and part.reference not in known]
 
 
 def _at(kept: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

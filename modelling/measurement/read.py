@@ -43,7 +43,7 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
         time that does not rise, too few rows.
     """
     source = str(path)
-    names = [*_units(system), *(part.reference for part in system.inputs if part.reference)]
+    names = [*_units(system), *system.input_references]
     table = read_table(path, names_in_file(names, channels), groups_in_file(channels))
     return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
 
@@ -126,7 +126,7 @@ def _units(system: System) -> dict[str, str]:
 
 def _references(table: Table, system: System, source: str = "") -> dict[str, float]:
     """References of controllers that were recorded, with the factor to SI: signals of any dimension."""
-    wanted = {part.reference for part in system.inputs} - set(_units(system))
+    wanted = system.input_references
     return {
         name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
         for name, unit in zip(table.names, table.units, strict=True)
@@ -201,7 +201,7 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
 
 def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
-    known = {*_units(system), *(part.reference for part in system.inputs)}
+    known = {*_units(system), *system.input_references}
     unused = [name for name in (*table.names[1:], *table.others) if name not in known]
     if not unused:
         return []

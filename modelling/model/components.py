@@ -185,6 +185,11 @@ class Components:
         """SI unit of each input."""
         return {name: INPUT_UNITS[quantity] for name, quantity in self.input_quantities.items()}
 
+    @property
+    def input_references(self) -> list[str]:
+        """Channels that controllers of inputs follow, where they were stated; none is an input or a sensor."""
+        return [part.reference for part in self.inputs if part.reference]
+
     def places(self) -> Iterator[str]:
         """Every ``table.name``."""
         for table in TABLES:

@@ -99,12 +99,13 @@ def _searched_again(task: TuningTask, problem: Problem, best: Solution, tried: S
     """
     if not best.holds or task.case.loop.torqueless:
         return best
-    for end in stable_ends(problem, [start_at(problem, best.values)]):
-        known = any(abs(end.objective - other.objective) <= AGREEMENT * abs(other.objective) for other in tried)
-        if end.objective < best.objective and not known and follows_targets(task, end):
-            again = finish(task, end, best.starts)
-            return again if again.holds and again.objective < best.objective else best
-    return best
+    end = next(stable_ends(problem, [start_at(problem, best.values)]), None)
+    if end is None or end.objective >= best.objective or not follows_targets(task, end):
+        return best
+    if any(abs(end.objective - other.objective) <= AGREEMENT * abs(other.objective) for other in tried):
+        return best
+    again = finish(task, end, best.starts)
+    return again if again.holds and again.objective < best.objective else best
 
 
 def _settled(task: TuningTask, best: Solution, point: End | None = None) -> Solution:
