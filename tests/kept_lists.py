@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).with_name("kept")
-COMPARE = ("same_keys(", "same_figure(", "same_words(")
+COMPARE = ("same_keys(", "same_figure(", "same_words(", "same_values(", "same_places(")
 renewed: dict[str, dict[str, Any]] = {}  # file → name → what is kept from now on
 renewing = False
 

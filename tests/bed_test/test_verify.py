@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_values import same_places, same_values
 from kept_words import same_words
 from result_keys import same_keys
 from scipy.linalg import expm
@@ -132,6 +133,7 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
     assert found._repr_html_().startswith("<p>as_predicted")
     drawn = found.plot()
     same_figure("verify", drawn)
+    same_places("verify", drawn)
     for axes, curve in zip(drawn.axes, found.curves, strict=True):
         lines = {line.get_label(): line for line in axes.get_lines()}
         np.testing.assert_allclose(lines["vehicle"].get_ydata(), np.abs(curve.vehicle))
@@ -168,6 +170,7 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     assert result["status"] == "as_predicted"
     assert len(result["functions"]) == 3
     same_keys("verify", result)
+    same_values("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
     same_words("verify", said, out, folder, record("good", noise=0.02).parent)
     same_words("verify, page", page, out, folder, record("good", noise=0.02).parent)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_values import same_places, same_values
 from kept_words import same_words
 from result_keys import same_keys
 from scipy.integrate import solve_ivp
@@ -90,6 +91,7 @@ def test_terminal_and_page_lead_with_the_same_sentence(folder: Path, said: str, 
     first = said.splitlines()[0]
     assert first == result["answer"] == answer(result)
     same_keys("diagnose", result)
+    same_values("diagnose", result, within=0.01)  # of a fit
     same_words("diagnose", said, folder)
     same_words("diagnose, page", (folder / "out" / "report.html").read_text(encoding="utf-8"), folder)
     found = re.fullmatch(
@@ -246,6 +248,7 @@ def test_figures_hold_the_residuals_of_the_diagnosis(folder: Path, run: tuple[st
     html = (folder / "out" / "report.html").read_text()
     for name, figure in drawn.items():
         same_figure(f"diagnosis, {name}", figure)
+        same_places(f"diagnosis, {name}", figure, within=0.01)  # of a fit
         part = unescape(html.split(f'id="figure-{name}"')[1].split("</figure>")[0])
         assert f"<figcaption>{CAPTIONS[name]}" in part
         assert "data:image/svg" in part

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_values import same_places
 
 from matching.report.common.line_styles import LINES
 from matching.report.controller.sensitivity_figure import CurveLimit, SensitivityCurves, sensitivity_figure
@@ -29,6 +30,7 @@ def test_every_figure_has_the_words_and_curves_that_it_always_had(as_figures):
     assert set(as_figures) == set(CAPTIONS) - {"beds", "trade"}
     for name, figure in as_figures.items():
         same_figure(f"match, {name}", figure)
+        same_places(f"match, {name}", figure)
 
 
 def test_every_figure_stands_on_the_page_with_its_picture_and_caption(hand_made, as_figures):

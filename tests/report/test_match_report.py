@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import sympy as sm
+from kept_values import same_values
 from kept_words import same_words
 from result_keys import same_keys
 
@@ -131,6 +132,7 @@ def test_json_has_the_agreed_shape(hand_made):
     assert isinstance(result["spectral_abscissa"], float)
     assert result["asked"]["modulus_margin"] == 0.5
     same_keys("match set by hand", result)
+    same_values("match set by hand", result)
 
 
 def test_terminal_and_page_have_the_words_that_they_always_had(hand_made, html):

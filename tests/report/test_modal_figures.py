@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_values import same_places, same_values
 from kept_words import same_words
 from result_keys import same_keys
 
@@ -30,7 +31,10 @@ def test_bars_show_the_shares():
     vehicle, rig = (modes(load(CASE / f"{name}.toml")) for name in ("vehicle", "rig"))
     drawn = energy_figure([Column("Vehicle", VEHICLE, vehicle, (2,)), Column("Rig", RIG, rig, (2,))])
     same_figure("modes", drawn)
-    same_figure("modes, shares", shares_figure(rig))
+    same_places("modes", drawn)
+    shares = shares_figure(rig)
+    same_figure("modes, shares", shares)
+    same_places("modes, shares", shares)
     frequencies, _, kinetic, other, potential, _ = drawn.axes
     np.testing.assert_allclose(heights(frequencies)[1:], vehicle.frequencies[1:])
     np.testing.assert_allclose(heights(kinetic), 100 * vehicle.kinetic[1])
@@ -54,6 +58,7 @@ def test_command_writes_modes_and_figures(tmp_path, capsys):
     assert printed == written
     assert written["modes"][1]["frequency"] == pytest.approx(16.703, rel=1e-3)
     same_keys("modes", written)
+    same_values("modes", written)
     assert written["modes"][1]["symmetry"] == "antisymmetric"
     assert written["reduced"]["inertias.rotor_left.J"] == pytest.approx(0.895 / 10.05**2)
     assert {path.name for path in tmp_path.iterdir()} == {"modes.json", "modes.svg", "energy_shares.svg"}
@@ -80,6 +85,7 @@ def test_change_shows_eq_8_beside_the_exact_solution(tmp_path, capsys):
     same_words("modes, changed", out, tmp_path)
     result = json.loads((tmp_path / "modes.json").read_text())
     same_keys("modes, changed", result)
+    same_values("modes, changed", result)
     written = result["what_if"]["modes"][1]
     assert written["exact"] == pytest.approx(11.955, rel=1e-4)
     for change, said in (
@@ -119,6 +125,7 @@ def test_responses_are_drawn_with_amplitude_and_continuous_phase():
     })  # fmt: skip
     drawn = rm.response(system, f).plot()
     same_figure("response", drawn)
+    same_places("response", drawn)
     H = 1 / (2j * np.pi * f * J + drag)
     for place, wanted in ((0, H), (1, H / (2j * np.pi * f))):
         for column in (0, 1):

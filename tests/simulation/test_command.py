@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from figure_facts import same_figure
+from kept_values import same_places, same_values
 from kept_words import same_words
 from result_keys import same_keys
 
@@ -41,6 +42,7 @@ def test_what_was_recorded_is_simulated_again(files, capsys):
     result = json.loads(capsys.readouterr().out)
     assert set(result["misfit"]) == {"motor_speed", "link_torque"}
     same_keys("simulate", result)
+    same_values("simulate", result)
     assert all(one["of_range"] < 2e-3 for one in result["misfit"].values())
     header, *rows = (files / "out" / "simulated.csv").read_text().splitlines()
     assert header == ("time [s],motor_speed [rad/s],load_speed [rad/s],load_acceleration [rad/s^2],link_torque [N*m]")
@@ -96,6 +98,7 @@ def test_its_figure_holds_readings_and_recording():
     recorded = {"link_torque": 2 * made["link_torque"]}
     drawn = simulation_figure(made, recorded)
     same_figure("simulate", drawn)
+    same_places("simulate", drawn)
     for axes, (name, values) in zip(drawn.axes, made.readings.items(), strict=True):
         *measured, simulated = axes.get_lines()
         np.testing.assert_array_equal(simulated.get_xydata(), np.stack([time, values], axis=1))

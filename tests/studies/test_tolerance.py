@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kept_values import same_values
 from kept_words import same_words
 from result_keys import same_keys
 
@@ -278,6 +279,7 @@ def test_command(case, tmp_path, capsys):
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
     same_keys("tolerance", result)
+    same_values("tolerance", result)
     same_words("tolerance", summary(result))
     assert command_summary(result) == summary(result)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from kept_values import same_values
 from kept_words import same_words
 from result_keys import same_keys
 
@@ -38,6 +39,7 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
     assert sum(shares) == pytest.approx(1)
     assert list(answer["inverse"][0]["alone"][0]) == ["m_reference"]
     same_keys("uncertainty", answer)
+    same_values("uncertainty", answer)
     same_words("uncertainty", shown, tmp_path)
     same_words("uncertainty, page", (tmp_path / "uncertainty.html").read_text(encoding="utf-8"), tmp_path, EXAMPLES)
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -115,6 +117,7 @@ def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert any("divided by 6" in note for note in answer["notes"])
     assert (tmp_path / "delay.svg").exists()
     same_keys("fidelity, published", answer)
+    same_values("fidelity, published", answer)
 
 
 @pytest.mark.parametrize(
