@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from figure_facts import same_figure
 from kept_values import same_places, same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
@@ -173,7 +173,9 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     same_values("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
     same_words("verify", said, out, folder, record("good", noise=0.02).parent)
+    same_numbers("verify", said, out, folder, record("good", noise=0.02).parent)
     same_words("verify, page", page, out, folder, record("good", noise=0.02).parent)
+    same_numbers("verify, page", page, out, folder, record("good", noise=0.02).parent)
     assert "as predicted" in page
     assert hashlib.sha256(record("good", noise=0.02).read_bytes()).hexdigest() in page
     assert "8.442 Hz</td>" in page

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from figure_facts import same_figure
 from kept_values import same_places, same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
@@ -179,6 +179,7 @@ def test_the_command_writes_it(limited_path, tmp_path, capsys):
     same_keys("excite", result)
     same_values("excite", result)
     same_words("excite", said, out)
+    same_numbers("excite", said, out)
     table = np.loadtxt(out / "excitation.csv", delimiter=",", skiprows=1)
     assert np.abs(table[:, 2]).max() <= 64.0001
     assert (out / "figures" / "excitation.svg").stat().st_size > 1000

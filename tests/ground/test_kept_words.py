@@ -1,7 +1,7 @@
 """How the words of terminal and pages are compared: numbers masked, words and their order not."""
 
 import pytest
-from kept_words import words
+from kept_words import _alike, numbers, words
 
 
 def test_numbers_checksums_and_places_are_masked():
@@ -24,3 +24,17 @@ def test_a_word_more_less_or_elsewhere_is_another_text():
     assert words("two beds stable") != words("two beds unstable")
     assert words("motor and load") != words("load and motor")
     assert words("error None") != words("error 1")
+
+
+def test_numbers_are_those_that_are_read():
+    text = "<!doctype html><p class='x7'>12.4 ± 0.3 Hz, −2·10⁻⁶ N on 2026-11-23 at 10:05</p><svg><text>9</text></svg>"
+    assert numbers(text) == ["12.4", "0.3", "-2·10⁻⁶"]
+
+
+@pytest.mark.parametrize(
+    ("before", "present", "alike"),
+    [("12.4", "12.5", True), ("12.4", "12.6", False), ("12.40", "12.5", True), ("2·10⁻⁶", "4·10⁻⁶", False),
+     ("2·10⁻⁶", "2·10⁻⁵", False), ("1.20e-05", "1.21e-05", True), ("∞", "∞", True), ("∞", "3", False)],
+)  # fmt: skip
+def test_a_number_may_differ_by_one_in_its_last_digit(before, present, alike):
+    assert _alike(before, present) == alike

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy as sm
 from kept_values import same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 from matching.frequency.case.case_file import case_files
@@ -137,7 +137,9 @@ def test_json_has_the_agreed_shape(hand_made):
 
 def test_terminal_and_page_have_the_words_that_they_always_had(hand_made, html):
     same_words("match set by hand", summary(content(hand_made)))
+    same_numbers("match set by hand", summary(content(hand_made)))
     same_words("match set by hand, page", html)
+    same_numbers("match set by hand, page", html)
 
 
 def test_responses_are_drawn_in_their_colours(hand_made, as_figures):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from figure_facts import same_figure
 from kept_values import same_places, same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 import rigmatch as rm
@@ -67,10 +67,12 @@ def test_command_writes_modes_and_figures(tmp_path, capsys):
 def test_damped_command_and_table(tmp_path, capsys):
     assert main(["modes", str(CASE / "rig.toml"), "--out", str(tmp_path), "--damped"]) == 0
     same_words("modes, damped", shown := capsys.readouterr().out, tmp_path)
+    same_numbers("modes, damped", shown, tmp_path)
     line = shown.splitlines()[2].split()
     assert line[:2] == ["2", "16.7"]
     assert 0.01 < float(line[2]) < 0.02
-    same_keys("modes, damped", json.loads((tmp_path / "modes.json").read_text()))
+    same_keys("modes, damped", damped := json.loads((tmp_path / "modes.json").read_text()))
+    same_values("modes, damped", damped)
     rows = mode_table(modes(load(CASE / "rig.toml")).to_dict()["modes"])
     assert rows[1]["kinetic energy"] == "rotor left 48 %, rotor right 48 %"
 
@@ -83,6 +85,7 @@ def test_change_shows_eq_8_beside_the_exact_solution(tmp_path, capsys):
     assert "-47.6 %" in out
     assert "-28.4 %" in out
     same_words("modes, changed", out, tmp_path)
+    same_numbers("modes, changed", out, tmp_path)
     result = json.loads((tmp_path / "modes.json").read_text())
     same_keys("modes, changed", result)
     same_values("modes, changed", result)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from figure_facts import same_figure
 from kept_values import same_places, same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 from matching.cli import main
@@ -61,6 +61,7 @@ def test_a_start_at_rest_misses_a_recording_in_motion(files, capsys):
     assert "root mean square" in shown
     assert [line.partition(":")[0].strip() for line in shown.splitlines()[1:3]] == ["motor_speed", "link_torque"]
     same_words("simulate", shown, files)
+    same_numbers("simulate", shown, files)
     assert command(files, "--start", "rest", "--json") == 0
     assert json.loads(capsys.readouterr().out)["misfit"]["motor_speed"]["of_range"] > 0.1
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kept_values import same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 import rigmatch as rm
@@ -281,9 +281,11 @@ def test_command(case, tmp_path, capsys):
     same_keys("tolerance", result)
     same_values("tolerance", result)
     same_words("tolerance", summary(result))
+    same_numbers("tolerance", summary(result))
     assert command_summary(result) == summary(result)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     same_words("tolerance, page", page, tmp_path, Path(case.path).parent)
+    same_numbers("tolerance, page", page, tmp_path, Path(case.path).parent)
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2

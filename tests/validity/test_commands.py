@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from kept_values import same_values
-from kept_words import same_words
+from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 from matching.cli import main
@@ -41,7 +41,9 @@ def test_uncertainty_writes_table_json_and_figures(tmp_path, capsys):
     same_keys("uncertainty", answer)
     same_values("uncertainty", answer)
     same_words("uncertainty", shown, tmp_path)
+    same_numbers("uncertainty", shown, tmp_path)
     same_words("uncertainty, page", (tmp_path / "uncertainty.html").read_text(encoding="utf-8"), tmp_path, EXAMPLES)
+    same_numbers("uncertainty, page", (tmp_path / "uncertainty.html").read_text(encoding="utf-8"), tmp_path, EXAMPLES)
     assert {path.name for path in tmp_path.iterdir()} == {
         "uncertainty.json",
         "uncertainty.txt",
@@ -97,7 +99,9 @@ def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert "88.54 %   without uncertainty" in shown  # no "u = 0.00 %" beside the note that none was stated
     assert "u = 0.00 %" not in shown
     same_words("fidelity", shown, tmp_path)
-    same_keys("fidelity", json.loads((tmp_path / "fidelity.json").read_text()))
+    same_numbers("fidelity", shown, tmp_path)
+    same_keys("fidelity", answer := json.loads((tmp_path / "fidelity.json").read_text()))
+    same_values("fidelity", answer)
     assert (
         main(
             [
