@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 PASSING = ("version", "date", "seconds", "checksum", "sha256", "platform")  # keys whose values change from run to run
-ROUNDING = 1e-12  # a number below is 0, but for rounding
+ROUNDING = 1e-9  # a number below is 0 but for rounding
 ENTRIES = 12  # of a list of tables: the first ones
 
 
