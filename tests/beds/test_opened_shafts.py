@@ -124,6 +124,7 @@ def test_of_two_cut_shafts_each_opens_alone_as_well():
     assert "0.001, 0.05, 0.1, 0.2 times the stiffness and damping of the cut shaft side_right alone" in said
 
 
+@pytest.mark.long
 def test_at_5_ms_the_reference_keeps_opened_shafts_stable(late, monkeypatch):
     """Asked for at once they were out of reach: the bed was not stable with any share, the least damping -0.17."""
     monkeypatch.setattr(tune, "add_scenarios", lambda *_: False)

@@ -19,7 +19,7 @@ def loaded(folder, written, narrow, more=""):
     ("name", "written", "narrow", "largest"),
     [
         ("proportional_gain", "upper = 300", "upper = 10", 10),
-        ("acceleration_feed_forward", "upper = 1.2", "upper = 0.3", 0.3),
+        pytest.param("acceleration_feed_forward", "upper = 1.2", "upper = 0.3", 0.3, marks=pytest.mark.long),
     ],
 )
 def test_a_narrow_bound_is_named_with_a_value_that_meets_the_targets(name, written, narrow, largest, tmp_path):
