@@ -24,6 +24,7 @@ from modelling.common.interruption import Interrupted, whatever_it_became
 from modelling.common.toml_lines import line_of
 from modelling.common.version import VERSION
 
+MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
 
@@ -41,7 +42,7 @@ class HelpFormatter(argparse.HelpFormatter):
     """Help that wraps paragraphs and leaves the lines of examples as they are."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if text.startswith("examples:") else super()._fill_text(text, width, indent)
+        return text if text.startswith("examples,") else super()._fill_text(text, width, indent)
 
 
 class Parser(argparse.ArgumentParser):
@@ -92,7 +93,7 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     about = (
         "Tunes a powertrain test bed until it reproduces the vehicle's response, and checks models against recordings."
     )
-    tab = 'Tab completion in bash or zsh: eval "$(register-python-argcomplete rigmatch)"'
+    tab = 'Tab in bash and zsh: eval "$(register-python-argcomplete rigmatch)"; other shells: docs/commands.md'
     parser = Parser(prog="rigmatch", description=about, epilog=tab, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"rigmatch {VERSION}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -107,11 +108,17 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
         if name == wanted:
             modules[name] = import_module(f"matching.commands.{name}")
             command.description = modules[name].HELP
-            command.epilog = "examples:\n" + "".join(f"  {example}\n" for example in modules[name].EXAMPLES)
+            command.epilog = _examples(modules[name].EXAMPLES)
             modules[name].add_arguments(command)
             if name not in dry_run.WITHOUT:
                 _add_check(command, words)
     return parser, modules
+
+
+def _examples(calls: Sequence[str]) -> str:
+    """Calls as one types them, one after the other, and where."""
+    before = f" ({MADE_BY_MAKE_RUN} is what make run writes)" if any(MADE_BY_MAKE_RUN in call for call in calls) else ""
+    return f"examples, in the program's folder{before}:\n" + "".join(f"  {call}\n" for call in calls)
 
 
 def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -47,6 +48,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         contents[arguments.case] = f"a fidelity case: {title}"
     elif "case" in named or "file" in named:
         contents |= _case_or_model(named, channels)
+    command = import_module(f"matching.commands.{arguments.command}")
+    if hasattr(command, "checked"):
+        contents |= command.checked(arguments)
     return {"checked": contents}
 
 
@@ -57,6 +61,7 @@ def summary(result: dict[str, Any]) -> str:
 
 def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
     from matching.frequency.case.load import is_case, load_case
+    from matching.frequency.case.targets import target_modes
     from modelling.common.tables import read_toml
     from modelling.model.files import load
 
@@ -65,6 +70,7 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
         from matching.fmu.export_source import tuned_case
 
         case = tuned_case(named["case"]).tuned
+        target_modes(case)
         if named["command"] != "verify":
             return {named["case"]: _case(case)}
         read_recordings(named["recordings"], case, channels)
@@ -73,6 +79,7 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
     if "file" in named and not is_case(read_toml(path)):
         return {path: _model(load(path))}
     case = load_case(path)
+    target_modes(case)
     if named["command"] == "map":
         from matching.frequency.studies.map_axis import axis
 
@@ -83,18 +90,13 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
 
 def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[str, str]:
     from matching.diagnosis.loggers import read_loggers
+    from modelling.measurement.contents import contents_of
 
     paths = [*named.get("recordings", ()), *([named["recording"]] if named.get("recording") else [])]
     paths += named.get("holdout") or ()
     contents = {}
     for path in paths:
-        recording = read_loggers(path, system, channels)
-        inputs, sensors = [part.name for part in system.inputs], recording.sensors(system)
-        notes = "".join(f"; note: {note}" for note in recording.notes)
-        contents[path] = (
-            f"a recording: {len(recording.time)} samples over {recording.time[-1] - recording.time[0]:g} s, "
-            f"inputs {', '.join(inputs) or 'none'}, sensors {', '.join(sensors) or 'none'}{notes}"
-        )
+        contents[path] = contents_of(read_loggers(path, system, channels), system)
     return contents
 
 

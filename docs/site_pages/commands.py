@@ -10,6 +10,7 @@ TOP = """# Commands
 
 Written from the program's own parsers when the site is built. Every command has `--help`, `--json` (the result object
 on standard output, nothing else) and `--traceback`; most have `--check`, which only reads and checks the input files.
+The examples work as typed in the program's folder, one after the other; `out/road_to_rig` is what `make run` writes.
 Exit codes: 0 answered, 2 wrong input (one line says where, what is wrong and what would be right), 1 a fault of the
 program, 130 and 143 interrupted.
 """

@@ -2,9 +2,11 @@
 
 A command's module has
 
-- `HELP`: a paragraph on what the command does, and `EXAMPLES`: two calls, both shown by `rigmatch COMMAND --help`,
+- `HELP`: a paragraph on what the command does, and `EXAMPLES`: two calls or more, shown by `rigmatch COMMAND --help`;
+  they work as typed, one after the other, in the program's folder after `make run` (a long test runs them all),
 - `add_arguments(parser)`: its arguments, except `--json` and `--traceback`, which every command has,
 - `run(arguments) -> dict`: does it, writes files by `modelling.writing.output.write_all`, returns the result object,
+- optionally `checked(arguments) -> dict`: what `--check` reads beside model, case, budget and recordings, by file,
 - optionally `summary(result) -> str`: the same for a reader at a terminal, printed unless `--json` is given.
 """
 

@@ -10,10 +10,11 @@ FMU of the bed (FMI 2.0, inputs and outputs named as in the rig file), stepped w
 folder that recordings are put into: then the command stops and says what to record and where to put it. Called again
 it goes on where it stopped; steps that are done are not repeated. CASE is a case file, or the directory of a match."""
 EXAMPLES = (
-    "rigmatch commission case.toml --bed bed.fmu --out out/commission",
-    "rigmatch commission out/road_to_rig --bed recordings --rounds 2 --out out/commission",
-    "rigmatch commission case.toml --bed recordings --follow 10 --out out/commission",
-    "rigmatch commission case.toml --vehicle-recording tip_ins.csv coast_down.csv --bed bed.fmu --out out/commission",
+    "rigmatch commission examples/from_recordings/case.toml --bed out/bed_recordings --out out/by_hand",
+    "rigmatch export examples/from_recordings/rig.toml --fmu out/bed.fmu",
+    "rigmatch commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --out out/commission",
+    "rigmatch commission examples/from_recordings/case.toml --vehicle-recording examples/from_recordings/road.csv "
+    "--bed out/bed.fmu --out out/known_vehicle",
 )
 PAGE = "report.html"  # in the folder of --out
 
@@ -73,6 +74,32 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
     write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page(result, made)})
     return result
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from pathlib import Path
+
+    from matching.commissioning.fmu_bed import FmuBed, check_bed
+    from matching.commissioning.from_recordings import recordings_read
+    from matching.excitation.plan import ExcitationOrder, check_order
+    from matching.fmu.export_source import tuned_case
+
+    case, bed = tuned_case(arguments.case).tuned, Path(arguments.bed)
+    check_order(case, ExcitationOrder(duration=arguments.duration, speed=arguments.speed))
+    check_bed(bed)
+    contents = {arguments.bed: "a folder for recordings of the bed"}
+    if bed.is_file():
+        with FmuBed(bed, [part.name for part in case.rig.inputs], [part.name for part in case.rig.sensors]):
+            contents[arguments.bed] = "an FMU with the rig's inputs and sensors"
+    recordings = [Path(name) for name in arguments.vehicle_recording]
+    return contents | (recordings_read(case, recordings, []) if recordings else {})
 
 
 def _said(what: str) -> None:

@@ -12,9 +12,10 @@ within it; one without is taken as known. Every sensor's uncertainty is also the
 --holdout the last 30 % of every recording is not fitted but used to judge the result. Files joined by + are one motion
 recorded by several loggers, whose clocks are set to that of the one with the inputs."""
 EXAMPLES = (
-    "rigmatch diagnose model.toml recording.csv --out out/diagnosis",
-    "rigmatch diagnose model.toml a.csv+a_second_logger.mf4 --out out/diagnosis",
-    "rigmatch diagnose model.toml a.mf4 b.mf4 --holdout c.mf4 --channels channels.toml --out out/diagnosis",
+    "python examples/diagnosis/record.py out/recordings",
+    "rigmatch diagnose examples/diagnosis/model.toml out/recordings/play.csv --out out/diagnosis",
+    "rigmatch diagnose examples/diagnosis/model.toml out/recordings/play.csv "
+    "--holdout out/recordings/play_pulled_one_way.csv --out out/held_out",
 )
 
 PICTURING = 2  # processes: one draws, one makes figures that act in the browser

@@ -1,7 +1,10 @@
 """`rigmatch excite`: plan the recording that identifies what a match depends on most."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matching.excitation.plan import ExcitationOrder
 
 HELP = """Plan a recording of the bed without emulation that tells what the match depends on most: a multisine whose
 spectrum makes the most of it (Fisher information), a chirp and steps on dynamometers and motor, as large as the case's
@@ -10,7 +13,8 @@ are expected. CASE is the directory that rigmatch match wrote, or a case file. A
 those of a slow speed hold, and record the torque commands (speed hold included) and every sensor of the rig."""
 EXAMPLES = (
     "rigmatch excite out/road_to_rig --out out/excite",
-    "rigmatch excite case.toml --duration 30 --speed 40 --limit motor_torque=150 --out out/excite",
+    "rigmatch excite examples/from_recordings/case.toml --duration 30 --speed 40 --limit motor_torque=60 "
+    "--out out/excite",
 )
 
 
@@ -45,7 +49,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     InputError
         If the case lacks limits, nothing is uncertain, or a wish cannot be met.
     """
-    from matching.excitation.plan import ExcitationOrder, plan_excitation
+    from matching.excitation.plan import plan_excitation
     from matching.excitation.result import excitation_csv
     from matching.fmu.export_source import tuned_case
     from matching.report.common.style import image
@@ -53,10 +57,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from modelling.writing.output import strict_json, write_all
 
     case = tuned_case(arguments.case).tuned
-    order = ExcitationOrder(
-        arguments.duration, arguments.margin, arguments.speed, _limits(arguments.limit), arguments.beds, arguments.seed
-    )
-    plan = plan_excitation(case, order)
+    plan = plan_excitation(case, _order(arguments))
     result = plan.to_dict()
     files: dict[str, str | bytes] = {
         "excite.json": strict_json(result), "excitation.csv": excitation_csv(plan),
@@ -64,6 +65,29 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
     write_all(arguments.out, files)
     return result
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: whether the wishes can be met; names no further file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from matching.excitation.plan import check_order
+    from matching.fmu.export_source import tuned_case
+
+    check_order(tuned_case(arguments.case).tuned, _order(arguments))
+    return {}
+
+
+def _order(arguments: argparse.Namespace) -> "ExcitationOrder":
+    from matching.excitation.plan import ExcitationOrder
+
+    return ExcitationOrder(
+        arguments.duration, arguments.margin, arguments.speed, _limits(arguments.limit), arguments.beds, arguments.seed
+    )
 
 
 def _limits(entries: list[str]) -> dict[str, float]:

@@ -9,7 +9,7 @@ case is opened, as `rigmatch new` writes it to DIR. The page is served to this m
 in it, until Ctrl-C. Files are changed only by Save; results are written to DIR."""
 EXAMPLES = (
     "rigmatch explore examples/road_to_rig/case.toml",
-    "rigmatch explore model.toml recording.csv --out out/explore --no-browser",
+    "rigmatch explore examples/from_recordings/rig.toml examples/from_recordings/bed.csv --no-browser",
 )
 
 

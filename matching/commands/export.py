@@ -14,8 +14,8 @@ a real-time system without FMI."""
 
 VERSIONS = ("2.0", "3.0")
 EXAMPLES = (
-    "rigmatch export out/road_to_rig --fmu rvm.fmu",
-    "rigmatch export out/road_to_rig --controller bed.fmu",
+    "rigmatch export out/road_to_rig --fmu out/residual_vehicle.fmu",
+    "rigmatch export out/road_to_rig --controller out/controller.fmu",
 )
 
 

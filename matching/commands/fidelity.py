@@ -10,7 +10,7 @@ HELP = (
 )
 EXAMPLES = (
     "rigmatch fidelity examples/fidelity/tab2.toml --out out/fidelity",
-    "rigmatch fidelity case.toml --channels channels.toml --arithmetic published --out out/fidelity",
+    "rigmatch fidelity examples/fidelity/tab2.toml --arithmetic published --out out/fidelity",
 )
 PAGE = "fidelity.html"  # in the folder of --out
 

@@ -10,8 +10,9 @@ emulation (rigmatch excite plans it) and holds the torque commands and the senso
 share is the same hardware; its values are taken from the bed first. rigmatch match then tunes the case that is written.
 CASE is a case file, or the directory of a match."""
 EXAMPLES = (
-    "rigmatch identify case.toml --vehicle tip_ins.csv coast_down.csv --bed bed.csv --out out/identify",
-    "rigmatch identify out/match --bed bed.csv --out out/identify",
+    "rigmatch identify examples/from_recordings/case.toml --vehicle examples/from_recordings/road.csv "
+    "--bed examples/from_recordings/bed.csv --out out/identify",
+    "rigmatch identify examples/from_recordings/case.toml --bed examples/from_recordings/bed.csv --out out/bed_alone",
 )
 
 
@@ -50,6 +51,23 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         known = identify(case, vehicle, bed, step, arguments.diagnosis_limit)
     write_all(arguments.out, known.files())
     return known.to_dict()
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: what the recordings hold, by file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from pathlib import Path
+
+    from matching.commissioning.from_recordings import recordings_read
+    from matching.fmu.export_source import tuned_case
+
+    vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
+    return recordings_read(tuned_case(arguments.case).tuned, vehicle, bed)
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -11,8 +11,10 @@ report.html, map.svg and map.png. Points are kept in map.partial.jsonl as they c
 from them."""
 PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
-    "rigmatch map case.toml --x loop.dead_time=1ms:8ms:6 --y rig.shafts.flange_left.stiffness --out out/map",
-    'rigmatch map case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag --starts 1 --out out/map',
+    "rigmatch map examples/road_to_rig/case.toml --x loop.dead_time=1ms:8ms:4 "
+    "--y rig.shafts.flange_left.stiffness=1e5:4e5:3 --out out/map",
+    'rigmatch map examples/road_to_rig/case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag --starts 1 '
+    "--out out/map_of_lags",
 )
 
 

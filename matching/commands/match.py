@@ -10,8 +10,8 @@ cannot be met the status is "limited" and the limits name the reasons."""
 BEDS_OF_FEEDBACK = 40  # drawn beds that judge a feedback law unless asked otherwise; they take about two seconds
 PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
-    "rigmatch match examples/road_to_rig/case.toml --out out/road_to_rig",
-    "rigmatch match case.toml --seed 3 --starts 20 --workers 4 --out out/match",
+    "rigmatch match examples/road_to_rig/case.toml --out out/match",
+    "rigmatch match examples/compact_bev/case.toml --seed 3 --starts 20 --workers 2 --out out/compact",
     "rigmatch match examples/road_to_rig/observer.toml --beds 2000 --out out/observer",
 )
 

@@ -12,7 +12,7 @@ Undamped unless --damped; of more than 300 degrees of freedom the lowest 100. Wr
 figures modes.svg (frequencies and shares of the first modes) and energy_shares.svg (all shares)."""
 EXAMPLES = (
     "rigmatch modes examples/road_to_rig/vehicle.toml --out out/modes",
-    'rigmatch modes rig.toml --damped --change "inertias.rotor_left.J=1.8 kg*m^2" --out out/modes',
+    'rigmatch modes examples/road_to_rig/rig.toml --damped --change "inertias.rotor_left.J=1.8 kg*m^2" --out out/rig',
 )
 
 
@@ -68,6 +68,20 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     title = system.title or str(arguments.model)
     files = _figures(analysed, title) if arguments.out is not None else {}
     return write_results(arguments.out or ".", "modes.json", result, files)
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: whether the quantities to change exist; names no further file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from modelling.model.files import load
+
+    _changes(arguments.change, load(arguments.model))
+    return {}
 
 
 def _modes(system: "System", damped: bool) -> "Modes":

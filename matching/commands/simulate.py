@@ -14,8 +14,9 @@ reading is wrong by more than --tolerance of its range."""
 SMALLEST_TOLERANCE = 1e-9  # below, rounding decides
 STARTS = ("recorded", "rest", "steady")
 EXAMPLES = (
-    "rigmatch simulate model.toml recording.csv --out out/simulated",
-    "rigmatch simulate model.toml recording.mf4 --channels channels.toml --start steady --out out/simulated",
+    "rigmatch simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --out out/simulated",
+    "rigmatch simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --start steady "
+    "--out out/from_steady_motion",
 )
 
 

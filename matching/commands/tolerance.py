@@ -10,8 +10,10 @@ report.html and tolerance.svg; finished parts are kept in tolerance.partial.json
 stopped continues from them."""
 PAGE = "report.html"  # in the folder of --out
 EXAMPLES = (
-    "rigmatch tolerance out/road_to_rig/case.toml -n 10000 --out out/tolerance",
-    "rigmatch tolerance case.toml --tolerance 'rig.*.stiffness=0.05' --tolerance loop.dead_time=0.1 --out out/t",
+    "rigmatch match examples/road_to_rig/case.toml --out out/match",
+    'rigmatch tolerance out/match/case.toml -n 10000 --tolerance "rig.*.stiffness=0.05" --out out/tolerance',
+    'rigmatch tolerance out/match/case.toml --tolerance "rig.inertias.*.J=0.02" --tolerance loop.dead_time=0.1 '
+    "--out out/tolerance",
 )
 
 
@@ -25,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     added = parser.add_argument(
         "--tolerance", metavar="NAME=SHARE", action="append", default=[],
         help="a further quantity of rig or loop and its relative tolerance, e.g. loop.dead_time=0.2, or many by "
-        "a quoted pattern, e.g. 'rig.*.stiffness=0.05'; repeatable",
+        'a quoted pattern, e.g. "rig.*.stiffness=0.05"; repeatable',
     )  # fmt: skip
     completed(added, _quantities)
     parser.add_argument("--seed", metavar="N", type=count(0), default=0, help="seed of the draws (default: 0)")
@@ -76,6 +78,21 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     written = write_results(arguments.out, "tolerance.json", result, {"tolerance.svg": picture, "report.html": report})
     record.unlink(missing_ok=True)
     return written
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: whether the study covers the case, and what varies exists; names no further file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from matching.frequency.case.load import load_case
+    from matching.frequency.studies.tolerance import what_varies
+
+    what_varies(load_case(arguments.case), dict(_tolerance(text) for text in arguments.tolerance))
+    return {}
 
 
 def summary(result: dict[str, Any]) -> str:

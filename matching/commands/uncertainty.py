@@ -10,7 +10,7 @@ HELP = (
 )
 EXAMPLES = (
     "rigmatch uncertainty examples/sensors/torque_M2.toml --out out/torque",
-    'rigmatch uncertainty budget.toml --wanted "0.5 N*m" --out out/budget',
+    'rigmatch uncertainty examples/sensors/torque_M2.toml --wanted "0.5 N*m" --out out/torque',
 )
 PAGE = "uncertainty.html"  # in the folder of --out
 
@@ -75,6 +75,24 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     files |= {f"{name}.svg": content for name, content in images.items()}
     files["uncertainty.html"] = page(uncertainty, figures, images, made_from(arguments.budget, arguments.seed))
     return write_results(arguments.out, "uncertainty.json", answer, files)
+
+
+def checked(arguments: argparse.Namespace) -> dict[str, str]:
+    """For ``--check``: whether the wanted uncertainty is one of the measurands'; names no further file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would.
+    """
+    from matching.validity.budget.budget_file import read_budget
+    from matching.validity.uncertainty.inverse import wanted_uncertainty
+
+    budget = read_budget(arguments.budget)
+    if arguments.wanted is not None:
+        for measurand in budget.measurands:
+            wanted_uncertainty(arguments.wanted, measurand, budget.where)
+    return {}
 
 
 def summary(answer: dict[str, Any]) -> str:

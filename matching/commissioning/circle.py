@@ -21,7 +21,7 @@ from matching.commissioning.by_hand import (
     kept_recording,
     so_far,
 )
-from matching.commissioning.fmu_bed import FmuBed, FmuController
+from matching.commissioning.fmu_bed import FmuBed, FmuController, check_bed
 from matching.commissioning.from_recordings import bed_from_recordings, vehicle_from_recordings
 from matching.commissioning.rounds import Commissioning, Round, end_of
 from matching.commissioning.runs import excited_recording, proof_recording
@@ -35,7 +35,6 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
 from matching.frequency.search.match import match
-from modelling.common.errors import InputError
 from modelling.fmu.controller import controller_fmu
 from modelling.measurement.read import read_recording
 from modelling.writing.output import strict_json
@@ -78,9 +77,7 @@ class Circle:
     """
 
     def __init__(self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None):
-        if not (bed.is_file() or bed.is_dir()):
-            wrong = "is no regular file and no folder" if bed.exists() else "does not exist"
-            raise InputError(str(bed), wrong, "give the FMU of a bed, or a folder for its recordings")
+        check_bed(bed)
         self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
         self._stages = Stages(folder)
         self._by_hand = ByHand(bed, order.follow, tell)

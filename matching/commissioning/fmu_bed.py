@@ -17,6 +17,19 @@ from modelling.controller.supervised import Answer
 START_SPEED = "start_speed"  # parameter of a bed's FMU, rad/s of its rotors, where it has one
 
 
+def check_bed(bed: Path) -> None:
+    """A folder for recordings need not be there yet; an FMU has to be.
+
+    Raises
+    ------
+    InputError
+        If there is no FMU, or something that is neither file nor folder.
+    """
+    if not (bed.is_file() or bed.is_dir()) and (bed.exists() or bed.suffix.lower() == ".fmu"):
+        wrong = "is no regular file and no folder" if bed.exists() else "does not exist"
+        raise InputError(str(bed), wrong, "give the FMU of a bed, or a folder for its recordings")
+
+
 class Slave:
     """An FMI 2.0 co-simulation FMU, spoken to by the names of its variables.
 
@@ -31,7 +44,9 @@ class Slave:
             import fmpy
             from fmpy.fmi2 import FMU2Slave
         except ImportError:
-            raise InputError(str(path), "needs FMPy to run", "install rigmatch[fmu]") from None
+            raise InputError(
+                str(path), "needs FMPy to run", 'pip install -e ".[fmu]" in the program\'s folder'
+            ) from None
         try:
             about = fmpy.read_model_description(str(path))
         except Exception as fault:  # FMPy raises what its parsers raise

@@ -16,6 +16,7 @@ from matching.frequency.case.case import Case
 from matching.frequency.case.case_file import case_files
 from modelling.common.errors import InputError
 from modelling.common.time_limit import TimeLimit, limited
+from modelling.measurement.contents import contents_of
 from modelling.measurement.read import read_recording
 from modelling.model.files import dumps
 from modelling.model.system import System
@@ -155,6 +156,29 @@ class FromRecordings:
         return ("bed", self.bed), ("vehicle", self.vehicle)
 
 
+def recordings_read(case: Case, vehicle: Sequence[Path], bed: Sequence[Path]) -> dict[str, str]:
+    """What recordings of vehicle and bed hold, in words, by file; nothing is fitted.
+
+    Raises
+    ------
+    InputError
+        As :func:`identify`, as far as reading shows it.
+    """
+    _check_any(vehicle, bed)
+    contents = {str(path): contents_of(read_recording(path, bed_system(case)), bed_system(case)) for path in bed}
+    if vehicle:
+        system, notes = recorded_vehicle(case, vehicle)
+        contents |= {
+            str(path): "; ".join((contents_of(read_recording(path, system), system), *notes)) for path in vehicle
+        }
+    return contents
+
+
+def _check_any(vehicle: Sequence[Path], bed: Sequence[Path]) -> None:
+    if not (vehicle or bed):
+        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
+
+
 def identify(
     case: Case,
     vehicle: Sequence[Path],
@@ -171,8 +195,7 @@ def identify(
     InputError
         If there is no recording, or as :func:`vehicle_from_recordings` and :func:`bed_from_recordings`.
     """
-    if not (vehicle or bed):
-        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
+    _check_any(vehicle, bed)
     of_bed = of_vehicle = None
     if bed:
         of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"), seconds)

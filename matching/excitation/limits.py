@@ -9,6 +9,8 @@ import numpy as np
 
 from matching.excitation.motion import ExcitedMotion
 from matching.excitation.recorded_bed import RecordedBed
+from matching.frequency.beds.bed import disturbing
+from matching.frequency.case.case import Case
 from modelling.common.errors import InputError
 
 SLOWEST = 0.2  # of the steady speed: no rotor comes nearer to standstill, where dry friction would hold it
@@ -127,18 +129,23 @@ class ExcitationLimits:
         return low
 
 
-def demanded_limits(bed: RecordedBed, stated: Mapping[str, float]) -> np.ndarray:
-    """Largest torques (d,) of the inputs that are no dynamometer's: as stated, else as large as the case's manoeuvre.
+def check_demanded(case: Case, stated: Mapping[str, float]) -> None:
+    """Whether stated torques are those of inputs that are no dynamometer's.
 
     Raises
     ------
     InputError
         If ``stated`` names no such input.
     """
-    case, names = bed.case, bed.inputs[len(bed.case.loop.dynamometers) :]
+    names = disturbing(case)
     for name in stated:
         if name not in names:
             raise InputError(f"--limit {name}", "is no input beside the dynamometers'", f"choose of {', '.join(names)}")
+
+
+def demanded_limits(bed: RecordedBed, stated: Mapping[str, float]) -> np.ndarray:
+    """Largest torques (d,) of the inputs beside the dynamometers: as stated, else as large as the manoeuvre."""
+    case, names = bed.case, bed.inputs[len(bed.case.loop.dynamometers) :]
     demands = []
     for name in names:
         manoeuvre = case.manoeuvre.get(name)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from matching.excitation.information import PRIOR, information, line_information, optimal_powers
-from matching.excitation.limits import ExcitationLimits, demanded_limits
+from matching.excitation.limits import ExcitationLimits, check_demanded, demanded_limits
 from matching.excitation.motion import ExcitedBeds, SpeedHold
 from matching.excitation.recorded_bed import RecordedBed, recorded_bed
 from matching.excitation.result import ExcitationPlan, Expected, Part
@@ -55,7 +55,7 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     order = order or ExcitationOrder()
     case = replace(case, uncertainty=case.uncertainty.without("vehicle."))  # no recording of the bed tells these
     bed = recorded_bed(case)
-    _check(case, order)
+    check_order(case, order)
     speed = steady_speed(case) if order.speed is None else order.speed
     limits = ExcitationLimits(bed, speed, demanded_limits(bed, order.largest))
     box = case.uncertainty
@@ -91,12 +91,23 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     )  # fmt: skip
 
 
-def _check(case: Case, order: ExcitationOrder) -> None:
+def check_order(case: Case, order: ExcitationOrder) -> None:
+    """Whether a case holds what a plan needs, and an order can be met.
+
+    Raises
+    ------
+    InputError
+        If the case has no limits of torque and speed, nothing is uncertain, or a wish cannot be met.
+    """
+    check_demanded(case, order.largest)
     for name in ("dynamometer_torque", "dynamometer_speed"):
         if name not in case.limits:
-            raise InputError(f"limits.{name}", "is missing", "an excitation is planned within the bed's limits")
+            raise InputError(
+                f"{case.path}: limits.{name}", "is missing", "an excitation is planned within the bed's limits"
+            )
     if not case.uncertainty.uncertain:
-        raise InputError("uncertainty", "nothing is uncertain", "state under [uncertainty] what is not known exactly")
+        right = "state under [uncertainty] what is not known exactly"
+        raise InputError(f"{case.path}: uncertainty", "nothing is uncertain", right)
     if order.duration < SHORTEST:
         raise InputError("--duration", f"{order.duration:g} s are too short", f"{SHORTEST:g} s or more are needed")
     if not 0 <= order.margin < 1:
@@ -118,7 +129,9 @@ def steady_speed(case: Case) -> float:
             if name in rotors and value > 0:
                 return float(value)
     if "dynamometer_speed" not in case.limits:
-        raise InputError("limits.dynamometer_speed", "is missing", "a steady speed on the bed is chosen by it")
+        raise InputError(
+            f"{case.path}: limits.dynamometer_speed", "is missing", "a steady speed on the bed is chosen by it"
+        )
     return SPEED_SHARE * case.limits["dynamometer_speed"]
 
 

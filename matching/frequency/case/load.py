@@ -158,16 +158,12 @@ def _compared(
     data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str
 ) -> tuple[Compared, ...]:
     entries = table_of(data, "response", where).get("compare")
-    if (
-        not isinstance(entries, list)
-        or not entries
-        or not all(isinstance(pair, dict) and set(pair) == {"input", "sensor"} for pair in entries)
-    ):
-        raise InputError(
-            f"{where}: response.compare",
-            "is no list of transfer functions",
-            'write compare = [{ input = "…", sensor = "…" }]',
-        )
+    right = 'write compare = [{ input = "…", sensor = "…" }]'
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{where}: response.compare", "is no list of transfer functions", right)
+    for number, pair in enumerate(entries, 1):
+        if not isinstance(pair, dict) or set(pair) != {"input", "sensor"}:
+            raise InputError(f"{where}: response.compare[{number}]", "is no pair of input and sensor", right)
     simulated = [part.name for system in residual.parts for part in system.inputs]
     inputs = [
         part.name
@@ -212,7 +208,7 @@ def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
         raise InputError(
             f"{where}: targets", "the case has none", "write [[targets]] with mode = NUMBER of the vehicle mode"
         )
-    made = []
+    made = list[Target]()
     for number, table in enumerate(entries, 1):
         place = f"{where}: targets[{number}]"
         for key in table:
@@ -223,6 +219,9 @@ def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
             raise InputError(
                 f"{place}.mode", "is no mode number", "write the number that 'rigmatch modes' gives the vehicle mode"
             )
+        if mode in (before := [target.mode for target in made]):
+            wrong, right = f"{mode} is that of targets[{before.index(mode) + 1}] already", "name another mode"
+            raise InputError(f"{place}.mode", wrong, right)
         tolerances = {key: to_si(table[key], "1", f"{place}.{key}") for key in table if key != "mode"}
         for key, value in tolerances.items():
             if not value > 0:

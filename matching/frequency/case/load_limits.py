@@ -61,6 +61,9 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
             f"{limits['modulus_margin']:g} cannot be reached",
             "less than 1 is needed; 0.5 is usual",
         )
+    if limits["damping_ratio"] >= 1:
+        where, wrong = f"{where}: limits.damping_ratio", f"{limits['damping_ratio']:g} is no motion that swings"
+        raise InputError(where, wrong, "less than 1 is needed; 0.01 is usual")
     if curve is not None:
         limits[TORQUE_OVER_SPEED] = 1.0
         limits["dynamometer_speed"] = min(limits.get("dynamometer_speed", curve.speeds[-1]), curve.speeds[-1])

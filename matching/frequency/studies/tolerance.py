@@ -105,7 +105,7 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
             raise InputError("--tolerance", f"{name} = {value:g} cannot vary by {share:g}", "give 0 < SHARE < 1")
         varied[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
     if not varied:
-        right = "write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance 'rig.*.stiffness=0.05'"
+        right = 'write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance "rig.*.stiffness=0.05"'
         raise InputError(case.path, "no quantity of the rig has a tolerance", right)
     return tuple(varied.values())
 
@@ -128,6 +128,20 @@ def _named(added: Mapping[str, float], known: Mapping[str, tuple[float, str]]) -
 def tuned(case: Case) -> Case:
     """The case at the start values of its ``[move]``, which a match writes as tuned."""
     return apply(case, {name: move.start for move in case.moves for name in move.together})
+
+
+def what_varies(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
+    """What varies of a case as tuned, see :func:`varied_of`.
+
+    Raises
+    ------
+    InputError
+        If nothing varies, a name does not exist, or the study does not cover the control structure.
+    """
+    if case.loop.structure.is_observer:
+        right = "the match's own drawn beds say it: state the tolerances under [uncertainty]"
+        raise InputError(f"{case.path}: loop.structure", "the study does not cover 'observer'", right)
+    return varied_of(tuned(case), added)
 
 
 # more than six parameters: what is drawn, and how the study runs
@@ -153,11 +167,8 @@ def tolerance(
     InputError
         If nothing varies, or the nominal loop is unstable.
     """
-    if case.loop.structure.is_observer:
-        right = "the match's own drawn beds say it: state the tolerances under [uncertainty]"
-        raise InputError(f"{case.path}: loop.structure", "the study does not cover 'observer'", right)
+    varied = what_varies(case, added)
     case = tuned(case)
-    varied = varied_of(case, added)
     winding = encirclements(parts_of(case))
     if winding.unstable or not winding.clear:
         raise InputError(case.path, "the loop is unstable as it stands", "match first and give DIR/case.toml")

@@ -1,0 +1,79 @@
+"""The examples that `--help` shows work as typed, in the program's folder after `make run`."""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from structure.imports import ROOT
+
+from matching import cli
+from matching.commands import available
+from matching.dry_run import WITHOUT
+
+MADE_BY_MAKE_RUN = "out/road_to_rig"
+SHOWN_UNTIL_ENDED = "explore"
+
+
+def examples_of(command: str) -> list[list[str]]:
+    """Words of every example of a command's help."""
+    return [shlex.split(example) for example in cli.build_parser([command])[1][command].EXAMPLES]
+
+
+def written_by(words: list[str]) -> list[str]:
+    """Where an example writes to."""
+    places = [words[words.index(option) + 1] for option in ("--out", "--fmu", "--controller") if option in words]
+    return places + (words[-1:] if words[0] == "python" else [])
+
+
+@pytest.mark.parametrize("command", available())
+def test_every_file_that_an_example_names_is_there_or_written_before(command):
+    written = [MADE_BY_MAKE_RUN]
+    for words in examples_of(command):
+        files = [word for word in words[1:] if "/" in word and word not in written_by(words) and "://" not in word]
+        for file in files:
+            made = any(file.startswith(place) for place in written) or (command == "new" and words[1] == "new")
+            to_come = file == "out/bed_recordings"  # the folder that commission waits for recordings in
+            assert made or to_come or (ROOT / file).exists(), file
+        written += written_by(words)
+    assert "'" not in " ".join(cli.build_parser([command])[1][command].EXAMPLES), "no quote in the shell of Windows"
+
+
+@pytest.mark.parametrize("command", [name for name in available() if name not in WITHOUT])
+def test_an_example_of_files_that_are_there_passes_a_dry_run(command, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    tried = 0
+    for words in examples_of(command):
+        if words[0] == "rigmatch" and words[1] == command:
+            inputs = [word for word in words if "/" in word and word not in written_by(words)]
+            if all((ROOT / file).exists() for file in inputs):
+                assert cli.main([*words[1:], "--check"]) == 0, capsys.readouterr().err
+                tried += 1
+    assert tried or command in ("diagnose", "tolerance", "verify", "commission")  # their inputs are made first
+
+
+@pytest.mark.long
+def test_every_example_works_as_typed(tmp_path):
+    """In the order of the commands, in a copy of the program's folder."""
+    pytest.importorskip("fmpy")
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    first = ["rigmatch", "match", "examples/road_to_rig/observer.toml", "--out", MADE_BY_MAKE_RUN]
+    calls = [first, *(words for name in available() if name != SHOWN_UNTIL_ENDED for words in examples_of(name))]
+    for words in dict.fromkeys(tuple(words) for words in calls):
+        begin = [sys.executable] if words[0] == "python" else [sys.executable, "-m", "matching"]
+        done = subprocess.run(
+            [*begin, *words[1:]],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )
+        assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
+        for place in written_by(list(words)):
+            assert (
+                any(Path(tmp_path / place).iterdir()) if (tmp_path / place).is_dir() else (tmp_path / place).is_file()
+            )
