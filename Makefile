@@ -31,10 +31,10 @@ help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
 
 run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; the report is out/road_to_rig/report.html
-	$(BIN)/rigmatch match examples/road_to_rig/observer.toml --out out/road_to_rig
+	env -u OMP_NUM_THREADS $(BIN)/rigmatch match examples/road_to_rig/observer.toml --out out/road_to_rig
 
 explore: .venv/explore.stamp  ## set up, then open the reference case in the browser
-	$(BIN)/rigmatch explore examples/road_to_rig/case.toml
+	env -u OMP_NUM_THREADS $(BIN)/rigmatch explore examples/road_to_rig/case.toml
 
 test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/ruff check .

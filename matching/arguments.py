@@ -96,8 +96,3 @@ def _bar(what: str, **looks: str) -> Any:
 
     tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked
     return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, miniters=1, **looks)
-
-
-def cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

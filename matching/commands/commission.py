@@ -55,11 +55,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """
     from pathlib import Path
 
-    from matching.arguments import cores, steps
+    from matching.arguments import steps
     from matching.commissioning.circle import Circle, CommissionOrder
     from matching.excitation.plan import ExcitationOrder
     from matching.report.commissioning.page import page
     from matching.report.common.provenance import made_from
+    from modelling.common.cores import cores
     from modelling.writing.output import strict_json, write_all
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)

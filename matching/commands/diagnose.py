@@ -44,10 +44,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Diagnose and write files; the result object is that of diagnosis.json."""
     from tqdm import tqdm
 
-    from matching.arguments import cores, watched
+    from matching.arguments import watched
     from matching.aside import beside
     from matching.diagnosis.diagnosis import diagnose
     from matching.diagnosis.loggers import read_loggers
+    from modelling.common.cores import cores
     from modelling.measurement.channels import read_channels
     from modelling.model.files import dumps, load
     from modelling.writing.output import write_results

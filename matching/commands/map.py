@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Draw the map; the result object is the content of ``map.json``."""
     from pathlib import Path
 
-    from matching.arguments import cores, progress
+    from matching.arguments import progress
     from matching.executors import executor_of
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.map import map_case
@@ -55,6 +55,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.map.figure import map_figure
     from matching.report.map.page import page
+    from modelling.common.cores import cores
     from modelling.writing.output import write_results
 
     case = load_case(arguments.case)

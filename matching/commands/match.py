@@ -37,12 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
-    from matching.arguments import cores, steps
+    from matching.arguments import steps
     from matching.aside import beside
     from matching.frequency.case.case_file import case_files
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
     from modelling.common import protection
+    from modelling.common.cores import cores
     from modelling.writing.output import write_results
 
     case, workers = load_case(arguments.case), arguments.workers or cores()

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """
     from pathlib import Path
 
-    from matching.arguments import cores, progress
+    from matching.arguments import progress
     from matching.executors import executor_of
     from matching.frequency.case.load import load_case
     from matching.frequency.studies.tolerance import tolerance
@@ -59,6 +59,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common.style import image
     from matching.report.tolerance.page import page
     from matching.report.tolerance.view import plot
+    from modelling.common.cores import cores
     from modelling.writing.output import write_results
 
     case = load_case(arguments.case)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from matching.diagnosis.data.segments import Segment
+from modelling.common.cores import threads
 from modelling.equations.assembly import RECORDING, STICK_SPEED
 from modelling.equations.compiled import Model, compiled
 from modelling.model.system import System
@@ -23,15 +23,6 @@ LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a mo
 UNSTABLE_RATE = 2.7  # rate times step; the same limit, just reached
 STABLE_RATE = 2.2  # rate times step; classical Runge–Kutta of order 4 is stable up to 2.78 on the negative real axis
 LOWEST_STICK_SPEED, HIGHEST_STICK_SPEED, STICK_SPEED_FACTOR = 1e-5, 1e3, 1.5  # rad/s, rad/s, between two trials
-
-
-@functools.cache
-def threads() -> int:
-    """How many threads share a batch: ``OMP_NUM_THREADS`` where that is set, as for any library, else all cores."""
-    limit = os.environ.get("OMP_NUM_THREADS", "")
-    if limit.isdecimal() and int(limit) > 0:
-        return int(limit)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def compile_models(systems: Iterable[System]) -> None:

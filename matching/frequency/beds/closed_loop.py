@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.frequency.beds.bed import Bed, bed_of, compared_sensors, disturbing, vehicle_response
+from matching.frequency.beds.eigenvalues import eigenvalues
 from matching.frequency.beds.requirements import OF_ITS_OWN
 from matching.frequency.beds.resolvent import resolvent
 from matching.frequency.case.case import Case
@@ -180,7 +181,7 @@ def shared_poles(beds: SampledBeds, controller: ObserverController, on_their_way
     twice = x + on_their_way.start + both
     closed[:, :, beds.states + both] += closed[:, :, twice]
     once = np.delete(np.arange(closed.shape[1]), twice)
-    return np.linalg.eigvals(closed[:, once[:, None], once])
+    return eigenvalues(closed[:, once[:, None], once])
 
 
 def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
