@@ -4,9 +4,12 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
+
+from matching.expected_end import time_left
 
 PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although no terminal watches
 
@@ -75,12 +78,19 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def steps(what: str) -> Iterator[Callable[[str], None]]:
-    """The same for work whose end nobody knows; yields a function of a word on what was just done."""
-    with _bar(what, bar_format="{desc} [{elapsed}]") as bar:
+def steps(
+    what: str, shares: Mapping[str, float | tuple[float, float]] | None = None
+) -> Iterator[Callable[[str], None]]:
+    """The same for work in steps; yields a function of a word on what was just done.
+
+    ``shares``: what is known of the time that is over by then, see :mod:`matching.expected_end`.
+    """
+    begun = time.monotonic()
+    with _bar(what, bar_format="{desc} [{elapsed}]", mininterval=0) as bar:  # steps are few: each is shown
 
         def tell(done: str) -> None:
-            bar.set_description_str(f"{what}: {done}", refresh=False)
+            left = time_left(done, time.monotonic() - begun, shares or {})
+            bar.set_description_str(f"{what}: {done}{left}", refresh=False)
             bar.update()
 
         yield tell
@@ -91,7 +101,7 @@ def watched() -> bool:
     return sys.stderr.isatty() or PROGRESS_ALWAYS in os.environ
 
 
-def _bar(what: str, **looks: str) -> Any:
+def _bar(what: str, **looks: Any) -> Any:
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked

@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Match and write files; the result object is the content of ``result.json``."""
     from matching.arguments import steps
     from matching.aside import beside
+    from matching.expected_end import OF_A_MATCH
     from matching.frequency.case.case_file import case_files
     from matching.frequency.case.load import load_case
     from matching.frequency.search.match import match
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     effort = {} if arguments.starts is None else {"starts": arguments.starts}
     with beside(workers) as aside:
         aside.prepare("matching.report.match.figures", "matching.report.curves.moving_figures", "bokeh.plotting")
-        with steps("match") as tell:
+        with steps("match", OF_A_MATCH) as tell:
             matched = match(case, arguments.seed, progress=tell, workers=workers, beds=beds, aside=aside, **effort)
         result, files = _written(matched, arguments.seed, aside)
     return write_results(arguments.out, "result.json", result, files)

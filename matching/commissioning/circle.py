@@ -148,7 +148,9 @@ class Circle:
         judged = [entry.number for entry in self._rounds if entry.verification is not None]
         for number in judged[:-1]:
             name, case = f"{number}_verify", self._tuned[judged[-1]]
-            self._tell(f"round {number}: judge against the vehicle of round {judged[-1]}")
+            self._tell(
+                f"round {number} of {self._order.rounds} at most: judge against the vehicle of round {judged[-1]}"
+            )
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
@@ -174,7 +176,7 @@ class Circle:
         if path.is_dir():
             self._found(match={"status": "as given"})
             return path
-        self._tell(f"round {number}: match")
+        self._tell(f"round {number} of {self._order.rounds} at most: match")
         case = load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
@@ -188,7 +190,7 @@ class Circle:
         return self._folder / name
 
     def _exported(self, case: Case, number: int) -> None:
-        self._tell(f"round {number}: export")
+        self._tell(f"round {number} of {self._order.rounds} at most: export")
 
         def work() -> tuple[Files, dict[str, Any]]:
             return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
@@ -196,7 +198,7 @@ class Circle:
         self._stages.run(f"{number}_export", _of_case(case), work)
 
     def _verified(self, case: Case, number: int) -> dict[str, Any]:
-        self._tell(f"round {number}: run and verify")
+        self._tell(f"round {number} of {self._order.rounds} at most: run and verify")
         name = f"{number}_verify"
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
@@ -224,7 +226,7 @@ class Circle:
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""
         case = tuned_case(matched).tuned
-        self._tell(f"round {number}: excite")
+        self._tell(f"round {number} of {self._order.rounds} at most: excite")
 
         @cache
         def plan() -> ExcitationPlan:  # some seconds, and needed only by steps that are not done
@@ -235,7 +237,7 @@ class Circle:
             lambda: ({"excite.json": strict_json(plan().to_dict()), "excitation.csv": excitation_csv(plan())}, {}),
         )  # fmt: skip
         self._recorded(case, plan, number)
-        self._tell(f"round {number}: diagnose")
+        self._tell(f"round {number} of {self._order.rounds} at most: diagnose")
         path = kept_recording(self._folder / f"{number}_record")
 
         def work() -> tuple[Files, dict[str, Any]]:
@@ -249,7 +251,7 @@ class Circle:
         )
 
     def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
-        self._tell(f"round {number}: record")
+        self._tell(f"round {number} of {self._order.rounds} at most: record")
         name = f"{number}_record"
         excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
 

@@ -44,9 +44,15 @@ def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
         quantity, component = parts[-1], parts[1] if len(parts) > 2 else ""
         signs_by_symbol[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
     signs_by_symbol |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
-    signs_by_symbol |= {symbol: Sign(STATE, name) for name, (symbol, _) in assembly.states.items()}
+    signs_by_symbol |= {symbol: Sign(STATE, _state_of(name)) for name, (symbol, _) in assembly.states.items()}
     signs_by_symbol |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
     return signs_by_symbol
+
+
+def _state_of(name: str) -> str:
+    """``shafts.tyre.slip`` as a reader reads it: the component, then the effect whose state it is."""
+    parts = name.split(".")
+    return ", ".join(parts[1:]) if len(parts) > 1 else name
 
 
 def known_zeros(equations: Equations, system: System) -> dict[sm.Symbol, sm.Expr]:

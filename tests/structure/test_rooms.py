@@ -65,6 +65,7 @@ FLOORS = [
     ["matching.report.fidelity", "matching.report.uncertainty", "matching.report.tolerance"],
     ["matching.report.map", "matching.report.diagnosis", "matching.report.bed_test", "matching.report.excitation"],
     ["matching.report.commissioning"],
+    ["matching.expected_end"],
     ["matching.arguments", "matching.completion"],
     ["matching.dry_run"],
     ["matching.explore.files", "matching.explore.signals"],

@@ -23,6 +23,7 @@ th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #dd
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 h1 { font-size: 1.3rem; margin: .3em 0; } h2 { font-size: 1.1rem; margin: .9em 0 .2em; }
 summary { cursor: pointer; } img { max-width: 100%; }
+@media (max-width: 700px) { .scrolls td:last-child { min-width: 11em; } }
 @media (max-width: 700px) { .picture { overflow-x: auto; } .picture img { max-width: none; min-width: 620px; } }
 """
 

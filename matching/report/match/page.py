@@ -215,6 +215,7 @@ def _search(result: MatchResult) -> str:
 
 def _equations(result: MatchResult) -> dict[str, Any]:
     systems: list[tuple[str, System]] = [("Vehicle", result.case.vehicle), ("Rig", result.case.rig)]
+    repeated = () if result.simple_vehicle is not None else result.case.residual_vehicle.parts
     parts = result.case.residual_vehicle.parts
     for place, part in enumerate(parts, 1):
         systems.append(("Residual vehicle" + (f", part {place}" if len(parts) > 1 else ""), part))
@@ -222,5 +223,6 @@ def _equations(result: MatchResult) -> dict[str, Any]:
     for title, system in systems:
         written = equations(system)
         lines = [line for key in ("T", "V", "D", "motion") for line in written[key]]
-        blocks.append({"title": f"{title}: {system.title}" if system.title else title, "lines": lines})
+        name = f"{title}: {system.title}" if system.title else title
+        blocks.append({"title": name, "lines": lines, "repeated": any(system is part for part in repeated)})
     return {"equations": blocks, "legend": LEGEND}
