@@ -20,7 +20,10 @@ from modelling.effects.first_guess import FittedMotion, Guess
 from modelling.effects.interface import Drivetrain, EquationBuilder, InputPath, SensorPath, Symbols
 from modelling.effects.kind import Kind, Parameter
 from modelling.effects.place import members, shared_place
+from modelling.effects.recorded_late import known_offsets
 from modelling.effects.recorded_range import RecordedRange
+
+LEAST_STEPS = 0.5  # sampling steps of an offset that a further channel may share
 
 
 class ClockOffset(Kind):
@@ -44,15 +47,23 @@ class ClockOffset(Kind):
         path.delay += p["offset"]
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        """Of several channels only: that of one is a dead time, or the delay of a sensor."""
-        yield from ()
+        """Of one channel that shares a known offset: an input that is recorded late, or a sensor that is early.
+
+        A sensor that is late has a delay, an input that is early a dead time; these are looked for as such.
+        """
+        table = at.split(".")[0]
+        for offset in known_offsets(motion.value):
+            if abs(offset) > LEAST_STEPS * motion.step and (offset > 0) == (table == "inputs"):
+                change = late(motion, at)(-offset if table == "inputs" else offset)
+                yield Guess((change,), _fixed(offset))
 
     def shared_guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        """Early sensors; late ones too where the group is that of all sensors.
+        """Early sensors; late ones too where the group is that of all sensors; of one channel, :meth:`guesses`.
 
         Late sensors of one quantity are those of a shared delay, which is looked for as such.
         """
         if len(members(at)) < 2:
+            yield from self.guesses(motion, at)
             return
         for early in SHORT_DELAYS:
             yield Guess((late(motion, at)(-early),), _scaled(-early))
@@ -90,6 +101,10 @@ def _stamped_early(motion: FittedMotion, at: str) -> Change:
     """What sensors read more when their clock is early by so much."""
     change = late(motion, at)
     return lambda early: change(-early)
+
+
+def _fixed(offset: float) -> Callable[[np.ndarray], dict[str, float] | None]:
+    return lambda a: {"offset": offset} if a[0] > 0 else None
 
 
 def _scaled(offset: float) -> Callable[[np.ndarray], dict[str, float] | None]:

@@ -10,7 +10,7 @@ from plant.build import chain_of
 from plant.engine import Motion, simulate
 from plant.excitation import Excitation
 from plant.hidden import Hidden
-from plant.sensing import converted, read, rows_needed
+from plant.sensing import converted, read, rows_needed, stamped_inputs
 from plant.systems import Drive
 
 
@@ -53,7 +53,7 @@ def record(drive: Drive, effects: list[Hidden], excitation: Excitation, dt: floa
         feedback_noise=excitation.feedback_noise,
     )
     readings = read(drive, motion, effects, rows, excitation.begin)
-    inputs = motion.input[excitation.begin :]
+    inputs = stamped_inputs(drive, motion.input, effects, dt)[excitation.begin :]
     first, n = excitation.begin * rows, len(drive.inertias)
     state = np.concatenate([motion.angle[first, :n], motion.speed[first, :n]])
     time = np.arange(len(inputs)) * dt

@@ -54,6 +54,17 @@ def read(drive: Drive, motion: Motion, effects: list[Hidden], rows: int, begin: 
     return readings
 
 
+def stamped_inputs(drive: Drive, inputs: np.ndarray, effects: list[Hidden], dt: float) -> np.ndarray:
+    """Inputs (t, u) as loggers record them: one whose clock is late shows what was that long ago."""
+    stamped, time = inputs.copy(), np.arange(len(inputs)) * dt
+    for e in effects:
+        for place in e.at.split("+") if e.kind == "clock_offset" else ():
+            if place.startswith("inputs."):
+                j = list(drive.inputs).index(place.split(".")[1])
+                stamped[:, j] = np.interp(time - e.parameters["offset"], time, inputs[:, j])
+    return stamped
+
+
 def _lagged(value: np.ndarray, step: float, constant: float) -> np.ndarray:
     """First-order lag, exact for a signal that is linear between samples, settled at the start."""
     a = np.exp(-step / constant)
