@@ -10,6 +10,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -109,3 +110,18 @@ def _alike(before: Any, present: Any, within: float) -> bool:
     if any(isinstance(value, bool | str | None) for value in (before, present)):
         return type(before) is type(present) and before == present
     return math.isclose(before, present, rel_tol=within, abs_tol=ROUNDING)
+
+
+def same_statement(name: str, stated: Any) -> None:
+    """Compare what the program states to its users (names, units, bounds, defaults) with what is kept, to the letter."""
+    present = json.loads(json.dumps(stated, default=_stated))
+    assert present == kept("statements.json", name, present)
+
+
+def _stated(thing: Any) -> Any:
+    """Dataclasses by field, sets in order."""
+    if is_dataclass(thing) and not isinstance(thing, type):
+        return {field.name: getattr(thing, field.name) for field in fields(thing)}
+    if isinstance(thing, set | frozenset):
+        return sorted(thing)
+    raise TypeError(f"{thing!r} is no statement")
