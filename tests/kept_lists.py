@@ -10,15 +10,7 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).with_name("kept")
-COMPARE = (
-    "same_keys(",
-    "same_figure(",
-    "same_words(",
-    "same_values(",
-    "same_places(",
-    "same_numbers(",
-    "same_statement(",
-)
+COMPARE = tuple(f"same_{what}(" for what in ("keys", "figure", "words", "values", "places", "numbers", "statement"))
 renewed: dict[str, dict[str, Any]] = {}  # file → name → what is kept from now on
 renewing = False
 

@@ -1,6 +1,6 @@
 """Numbers and names in results, and where things are drawn, as they were when somebody last looked; kept in lists.
 
-``tests/kept/values.json`` and ``tests/kept/drawn.json``; ``make kept`` renews them. Independent tests say which values
+``values.json``, ``drawn.json``, ``statements.json`` in ``tests/kept``; ``make kept`` renews them. Independent tests say which values
 are right; these lists say that none has changed since, also those that nobody thought of. Only what is worked out
 without a search is kept: where a search ends depends on the processor's rounding.
 """
@@ -113,7 +113,7 @@ def _alike(before: Any, present: Any, within: float) -> bool:
 
 
 def same_statement(name: str, stated: Any) -> None:
-    """Compare what the program states to its users (names, units, bounds, defaults) with what is kept, to the letter."""
+    """Compare what the program states to its users (names, units, bounds) with what is kept, to the letter."""
     present = json.loads(json.dumps(stated, default=_stated))
     assert present == kept("statements.json", name, present)
 
