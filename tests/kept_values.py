@@ -1,8 +1,8 @@
 """Numbers and names in results, and where things are drawn, as they were when somebody last looked; kept in lists.
 
-``values.json``, ``drawn.json``, ``statements.json`` in ``tests/kept``; ``make kept`` renews them. Independent tests say which values
-are right; these lists say that none has changed since, also those that nobody thought of. Only what is worked out
-without a search is kept: where a search ends depends on the processor's rounding.
+``values.json``, ``drawn.json``, ``statements.json`` in ``tests/kept``; ``make kept`` renews them. Independent tests
+say which values are right; these lists say that none has changed since, also those that nobody thought of. Only what is
+worked out without a search is kept: where a search ends depends on the processor's rounding.
 """
 
 import json
