@@ -11,7 +11,7 @@ folder that recordings are put into: then the command stops and says what to rec
 it goes on where it stopped; steps that are done are not repeated. CASE is a case file, or the directory of a match."""
 EXAMPLES = (
     "rigmatch commission examples/from_recordings/case.toml --bed out/bed_recordings --out out/by_hand",
-    "rigmatch export examples/from_recordings/rig.toml --fmu out/bed.fmu",
+    "rigmatch export examples/from_recordings/bed.toml --fmu out/bed.fmu",
     "rigmatch commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --out out/commission",
     "rigmatch commission examples/from_recordings/case.toml --vehicle-recording examples/from_recordings/road.csv "
     "--bed out/bed.fmu --out out/known_vehicle",

@@ -21,7 +21,7 @@ short or undetermined. CASE is the directory that rigmatch match wrote, or a cas
 torques and sensors by name, and lasts four periods of the lowest frequency of the band or more. Where the bed falls
 short and the recording holds the torque commands as well, a diagnosis of it says why."""
 EXAMPLES = (
-    "rigmatch export examples/from_recordings/rig.toml --fmu out/bed.fmu",
+    "rigmatch export examples/from_recordings/bed.toml --fmu out/bed.fmu",
     "rigmatch commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --out out/commissioned",
     "rigmatch verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --out out/verify",
     "rigmatch verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --follow 10 --out out/followed",

@@ -80,6 +80,17 @@ def test_on_paper_short_tables_stay_whole_and_links_to_data_are_left_out(page_fi
     assert page.locator("h1").inner_text() == 'A "title" \\ </style>'
 
 
+def test_what_repeats_is_left_out_on_paper_and_said(page_file, browser):
+    """Equations of a residual vehicle that are the vehicle's own; on the screen they stay."""
+    page = browser.new_page()
+    page.goto(page_file.as_uri())
+    page.evaluate("document.body.insertAdjacentHTML('beforeend', '<p class=repeated>a</p><p class=instead>b</p>')")
+    repeated, instead = page.locator("p.repeated"), page.locator("p.instead")
+    assert (repeated.is_visible(), instead.is_visible()) == (True, False)
+    page.emulate_media(media="print")
+    assert (repeated.is_visible(), instead.is_visible()) == (False, True)
+
+
 def test_factors_of_an_equation_stand_apart(browser):
     """A subscript ran into the next factor: i_reduction d_shaft was read as one word."""
     factors = sm.symbols("a b")

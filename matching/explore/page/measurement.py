@@ -149,6 +149,8 @@ class MeasurementTab:
         fig.line("t", "y", source=self.source, color=VEHICLE, line_width=1.2, legend_label="recorded")
         fig.line("t", "y", source=self.simulated, color=RIG, line_width=1.2, legend_label="model")
         fig.legend.click_policy = "hide"
+        fig.add_layout(fig.legend[0], "below")  # within the frame it would cover the signal
+        fig.legend[0].orientation = "horizontal"
         self._waiting = False
         for end in ("start", "end"):
             fig.x_range.on_change(end, lambda attr, old, new: self._moved())
