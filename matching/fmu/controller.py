@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from matching.fmu.opened_shafts import opened_shaft_rule
 from matching.frequency.case.case import Case
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import Parts, parts_of
@@ -31,13 +34,17 @@ def exported_controller(case: Case) -> ExportedController:
     torques = tuple(law.sensors.index(dynamometer.torque_sensor) for dynamometer in dynamometers)
     speeds = tuple(law.sensors.index(dynamometer.speed_sensor) for dynamometer in dynamometers)
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
+    settings = _settings(parts, law, torques)
+    rule = opened_shaft_rule(case, law, float(settings.lost_torque.max()))
     return ExportedController(
         f"Controller: {case.title or case.path}",
         law,
-        _settings(parts, law, torques),
+        replace(settings, opened_torque=rule.least),
         tuple(units[name] for name in law.sensors),
         torques,
         speeds,
+        rule.watched,
+        rule.rows,
     )
 
 

@@ -11,6 +11,7 @@ from matching.fmu.controller import exported_controller
 from matching.fmu.export_source import read_export_source, tuned_case
 from modelling.common.errors import InputError
 from modelling.controller.c_source import memory_bytes
+from modelling.controller.exported import ExportedController
 from modelling.fmu.controller import contents, controller_fmu
 from modelling.fmu.export import Fmu, fmu
 from modelling.fmu.variables import Variable
@@ -115,8 +116,13 @@ def write_controller(source: str, path: str, fmi: str) -> WrittenFmu:
     return WrittenFmu(
         target, fmi, "controller", about.title, made, step, 1 / step,
         _units(about.inputs), _units(about.outputs), _parameters(about.parameters, ()),
-        (*match.notes, *_lacking(made)), len(controller.law.A), memory_bytes(controller),
+        (*match.notes, *_not_noticed(controller), *_lacking(made)), len(controller.law.A), memory_bytes(controller),
     )  # fmt: skip
+
+
+def _not_noticed(controller: ExportedController) -> list[str]:
+    """A note on every shaft whose opening the controller does not notice within five samples."""
+    return [f"if a shaft opens: {shaft.words}" for shaft in controller.shafts if not shaft.noticed_by]
 
 
 def _units(variables: Iterable[Variable]) -> dict[str, str]:

@@ -9,11 +9,12 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from modelling.common.escape import c_comment
+from modelling.controller import opened_shaft, torque_gone
 from modelling.controller import settings as fixed
-from modelling.controller import torque_gone
 from modelling.controller.exported import ExportedController
 
 HERE = Path(__file__).with_name("sources")
+KEPT_TORQUES = max(torque_gone.KEPT_SAMPLES, opened_shaft.WATCHED_SAMPLES)
 
 
 def c_sources(controller: ExportedController) -> dict[str, str]:
@@ -28,7 +29,7 @@ def c_sources(controller: ExportedController) -> dict[str, str]:
 def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
-    x, w = len(controller.law.A), len(controller.law.known)
+    x, w, s = len(controller.law.A), len(controller.law.known), len(controller.watched.shafts)
     reals = (
         7 * k
         + 2 * len(controller.settings.curve_speeds)
@@ -37,9 +38,12 @@ def memory_bytes(controller: ExportedController) -> int:
         + 2 * y
         + (w + 1)
         + 4 * k
-        + torque_gone.KEPT_SAMPLES * k
+        + KEPT_TORQUES * k
+        + (s + 1)
+        + 1
+        + opened_shaft.WATCHED_SAMPLES * y
     )
-    return 8 * reals + 4 * (10 + k)
+    return 8 * reals + 4 * (10 + k + 2 * (s + 1))
 
 
 def _header(controller: ExportedController) -> str:
@@ -59,7 +63,9 @@ def _header(controller: ExportedController) -> str:
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
-            kept=torque_gone.KEPT_SAMPLES,
+            kept=KEPT_TORQUES,
+            watched=opened_shaft.WATCHED_SAMPLES,
+            shafts=[c_comment(name) for name in controller.watched.shafts],
             curve=len(controller.settings.curve_speeds),
         )
         + "\n"
@@ -79,10 +85,14 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_TURNING {_real(fixed.TURNING)} /* rad/s */",
         f"#define CONTROLLER_GONE {_real(torque_gone.GONE)}",
         f"#define CONTROLLER_REMEMBERED {torque_gone.REMEMBERED_SAMPLES}",
+        f"#define CONTROLLER_JUDGED {torque_gone.KEPT_SAMPLES}",
         f"#define CONTROLLER_AVERAGED {torque_gone.AVERAGED_SAMPLES}",
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(fixed.HELD_BELOW_LIMIT)}",
         f"#define CONTROLLER_SLOWEST {_real(fixed.SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {fixed.SAMPLES_IN_A_ROW}",
+        f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
+        f"#define CONTROLLER_OPENED_IN_A_ROW {opened_shaft.IN_A_ROW}",
+        f"#define CONTROLLER_LARGEST_SHARE {_real(opened_shaft.LARGEST_SHARE)}",
         "",
         f"static const int32_t TORQUE_READING[] = {{{', '.join(map(str, controller.torque_readings))}}};",
         f"static const int32_t SPEED_READING[] = {{{', '.join(map(str, controller.speed_readings))}}};",
@@ -99,9 +109,13 @@ def _data(controller: ExportedController) -> str:
     )
     for part in (*per_dynamometer, "curve_speeds", "curve_torques", "unexpected"):
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")
+    opened = ", ".join(_real(value) for value in (*settings.opened_torque, 0.0))
+    lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
     lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
     matrices = {
         "EXPECTED": law.E,
+        "LOST": controller.watched.lost,
+        "CARRIED": controller.watched.carried,
         "CORRECTION": law.L,
         "COMMAND": np.hstack([law.K, law.Dy, law.Dw]),
         "NEXT_STATE": np.hstack([law.A, law.By, law.Bw, law.Bs]),

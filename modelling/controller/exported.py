@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from modelling.controller.law import ControlLaw
+from modelling.controller.opened_shaft import OpenedShaft, WatchedShafts
 from modelling.controller.settings import Settings
 from modelling.controller.supervised import SupervisedController
 
@@ -22,6 +23,10 @@ class ExportedController:
         SI units of the readings.
     torque_readings, speed_readings : tuple of int (k)
         Which readings are the dynamometers' flange torques and speeds.
+    watched : WatchedShafts
+        Shafts whose opening is noticed by what it does to the readings.
+    shafts : tuple of OpenedShaft
+        How the opening of every shaft of the rig is noticed.
     """
 
     title: str
@@ -30,7 +35,11 @@ class ExportedController:
     units: tuple[str, ...]
     torque_readings: tuple[int, ...]
     speed_readings: tuple[int, ...]
+    watched: WatchedShafts
+    shafts: tuple[OpenedShaft, ...]
 
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
-        return SupervisedController(self.law, self.settings, list(self.torque_readings), list(self.speed_readings))
+        return SupervisedController(
+            self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched
+        )

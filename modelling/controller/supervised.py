@@ -2,9 +2,9 @@
 
 Three modes: zero torque, speed hold and emulation. Emulation begins from the readings, torques and commands of its
 first sample, so it begins without a bump at any steady speed. What goes wrong ends it: readings that are not finite, do
-not come or do not change, a rotor too fast, a torque that is gone at once or is not what the controller's model
-expects. Then the speeds are held, or, where they are not known any more, the torque is zero, until zero torque is asked
-for.
+not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or readings that are
+not what the controller's model expects. Then the speeds are held, or, where they are not known any more, the torque is
+zero, until zero torque is asked for.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from modelling.controller import settings as fixed
 from modelling.controller.law import ControlLaw
+from modelling.controller.opened_shaft import WATCHED_SAMPLES, ShaftWatch, WatchedShafts
 from modelling.controller.settings import EMULATION, SPEED_HOLD, ZERO_TORQUE, Settings
 from modelling.controller.torque_gone import KEPT_SAMPLES, has_gone
 
@@ -38,10 +39,15 @@ class SupervisedController:
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
         Which readings are the dynamometers' flange torques and speeds.
+    watched : WatchedShafts
+        Shafts whose opening is noticed.
     """
 
-    def __init__(self, law: ControlLaw, settings: Settings, torque_readings: list[int], speed_readings: list[int]):
-        self.law, self.settings = law, settings
+    def __init__(
+        self, law: ControlLaw, settings: Settings, torque_readings: list[int], speed_readings: list[int],
+        watched: WatchedShafts,
+    ):  # fmt: skip
+        self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
         self.reset()
 
@@ -53,7 +59,9 @@ class SupervisedController:
         self._state = np.zeros(len(self.law.A))
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
         self._last = np.zeros(y)
-        self._past_torques = np.zeros((KEPT_SAMPLES, k))
+        self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
+        self._deviations = np.zeros((WATCHED_SAMPLES, y))
+        self._watch.reset()
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
         self._life: int | None = None
@@ -111,12 +119,22 @@ class SupervisedController:
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
-        self._gone = has_gone(np.vstack([readings[self._torques], self._past_torques]), settings.lost_torque)
-        if self._gone.any():
-            return 5
-        surprise = np.abs(readings - self._start[0] - self.law.E @ self._state)
-        self._surprised = self._surprised + 1 if (surprise > settings.unexpected).any() else 0
+        deviation = readings - self._start[0] - self.law.E @ self._state
+        self._deviations = np.vstack([deviation, self._deviations[:-1]])
+        if self._has_lost_torque(readings):
+            return fixed.TORQUE_GONE
+        self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
         return 6 if self._surprised >= fixed.SAMPLES_IN_A_ROW else 0
+
+    def _has_lost_torque(self, readings: np.ndarray) -> bool:
+        """A flange torque is gone, or a shaft has opened."""
+        settings, before = self.settings, self._past_torques
+        self._gone = has_gone(np.vstack([readings[self._torques], before[:KEPT_SAMPLES]]), settings.lost_torque)
+        opened = self._watch.opened(
+            self._deviations.ravel(), before[WATCHED_SAMPLES - 1], settings.opened_torque, settings.opened_share
+        )
+        self._gone |= (self._watch.watched.carried[opened] != 0).any(axis=0)  # the rotors that it loaded
+        return bool(self._gone.any())
 
     def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
         if mode == self._mode:
@@ -132,6 +150,8 @@ class SupervisedController:
             self._state = np.zeros(len(self.law.A))
             self._past_torques[:] = readings[self._torques]
             self._surprised = 0
+            self._deviations[:] = 0.0
+            self._watch.reset()
 
     def _torque_limits(self, readings: np.ndarray) -> np.ndarray:
         """Largest torques (k,), N·m, at the speeds that are read."""

@@ -38,7 +38,7 @@ class ControllerContents:
 
 def contents(controller: ExportedController, name: str = "controller") -> ControllerContents:
     """Variables in the order of ``sources/controller_motion.c``."""
-    law, settings = controller.law, controller.settings
+    law = controller.law
     readings = [
         Variable(sensor, "input", unit, 0.0, "reading of the bed")
         for sensor, unit in zip(law.sensors, controller.units, strict=True)
@@ -65,6 +65,15 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
         ),
     ]  # fmt: skip
+    return ControllerContents(
+        xml(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
+        tuple(_settings(controller)),
+    )  # fmt: skip
+
+
+def _settings(controller: ExportedController) -> list[Variable]:
+    """Parameters in the order of ``take_settings`` in ``sources/controller_motion.c``."""
+    law, settings = controller.law, controller.settings
     parameters = []
     for j, dynamometer in enumerate(law.dynamometers):
         for key, unit, meaning in (
@@ -82,15 +91,19 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     for sensor, unit, value in zip(law.sensors, controller.units, settings.unexpected, strict=True):
         meaning = "how far the reading may be from what the controller's model expects"
         parameters.append(Variable(f"{sensor}.unexpected", "parameter", unit, float(value), meaning, 0.0))
+    watched = zip(controller.watched.shafts, settings.opened_torque, strict=True)
+    for shaft, value in watched:
+        meaning = "torque in the shaft above which its opening is noticed within five samples and is a fault"
+        parameters.append(Variable(f"{shaft}.opened_torque", "parameter", "N*m", float(value), meaning, 0.0))
+    if controller.watched.shafts:
+        meaning = "part of the torque that it carried that an opened shaft seems to lose at least"
+        parameters.append(Variable("opened_share", "parameter", "1", settings.opened_share, meaning, 0.0, 1.0))
     for key, meaning in (
         ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
         ("life_samples", "samples without a change of life that are a fault; 0: no check"),
     ):
         parameters.append(Variable(key, "parameter", "1", float(getattr(settings, key)), meaning, 0.0, MOST_SAMPLES))
-    return ControllerContents(
-        xml(controller.title), name, ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
-        tuple(parameters),
-    )  # fmt: skip
+    return parameters
 
 
 def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:

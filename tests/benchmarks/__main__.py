@@ -23,7 +23,7 @@ APART = {
     "observer_in_time",
     "observer_table",
     "observer_variants",
-    "opened_clutch",
+    "opened_shafts",
     "search_seeds",
 }
 

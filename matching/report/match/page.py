@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from matching.fmu.controller import exported_controller
 from matching.frequency.search.result import MatchResult
 from matching.report.beds.requirement_rows import error_rows, requirement_rows
 from matching.report.common.environment import embedded, environment, in_address
@@ -31,6 +32,8 @@ from matching.report.match.modes_figure import nearest
 from matching.report.match.text import answer, content, operating_point
 from matching.report.modes.animation import ModeAnimation
 from modelling.bed.loop import HARDWARE
+from modelling.common.errors import InputError
+from modelling.controller.opened_shaft import OpenedShaft
 from modelling.model.system import System
 
 DEAD_TIME = (
@@ -118,6 +121,7 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         **_loop(result),
         "residual": residual,
         "own_residual": result.simple_vehicle is not None,
+        "opened_shafts": _opened_shafts(result),
         "diagram": block_diagram(tuned.loop, _entries(residual)),
         "fixed": [row for row in result.parameters if row.fixed],
         "checks": checks(result),
@@ -193,6 +197,14 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
 def _entries(residual: list[dict[str, Any]]) -> list[EnteredNumber]:
     """Values of the residual vehicle for the diagram."""
     return [EnteredNumber(component(row["name"]), amount(row["value"], row["unit"], 5)) for row in residual]
+
+
+def _opened_shafts(result: MatchResult) -> list[OpenedShaft]:
+    """How the exported controller notices the opening of every shaft; nothing where it cannot be exported."""
+    try:
+        return list(exported_controller(result.tuned).shafts)
+    except InputError:
+        return []
 
 
 def _manoeuvre(name: str, torque: Any) -> str:

@@ -116,7 +116,7 @@ static bool has_lost_torque(controller *c, const controller_input *in)
         double before = 0.0;
         double earlier = 0.0;
         double sum = now;
-        for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
+        for (int32_t n = 0; n < CONTROLLER_JUDGED; n++) {
             const double past = (double)c->past_torque[n][j];
             if (n < CONTROLLER_REMEMBERED) {
                 before = fmax(before, fabs(past));
@@ -137,12 +137,65 @@ static bool has_lost_torque(controller *c, const controller_input *in)
     return lost;
 }
 
-static bool is_unexpected(controller *c, const controller_input *in)
+/* what readings are off from what the controller's model expects, newest sample first */
+static void note_deviation(controller *c, const controller_input *in)
+{
+    for (int32_t i = (CONTROLLER_WATCHED * READINGS) - 1; i >= READINGS; i--) {
+        c->deviation[i] = c->deviation[i - READINGS];
+    }
+    for (int32_t i = 0; i < READINGS; i++) {
+        c->deviation[i] = in->reading[i] - c->reading_start[i] - row(&EXPECTED, i, c->state);
+    }
+}
+
+/* for how many samples a shaft has carried enough torque with one sign: counted down where that is negative */
+static int32_t carried_for(int32_t before, double carried, double least)
+{
+    int32_t samples = 0;
+    if (carried > least) {
+        samples = (before > 0) ? (before + 1) : 1;
+    }
+    if (carried < -least) {
+        samples = (before < 0) ? (before - 1) : -1;
+    }
+    if (samples > CONTROLLER_CARRIED_SAMPLES) {
+        samples = CONTROLLER_CARRIED_SAMPLES;
+    }
+    if (samples < -CONTROLLER_CARRIED_SAMPLES) {
+        samples = -CONTROLLER_CARRIED_SAMPLES;
+    }
+    return samples;
+}
+
+/* a watched shaft seems to have lost the torque that it carried before the watched samples, several times in a row */
+static bool has_opened(controller *c)
+{
+    bool opened = false;
+    for (int32_t i = 0; i < CONTROLLER_SHAFTS; i++) {
+        const double carried = (double)row(&CARRIED, i, c->past_torque[CONTROLLER_WATCHED - 1]);
+        const double size = fabs(carried);
+        const double lost = (double)row(&LOST, i, c->deviation) * ((carried < 0.0) ? -1.0 : 1.0);
+        c->carried_for[i] = carried_for(c->carried_for[i], carried, (double)c->settings.opened_torque[i]);
+        const bool loaded = (c->carried_for[i] == CONTROLLER_CARRIED_SAMPLES) ||
+                            (c->carried_for[i] == -CONTROLLER_CARRIED_SAMPLES);
+        const bool now = loaded && (lost > ((double)c->settings.opened_share * size)) &&
+                         (lost < (CONTROLLER_LARGEST_SHARE * size));
+        c->seems_open[i] = now ? (c->seems_open[i] + 1) : 0;
+        if (c->seems_open[i] >= CONTROLLER_OPENED_IN_A_ROW) {
+            opened = true;
+            for (uint32_t k = CARRIED.start[i]; k < CARRIED.start[i + 1]; k++) {
+                c->gone[CARRIED.column[k]] = 1; /* the rotors that it loaded */
+            }
+        }
+    }
+    return opened;
+}
+
+static bool is_unexpected(controller *c)
 {
     bool surprised = false;
     for (int32_t i = 0; i < READINGS; i++) {
-        const controller_real deviation = in->reading[i] - c->reading_start[i] - row(&EXPECTED, i, c->state);
-        if (fabs((double)deviation) > (double)c->settings.unexpected[i]) {
+        if (fabs((double)c->deviation[i]) > (double)c->settings.unexpected[i]) {
             surprised = true;
         }
     }
@@ -164,12 +217,17 @@ static int32_t check(controller *c, const controller_input *in)
         fault = CONTROLLER_OVERSPEED;
     } else if (c->mode != CONTROLLER_EMULATION) {
         c->surprised = 0;
-    } else if (has_lost_torque(c, in)) {
-        fault = CONTROLLER_TORQUE_GONE;
-    } else if (is_unexpected(c, in)) {
-        fault = CONTROLLER_UNEXPECTED;
     } else {
-        fault = CONTROLLER_NO_FAULT;
+        note_deviation(c, in);
+        const bool lost = has_lost_torque(c, in);
+        const bool opened = has_opened(c);
+        if (lost || opened) {
+            fault = CONTROLLER_TORQUE_GONE;
+        } else if (is_unexpected(c)) {
+            fault = CONTROLLER_UNEXPECTED;
+        } else {
+            fault = CONTROLLER_NO_FAULT;
+        }
     }
     return fault;
 }
@@ -203,6 +261,9 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                     c->past_torque[n][j] = in->reading[TORQUE_READING[j]];
                 }
             }
+            (void)memset(c->deviation, 0, sizeof c->deviation);
+            (void)memset(c->seems_open, 0, sizeof c->seems_open);
+            (void)memset(c->carried_for, 0, sizeof c->carried_for);
             c->surprised = 0;
         }
     }
