@@ -81,7 +81,7 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> Opened
     rows, weights, least = [], [], []
     for shaft, of_flanges in zip(shafts, carried, strict=True):
         if limit < NO_LIMIT and gone_at_once(beds, shaft, of_flanges):
-            rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges).max() * lost_torque)))
+            rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges).sum() * lost_torque)))
             continue
         if unwatched:
             rows.append(OpenedShaft(shaft, "", None, unwatched))
