@@ -88,7 +88,7 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         from distributed import Client
     except ImportError:
         raise InputError(
-            "--scheduler", "Dask is not installed", "in rigmatch's folder: pip install -e '.[dask]'"
+            "--scheduler", "Dask is not installed", 'in rigmatch\'s folder: pip install -e ".[dask]"'
         ) from None
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # a scheduler that goes is one line, of ours

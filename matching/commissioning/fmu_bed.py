@@ -44,9 +44,7 @@ class Slave:
             import fmpy
             from fmpy.fmi2 import FMU2Slave
         except ImportError:
-            raise InputError(
-                str(path), "needs FMPy to run", 'pip install -e ".[fmu]" in the program\'s folder'
-            ) from None
+            raise InputError(str(path), "needs FMPy to run", 'in rigmatch\'s folder: pip install -e ".[fmu]"') from None
         try:
             about = fmpy.read_model_description(str(path))
         except Exception as fault:  # FMPy raises what its parsers raise

@@ -107,7 +107,7 @@ def labelled(
         raise InputError(
             "to_xarray",
             "xarray is not installed",
-            "in rigmatch's folder: pip install -e '.[notebooks]', or use to_dict()",
+            'in rigmatch\'s folder: pip install -e ".[notebooks]", or use to_dict()',
         ) from None
     return xarray.Dataset(
         {name: (tuple(dimensions), values, {"units": unit}) for name, (dimensions, values, unit) in variables.items()},

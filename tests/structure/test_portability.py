@@ -68,3 +68,12 @@ def test_binaries_of_an_fmu_are_named_as_the_standards_say(system, machine, two,
     monkeypatch.setattr(build.platform, "machine", lambda: machine)
     assert (build.folder("2.0"), build.folder("3.0")) == (two, three)
     assert build.SUFFIX[system.lower()] == suffix
+
+
+def test_commands_to_copy_have_no_single_quotes(nodes):
+    """The shell of Windows takes them for a part of the word."""
+    found = []
+    for name, parts in nodes.items():
+        texts = [node.value for node in parts if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+        found += [f"{name}: {text}" for text in texts if "-e '." in text or "--tolerance '" in text]
+    assert found == []

@@ -127,5 +127,5 @@ def _toolkit() -> Any:
     try:
         import tomlkit
     except ImportError:
-        raise InputError("tomlkit", "is not installed", "in rigmatch's folder: pip install -e '.[explore]'") from None
+        raise InputError("tomlkit", "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"') from None
     return tomlkit

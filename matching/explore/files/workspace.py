@@ -93,7 +93,7 @@ def required_packages() -> None:
         If one is missing.
     """
     if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
-        raise InputError(", ".join(missing), "is not installed", "in rigmatch's folder: pip install -e '.[explore]'")
+        raise InputError(", ".join(missing), "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"')
 
 
 def starter(out: Path) -> Path:

@@ -61,6 +61,6 @@ def read_table(path: str | Path, used: Collection[str] | None = None, groups: Ma
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "name a readable file") from None
     except ModuleNotFoundError as error:
-        right = "in rigmatch's folder: pip install -e '.[measurement]', or save as CSV"
+        right = 'in rigmatch\'s folder: pip install -e ".[measurement]", or save as CSV'
         raise InputError(str(path), f"reading {suffix} needs the package {error.name}", right) from None
     return table

@@ -128,7 +128,7 @@ def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], t
     try:
         import h5py
     except ImportError:
-        right = "in rigmatch's folder: pip install -e '.[measurement]', or save it with -v7"
+        right = 'in rigmatch\'s folder: pip install -e ".[measurement]", or save it with -v7'
         raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
     with h5py.File(path) as file:
         others: list[str] = []
