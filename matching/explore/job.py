@@ -99,6 +99,8 @@ class Job:
             for each in filter(None, (text.decode(errors="replace").strip() for text in lines)):
                 self._last_line = each
                 self._tell(each)
+            if text := line.decode(errors="replace").strip():  # a bar of progress ends its line when the next begins
+                self._tell(text)
         answer.join()
         code = self._process.wait()
         self._process.stderr.close()

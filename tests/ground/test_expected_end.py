@@ -8,7 +8,7 @@ from matching.expected_end import OF_A_MATCH, share_over, time_left
 
 @pytest.mark.parametrize(
     ("step", "share"),
-    [("weights", 0.66), ("verification", 0.83), ("verification on fresh beds", 0.68), ("start 9 of 18 at most", 0.45)],
+    [("weights", 0.45), ("verification", 0.4), ("verification on fresh beds", 0.66), ("start 9 of 18 at most", 0.25)],
 )
 def test_share_of_a_step(step, share):
     assert share_over(step, OF_A_MATCH) == pytest.approx(share)
