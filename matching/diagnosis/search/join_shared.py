@@ -48,8 +48,25 @@ def with_shared_causes(hypothesis: Hypothesis, budget: RefitBudget) -> Hypothesi
             continue
         joined = _joined(hypothesis, causes, shared)
         if joined is not None and _as_likely(joined, hypothesis, shared):
-            return with_shared_causes(joined, budget)
+            return with_shared_causes(_without_idle_inputs(joined, shared, budget), budget)
     return hypothesis
+
+
+def _without_idle_inputs(joined: Hypothesis, shared: _SharedCause, budget: RefitBudget) -> Hypothesis:
+    """A hypothesis whose clock has only those inputs that speak for it.
+
+    Which logger an input belongs to that hardly acts cannot be seen; as one more late channel it would be invented.
+    """
+    for place in members(shared.at):
+        few = [other for other in members(shared.at) if other != place]
+        if shared.kind != ClockOffset.kind or not few or not place.startswith("inputs.") or not budget.take():
+            continue
+        fewer = _of_channels(few, shared.sizes["offset"])
+        cause = next(cause for cause in joined.causes if (cause.kind, cause.at) == (shared.kind, shared.at))
+        without = _joined(joined, [cause], fewer)
+        if without is not None and without.chi_square <= joined.chi_square + _of_sizes(joined, 1):
+            return _without_idle_inputs(without, fewer, budget)
+    return joined
 
 
 def _shared(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
@@ -91,7 +108,12 @@ def _one_clock(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause 
     spread = np.ptp([offsets[place] for place in rest])
     if not few or not _alike(differences) or spread > SPREAD * np.abs(differences).min():
         return None
-    offset, tables = float(differences.mean()), {place.split(".")[0] for place in few}
+    return _of_channels(few, float(differences.mean()))
+
+
+def _of_channels(few: Sequence[str], offset: float) -> _SharedCause:
+    """How channels that are ``offset`` s late are named: sensors that read late, inputs that act late, else a clock."""
+    tables = {place.split(".")[0] for place in few}
     if offset > 0 and tables == {"sensors"}:
         return _SharedCause(SensorDelay.kind, shared_place(few), {"delay": offset})
     if offset < 0 and tables == {"inputs"}:
@@ -149,5 +171,8 @@ def _inner_square(hypothesis: Hypothesis, margin: float) -> float:
 
 def _saved(hypothesis: Hypothesis, joined: Hypothesis) -> float:
     """What the sizes that are saved would cost in χ² (Schwarz 1978), no model being better than what it leaves."""
-    saved = len(hypothesis.fit.v) - len(joined.fit.v)
-    return saved * float(np.log(hypothesis.fit.problem.data.readings_count)) * chi_square_per_reading(hypothesis)
+    return _of_sizes(hypothesis, len(hypothesis.fit.v) - len(joined.fit.v))
+
+
+def _of_sizes(hypothesis: Hypothesis, count: int) -> float:
+    return count * float(np.log(hypothesis.fit.problem.data.readings_count)) * chi_square_per_reading(hypothesis)
