@@ -23,6 +23,8 @@ COMPILE := uv pip compile pyproject.toml --universal --python-version 3.11 --for
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
+# A match shares its work among all cores.
+run explore: OMP_NUM_THREADS := $(or $(shell nproc 2>/dev/null),1)
 export PYTHONNOUSERSITE := 1
 # Nothing of the caller's Python; bytecode is written, or every process that a test starts compiles all libraries again.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV PYTHONDONTWRITEBYTECODE
@@ -31,10 +33,10 @@ help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
 
 run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; the report is out/road_to_rig/report.html
-	env -u OMP_NUM_THREADS $(BIN)/rigmatch match examples/road_to_rig/observer.toml --out out/road_to_rig
+	$(BIN)/rigmatch match examples/road_to_rig/observer.toml --out out/road_to_rig
 
 explore: .venv/explore.stamp  ## set up, then open the reference case in the browser
-	env -u OMP_NUM_THREADS $(BIN)/rigmatch explore examples/road_to_rig/case.toml
+	$(BIN)/rigmatch explore examples/road_to_rig/case.toml
 
 test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/ruff check .

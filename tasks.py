@@ -16,6 +16,7 @@ HERE = Path(__file__).resolve().parent
 ENVIRONMENT = HERE / ".venv"
 BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 VARIABLES = {"WORKERS": "2", "FUZZ": "", "MUTANTS": "--anew", "FAULTS": "", "FIGURES": ""}
+ALL_CORES = ("run", "explore")  # one process each; the others begin as many as there are cores
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "PYTHONNOUSERSITE": "1"}
 DROPPED = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PYTHONDONTWRITEBYTECODE")  # as the Makefile's unexport
 
@@ -55,9 +56,9 @@ def set_up(lock: str) -> None:
     stamp.touch()
 
 
-def _run(words: list[str]) -> None:
+def _run(words: list[str], **more: str) -> None:
     kept = {name: value for name, value in os.environ.items() if name not in DROPPED}
-    if code := subprocess.run(words, cwd=HERE, env=FIXED | kept, check=False).returncode:
+    if code := subprocess.run(words, cwd=HERE, env=FIXED | kept | more, check=False).returncode:
         sys.exit(code)
 
 
@@ -68,8 +69,9 @@ def main() -> None:
         sys.exit(f"usage: python tasks.py {'|'.join(known)}")
     lock, lines = known[sys.argv[1]]
     set_up(lock)
+    more = {"OMP_NUM_THREADS": str(os.cpu_count() or 1)} if sys.argv[1] in ALL_CORES else {}
     for line in lines:
-        _run(command(line))
+        _run(command(line), **more)
 
 
 if __name__ == "__main__":

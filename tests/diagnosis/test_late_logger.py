@@ -14,6 +14,7 @@ from matching.diagnosis.data.segments import FitData, Segment
 from matching.diagnosis.diagnosis import diagnose
 from matching.diagnosis.fitting.fit import Fit
 from matching.diagnosis.fitting.problem import base_problem
+from modelling.effects.recorded_late import LATE_SIGN
 from modelling.measurement.read import read_recording
 from modelling.model.files import dumps, from_dict, load
 
@@ -57,6 +58,27 @@ def test_an_input_and_a_sensor_of_a_late_logger_are_one_cause(seed: int, offset:
     assert parameter.value == pytest.approx(offset, abs=1e-4)
     assert found.verdict == ("unexplained" if offset == LATE else "explained")
     assert from_dict(tomllib.loads(dumps(found.extended))).effects == found.extended.effects
+
+
+@needs_compiler
+def test_an_input_that_hardly_acts_is_no_channel_of_a_late_logger(tmp_path: Path) -> None:
+    """One speed is 22 ms late beside a torque over the load's speed that no kind describes.
+
+    What is late then is also the brake beside it, for all that can be seen; naming it would invent a fault.
+    """
+    scene = scene_of("two_mass", 8, 8.0, 250.0)
+    reach, torque = 2 * scene.scale.speed["load"], 0.3 * scene.scale.drive_torque["load"]
+    share = np.exp(-(((np.linspace(0, 1, 17) - 0.64618) / 0.1) ** 2))
+    values = {f"speed_{i}": float(x) for i, x in enumerate(np.linspace(-reach, reach, 17), 1)}
+    values |= {f"torque_{i}": float(torque * y) for i, y in enumerate(share, 1)}
+    late = Hidden("sensor_delay", "sensors.motor_speed", {"delay": 0.022})
+    write_recording(tmp_path, scene, [Hidden("table", "inertias.load", values), late], SPEEDS)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
+    assert found.verdict == "unexplained"
+    (delay,) = [cause for cause in found.causes if cause.kind in LATE_SIGN]
+    assert (delay.kind, delay.at) == ("sensor_delay", "sensors.motor_speed")
+    assert delay.parameters["delay"].value == pytest.approx(0.022, abs=5e-4)
 
 
 MODEL = {

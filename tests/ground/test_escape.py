@@ -133,6 +133,7 @@ PIECES = {
     ("matching/report/match/fidelity_rows.py", "name[2:]"),
     *(("modelling/controller/c_source.py", each) for each in (
         "fixed.SAMPLES_IN_A_ROW", "torque_gone.REMEMBERED_SAMPLES", "torque_gone.AVERAGED_SAMPLES",
+        "torque_gone.KEPT_SAMPLES", "controller.watched.carried_samples", "opened_shaft.IN_A_ROW", "opened",
         "', '.join(map(str, controller.torque_readings))",
         "', '.join(map(str, controller.speed_readings))", "name", "part",
         "', '.join((_real(value) for value in getattr(settings, part)))",

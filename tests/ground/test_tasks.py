@@ -24,6 +24,18 @@ def test_every_target_that_sets_up_an_environment_is_there(tasks):
     assert {name: lock for name, (lock, _) in tasks.targets().items()} == expected
 
 
+@pytest.mark.parametrize(("target", "limited"), [("run", False), ("explore", False), ("test", True), ("bench", True)])
+def test_all_cores_work_where_one_process_is_begun(target, limited, tasks, monkeypatch):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert (target in re.search(r"^([a-z ]+): OMP_NUM_THREADS", makefile, flags=re.M)[1].split()) != limited
+    passed = []
+    monkeypatch.setattr(tasks, "set_up", lambda lock: None)
+    monkeypatch.setattr(tasks, "_run", lambda words, **more: passed.append(more))
+    monkeypatch.setattr(tasks.sys, "argv", ["tasks.py", target])
+    tasks.main()
+    assert all(("OMP_NUM_THREADS" not in more) == limited for more in passed)
+
+
 def test_lines_become_words(tasks):
     _, (first, *_, last) = tasks.targets()["test"]
     assert tasks.command(first)[1:] == ["check", "."]
