@@ -205,7 +205,7 @@ class Circle:
         def work() -> tuple[Files, dict[str, Any]]:
             speed = plan_speed(case, self._order)
             wanted = plan_proof(case, speed)
-            if self._bed.is_dir():
+            if not self._bed.is_file():  # a folder, perhaps not there yet
                 taken = self._by_hand.recording(
                     name, {"excitation.csv": proof_csv(wanted)},
                     f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
@@ -256,7 +256,7 @@ class Circle:
         excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
 
         def work() -> tuple[Files, dict[str, Any]]:
-            if self._bed.is_dir():
+            if not self._bed.is_file():  # a folder, perhaps not there yet
                 taken = self._by_hand.recording(
                     name, {"excitation.csv": excitation},
                     f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
