@@ -58,7 +58,6 @@ class Slave:
             if name not in self._references:
                 raise InputError(str(path), f"has no variable {name!r}", "its names are those of the rig file")
         self._path, self._time = path, 0.0
-        self._folder = ""
         with self._said():
             self._folder = fmpy.extract(str(path))
             self._slave: Any = FMU2Slave(

@@ -46,7 +46,7 @@ class Identification:
     diagnosis: Diagnosis
     values: tuple[IdentifiedValue, ...]
     notes: tuple[str, ...]
-    ended_early: float | None = None
+    ended_early: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, causes, values and notes as JSON holds them."""
@@ -66,7 +66,7 @@ class Identification:
 
 
 def vehicle_from_recordings(
-    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None
+    case: Case, recordings: Sequence[Path], progress: Progress, seconds: float | None
 ) -> Identification:
     """The case with the vehicle that recordings of the road show.
 

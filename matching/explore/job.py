@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ class Ended:
     """How a command ended: its exit code, the result object where it answered, else its last line on standard error."""
 
     code: int
-    result: dict[str, Any] = field(default_factory=dict)
-    line: str = ""
+    result: dict[str, Any]
+    line: str
 
     @property
     def cancelled(self) -> bool:

@@ -36,7 +36,7 @@ class RecordedRange:
     width: Mapping[str, float]
     turns: Mapping[str, float]
     range_of_turns: Mapping[str, float]
-    input_torque: float = 0.0
+    input_torque: float
 
     def lowest_order(self, inertia: str) -> float:
         """Lowest order per turn of a torque that the recording shows to repeat over the angle of an inertia."""

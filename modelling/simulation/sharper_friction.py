@@ -20,8 +20,8 @@ def sharp_enough(
     problem: InitialValueProblem,
     blunt: Controlled,
     tolerance: float,
-    compiled: bool | None = None,
-    most_runs: int = MOST_RUNS,
+    compiled: bool | None,
+    most_runs: int,
 ) -> tuple[Controlled, float]:
     """The run with a stick speed so small that it changes no reading by more than the tolerance, and that speed, rad/s.
 

@@ -105,7 +105,7 @@ class FirstRun:
     rates: Rates
 
 
-def first_run(problem: InitialValueProblem, compiled: bool | None = None) -> FirstRun:
+def first_run(problem: InitialValueProblem, compiled: bool | None) -> FirstRun:
     """Choose steps from the eigenvalues at rest, and along the motion where those do not do; run with them.
 
     Raises

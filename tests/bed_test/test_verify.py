@@ -304,6 +304,17 @@ def test_the_answer_is_that_of_the_files_as_they_are_in_the_end(case, record, tm
     assert last.endswith(f"{tmp_path / 'out'} holds what was judged before")
 
 
+def test_what_was_never_judged_is_not_said_to_have_an_answer(case, record, tmp_path, capsys, monkeypatch):
+    growing = tmp_path / "running.csv"
+    growing.write_bytes(record("good", noise=0.02).read_bytes()[:3000])
+    monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: None))
+    monkeypatch.setattr("matching.fmu.export_source.tuned_case", lambda _: SimpleNamespace(tuned=case))
+    assert main(["verify", str(tmp_path), str(growing), "--follow", "5", "--out", str(tmp_path / "out")]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith(f"rigmatch: {growing}: lasts ")
+    assert "judged before" not in last
+
+
 @pytest.mark.parametrize(
     ("columns", "seconds", "wrong"),
     [

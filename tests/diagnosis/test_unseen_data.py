@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.search.unseen_data import BLOCKS, UnseenData
+from matching.diagnosis.search.unseen_data import BLOCKS, UnseenData, UnseenError
 
 SAMPLES = 64
 NOISE = np.array([0.5, 0.1, 0.2])
@@ -46,6 +46,11 @@ def test_errors_are_mean_squares_by_block_and_pooled_over_the_ranges(unseen):
     shares = np.array([np.sqrt(5.0) * 0.5 / 8.0, 4.0 * 0.1 / 2.0])  # error over the range of the readings
     assert found.pooled == pytest.approx(np.sqrt(np.mean(shares**2)), rel=1e-12)
     assert np.isnan(found.blocks[:, 2]).all()
+
+
+def test_a_sensor_read_in_one_block_alone_has_the_mean_square_of_that_block():
+    blocks = np.array([[4.0, np.nan], [8.0, 9.0], [np.nan, np.nan]])
+    np.testing.assert_allclose(UnseenError(blocks, 0.0, 0.0).mean_squares, [6.0, 9.0])
 
 
 def test_each_hypothesis_is_simulated_once(unseen):

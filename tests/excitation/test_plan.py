@@ -193,6 +193,7 @@ def test_its_figure_holds_the_torques_and_what_each_quantity_adds(plan):
     for j, axes in enumerate(panels):
         (line,) = axes.get_lines()
         np.testing.assert_array_equal(line.get_xydata(), np.stack([plan.time, plan.torques[:, j]], axis=1))
+    assert all(panels[0].get_shared_x_axes().joined(panels[0], axes) for axes in panels)
     assert [text.get_text() for text in panels[0].texts] == [part.kind for part in plan.parts]
     areas = [end for area in panels[0].patches for end in (area.get_x(), area.get_x() + area.get_width())]
     assert areas == pytest.approx([end for part in plan.parts[::2] for end in (part.begin, part.end)])

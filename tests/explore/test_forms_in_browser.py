@@ -42,7 +42,7 @@ class ComputedMap(map_view.MapView):
 
 class AnsweredMatch(match.MatchTab):
     def panel(self):
-        self._show(Ended(0, {{"adapters": [{{"name": "rig.shafts.flange.stiffness", "ordered": {order}}}]}}))
+        self._show(Ended(0, {{"adapters": [{{"name": "rig.shafts.flange.stiffness", "ordered": {order}}}]}}, ""))
         return super().panel()
 
 match.MapView = ComputedMap

@@ -44,7 +44,8 @@ def test_beds_that_were_not_judged_are_not_claimed():
 
 
 def test_median_and_95_percent_of_both_errors():
-    (_, median, high), (_, unmeasured, _) = error_rows(Robust())
+    (kind, median, high), (other_kind, unmeasured, _) = error_rows(Robust())
+    assert (kind, other_kind) == ("measured", "unmeasured")
     assert (median, high, unmeasured) == (pytest.approx(0.2), pytest.approx(0.29), pytest.approx(0.3))
 
 

@@ -51,7 +51,7 @@ class FitProblem:
     data: FitData
     bounds: dict[str, tuple[float, float]]
     steps_per_second: float
-    stick_speed: float = 1e-3
+    stick_speed: float
     held_states: list[np.ndarray] | None = None
     weighting: Weighting | None = None
     zero_samples: tuple[int, ...] | None = None

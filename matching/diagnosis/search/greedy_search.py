@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class _Node:
 class _Screenings:
     """Screenings by causes, each made once."""
 
-    known: dict[tuple[Cause, ...], _Node] = field(default_factory=dict)
+    known: dict[tuple[Cause, ...], _Node]
 
     def of(self, hypothesis: Hypothesis) -> _Node:
         """The screening of a hypothesis."""
@@ -93,9 +93,7 @@ def _variant(candidate: ScreenedCandidate) -> tuple:
     return candidate.kind, candidate.at, tuple(candidate.parameters)
 
 
-def search_causes(
-    system: System, base_fit: Fit, unseen: UnseenData, progress: Progress = lambda _: None
-) -> SearchState:
+def search_causes(system: System, base_fit: Fit, unseen: UnseenData, progress: Progress) -> SearchState:
     """Find the causes that bring a base fit's residual to the noise, as far as the vocabulary can.
 
     A cause that leaves more than noise has to lower the error of unseen data too.

@@ -51,7 +51,7 @@ def refit_candidates(
     screening: Screening,
     budget: RefitBudget,
     progress: Progress,
-    plan: RefitPlan = FULL_PLAN,
+    plan: RefitPlan,
 ) -> list[Hypothesis]:
     """Refit candidates until one brings the residual to the noise and no other promises as much; best first.
 

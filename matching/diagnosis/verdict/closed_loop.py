@@ -27,7 +27,7 @@ LARGEST_REST = 1.5  # mean square of a residual in times the noise: more is an e
 SMALLEST_SHARE = 1e-3  # of the power of an input's changes; less biases nothing beyond other uncertainties
 
 
-def closed_loop_notes(final: Hypothesis, recordings: Sequence[Recording] = ()) -> list[str]:
+def closed_loop_notes(final: Hypothesis, recordings: Sequence[Recording]) -> list[str]:
     """What feedback does to the parameters: by the references of controlled inputs where they were recorded, and a note
     for each other input that follows a sensor's noise.
 

@@ -46,7 +46,7 @@ class KnownScreening:
 
 
 def not_told_apart(
-    final: Hypothesis, without: Hypothesis, cause: Cause, inflation: float, known: KnownScreening | None = None
+    final: Hypothesis, without: Hypothesis, cause: Cause, inflation: float, known: KnownScreening | None
 ) -> list[tuple[str, str]]:
     """Kinds and places of no more parameters that a recording cannot tell from a cause, the nearest first.
 
@@ -56,7 +56,7 @@ def not_told_apart(
         The final hypothesis, and the same without the cause.
     inflation : float
         By how much χ² overstates what is known.
-    known : KnownScreening, optional
+    known : KnownScreening or None
         Taken where it is that of ``without``.
     """
     fit = without.fit

@@ -40,14 +40,14 @@ class JudgedCause:
         Itself and its rivals, with their shares of the evidence.
     without : Hypothesis
         The final hypothesis without it.
-    known : KnownScreening, optional
+    known : KnownScreening or None
         The screening of what that leaves, where the search has made it.
     """
 
     cause: Cause
     rated: Sequence[RatedCause]
     without: Hypothesis
-    known: KnownScreening | None = None
+    known: KnownScreening | None
 
 
 def named_causes(

@@ -34,7 +34,7 @@ class IndependentCheck:
         that the verification reports.
     """
 
-    not_covered: str = ""
+    not_covered: str
     unstable_poles: int | None = None
     modulus_margin: float | None = None
     margin_frequency: float | None = None

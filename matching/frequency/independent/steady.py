@@ -76,7 +76,7 @@ class Balance:
     resists: tuple[tuple[int, str, Parameters], ...]
     torques: np.ndarray
     speeds: np.ndarray
-    patches: tuple[tuple[int, int, Parameters], ...] = ()
+    patches: tuple[tuple[int, int, Parameters], ...]
 
     def solve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Speeds (n,) and torques of the springs (s,); None where Newton's method finds no balance."""

@@ -36,7 +36,7 @@ AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer
 
 
 def match_with_observer(
-    question: Question, seed: int, tell: Progress, effort: TuningEffort | None = None, aside: Aside | None = None
+    question: Question, seed: int, tell: Progress, effort: TuningEffort | None, aside: Aside | None = None
 ) -> MatchResult:
     """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
 

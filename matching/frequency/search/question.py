@@ -54,8 +54,8 @@ class SearchEffort:
     starts: int
     workers: int
     tell: Progress
-    near: Near | None = None
-    ordering: bool = True
+    near: Near | None
+    ordering: bool
 
 
 def question_of(case: Case) -> Question:

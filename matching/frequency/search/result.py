@@ -115,7 +115,7 @@ class ResponseError:
     unmeasured: float
     bound: float
     bound_unsampled: float
-    functions: tuple[FunctionError, ...] = ()
+    functions: tuple[FunctionError, ...]
     unmeasured_bound: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class AdapterTrade:
     error_as_planned: float | None
     error_as_ordered: float
     curve: tuple[tuple[float, float], ...]
-    error_all_as_planned: float | None = None
+    error_all_as_planned: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""

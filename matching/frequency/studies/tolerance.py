@@ -130,7 +130,7 @@ def tuned(case: Case) -> Case:
     return apply(case, {name: move.start for move in case.moves for name in move.together})
 
 
-def what_varies(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
+def what_varies(case: Case, added: Mapping[str, float] | None) -> tuple[Varied, ...]:
     """What varies of a case as tuned, see :func:`varied_of`.
 
     Raises
@@ -157,7 +157,7 @@ def tolerance(
         Its moves stand at their start values: give the case file that a match wrote.
     draws : int
     executor : concurrent.futures.Executor
-    added : mapping of str to float, optional
+    added : mapping of str to float, or None
         Relative tolerances beside those of the rig file, by name or by a pattern such as ``rig.*.stiffness``; what
         stands later counts.
     record, progress : see :func:`matching.studies.run`

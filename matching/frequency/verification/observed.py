@@ -37,7 +37,6 @@ from modelling.model.mirror import mirror_image
 from modelling.model.system import System
 from modelling.simulation.result import SimulationError
 
-BEDS = 200  # drawn to judge a match, unless asked otherwise
 JUDGES_BEDS = "the observer on the bed as planned: it judges drawn beds"
 FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
 RELATIVE_CHANGE, DEAD_TIME_CHANGE = 0.05, 5e-4  # of a stiffness or inertia; s: one quantity wrong at a time
@@ -63,14 +62,12 @@ class RobustVerification:
     dynamometers: tuple[str, ...]
 
 
-def verify_observer(
-    case: Case, untuned: System | None = None, *, seed: int = 0, beds: int = BEDS
-) -> RobustVerification:
+def verify_observer(case: Case, untuned: System | None, *, seed: int, beds: int) -> RobustVerification:
     """Check a tuned case with an observer.
 
     Parameters
     ----------
-    untuned : System, optional
+    untuned : System or None
         The rig before it was tuned, which the figures compare with.
     seed, beds : int
         Of the fresh beds, and how many.

@@ -44,7 +44,7 @@ class TunedOverBeds:
 
 
 def over_beds(
-    tuned: Case, untuned: System, moves: Sequence[Move], count: int, seed: int = 0
+    tuned: Case, untuned: System, moves: Sequence[Move], count: int, seed: int
 ) -> TunedOverBeds | None:  # fmt: skip
     """Tune the gains over beds, from those of a case and from the middle, and judge the end on fresh beds.
 

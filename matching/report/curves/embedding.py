@@ -81,7 +81,7 @@ def wrapping_row(panels: Sequence[Any]) -> Any:
     return row(list(panels), sizing_mode="stretch_width", styles={"flex-wrap": "wrap"})
 
 
-def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool = False) -> dict[str, str]:
+def embedded_figures(panels: Mapping[str, Sequence[Any]], *, side_by_side: bool) -> dict[str, str]:
     """Scripts and elements by name; ``library`` is Bokeh itself, ``script`` what makes the elements act.
 
     Empty where there is no panel. Panels ``side_by_side`` stand below each other only where the page is narrow; those

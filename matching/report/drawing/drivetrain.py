@@ -61,7 +61,7 @@ class Drawing:
     notes: dict[str, list[str]]
     lane: float
     largest: float
-    column: float = COLUMN
+    column: float
 
     @property
     def width(self) -> float:

@@ -29,7 +29,7 @@ class Stroke:
     points: tuple[tuple[float, float], ...]
     colour: str
     width: float
-    dashed: bool = False
+    dashed: bool
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Area:
     fill: str
     colour: str
     width: float
-    hatched: bool = False
+    hatched: bool
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Measurand:
     name: str
     expression: Any
     unit: Unit
-    description: str = ""
+    description: str
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class Budget:
     measurands: tuple[Measurand, ...]
     inputs: tuple[InputQuantity, ...]
     correlation: np.ndarray
-    coverage: float = 0.95
-    coverage_factor: float | None = None
-    where: str = "budget"
+    coverage: float
+    coverage_factor: float | None
+    where: str
 
     def __post_init__(self) -> None:
         check_correlation(self.correlation, [quantity.name for quantity in self.inputs], self.where)

@@ -51,8 +51,8 @@ class _StatedUncertainty:
 
     expanded: float
     dimension: Any
-    coverage_factor: float = 2.0
-    degrees_of_freedom: float = math.inf
+    coverage_factor: float
+    degrees_of_freedom: float
 
 
 @dataclass(frozen=True)

@@ -56,10 +56,10 @@ def evaluate_measurand(
     budget: Budget,
     measurand: Measurand,
     *,
-    seed: int = 1,
-    draws: int | None = None,
-    digits: int = 2,
-    with_monte_carlo: bool = True,
+    seed: int,
+    draws: int | None,
+    digits: int,
+    with_monte_carlo: bool,
 ) -> MeasurandResult:
     """One measurand's result; see ``monte_carlo`` for the arguments."""
     first = propagate(budget, measurand)

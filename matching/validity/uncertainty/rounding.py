@@ -11,7 +11,7 @@ FLOAT_DIGITS = 16  # decimal digits that a floating-point number holds
 LONGEST_NUMBER = 25  # places before or behind the point; longer numbers are written with an exponent
 
 
-def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:
+def numerical_tolerance(uncertainty: float, digits: int) -> float:
     """δ: half a unit of the last of so many significant digits of the uncertainty."""
     if uncertainty == 0 or not math.isfinite(uncertainty):
         return 0.0
