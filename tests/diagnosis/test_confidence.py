@@ -1,5 +1,7 @@
 """Confidence, its shares of evidence, and what a residual that is not noise is worth: closed forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis.linear import KnownProblem, fit_at
@@ -7,8 +9,9 @@ from scipy.signal import lfilter
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
+from matching.diagnosis.verdict import confidence as module
 from matching.diagnosis.verdict.causes import CauseParameter
-from matching.diagnosis.verdict.confidence import confidence, evidence_shares, residual_inflation
+from matching.diagnosis.verdict.confidence import confidence, evidence_shares, fitted_scores, residual_inflation
 from matching.diagnosis.verdict.named_causes import share_explained_by, told_from_nothing
 
 
@@ -54,6 +57,32 @@ def test_residual_inflation() -> None:
     assert residual_inflation([slow]) == pytest.approx(1 / (1 - memory**2) / independent, rel=0.2)
     both = np.hstack([white, np.full_like(white, np.nan)])
     assert residual_inflation([2 * both]) == pytest.approx(4, rel=0.1)
+
+
+def test_evidence_of_fitted_data_with_known_noise_is_the_cost_over_what_the_best_leaves() -> None:
+    scores = fitted_scores([with_cost(2.0), with_cost(3.0)], 2.0)
+    price = np.log(1000)  # of a variable, for so many readings
+    np.testing.assert_allclose(scores, [(2000 + price) / 2, (3000 + price) / 2])
+
+
+def test_evidence_of_fitted_data_with_estimated_noise_is_that_of_the_scales(monkeypatch) -> None:
+    """Two sensors, 400 and 100 readings of which half count as independent: n·ln σ² each, and a price for variables."""
+    measured = np.ones((400, 2), bool)
+    measured[100:, 1] = False
+    data = SimpleNamespace(segments=[SimpleNamespace(measured=measured)], noise=np.ones(2))
+    problem = SimpleNamespace(weighting="estimated", data=data)
+
+    def hypothesis(scale, variables):
+        fit = SimpleNamespace(
+            problem=problem, by_sensor=lambda: [np.ones((400, 2))], v=np.zeros(variables), scale=scale
+        )
+        return SimpleNamespace(fit=fit)
+
+    monkeypatch.setattr(module, "effective_share", lambda residual: 0.5)
+    monkeypatch.setattr(module, "discrepancy", lambda fit: SimpleNamespace(scale=np.array(fit.scale)))
+    scores = fitted_scores([hypothesis([1.0, 2.0], 1), hypothesis([3.0, 1.0], 2)], 7.0)
+    price = np.log(250.0)
+    np.testing.assert_allclose(scores, [50 * np.log(4.0) + price, 200 * np.log(9.0) + 2 * price])
 
 
 def test_share_of_the_misfit_that_a_cause_explains() -> None:

@@ -89,6 +89,7 @@ def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):
         (["excite", RECORDED / "case.toml", "--limit", "motr_torque=60"], "--limit motr_torque"),
         (["identify", RECORDED / "case.toml"], "no recording is given"),
         (["identify", RECORDED / "case.toml", "--bed", RECORDED / "road.csv"], "road.csv: input 'dyno'"),
+        (["verify", RECORDED / "case.toml", "no.csv"], "no.csv: does not exist"),
         (["commission", RECORDED / "case.toml", "--bed", "bed.fmu"], "bed.fmu: does not exist"),
         (
             ["commission", RECORDED / "case.toml", "--bed", "recordings", "--vehicle-recording", "no.csv"],
