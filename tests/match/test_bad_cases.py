@@ -73,7 +73,9 @@ BAD = {
     "band of one": (("response", "band"), [30], "is no pair"),
     "band NaN": (("response", "band"), [0.5, float("nan")], "response.band"),
     "band in metres": (("response", "band"), ["1 m", "2 m"], "response.band"),
-    "nothing compared": (("response", "compare"), [], "is no list of transfer functions"),
+    "nothing compared": (
+        ("response", "compare"), [], 'is no list of transfer functions; write compare = [{ input = "…", sensor = "…" }]'
+    ),
     "compared without sensor": (("response", "compare"), [{"input": "motor_torque"}], "is no pair"),
     "compared sensor off the rig": (("response", "compare", 0, "sensor"), "body_left_speed", "compare[1].sensor"),
     "no manoeuvre": (("manoeuvre",), None, "the case has none"),

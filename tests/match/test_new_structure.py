@@ -95,3 +95,4 @@ def test_it_is_matched_to_the_end_where_targets_are_missed(beds):
     result = match(replace(beds[0], targets=strict), starts=1)
     assert result.status == "limited"
     assert all("model_based" not in sentence for sentence in result.limits)
+    assert any("does not cover the control structure 'proportional'" in note for note in result.notes)

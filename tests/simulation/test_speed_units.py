@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+import rigmatch as rm
 from matching.cli import main
 from modelling.common.errors import InputError
 from modelling.measurement.read import read_recording
@@ -59,6 +60,11 @@ def test_the_commands_say_so_in_one_line(tmp_path, readings, capsys, command):
     said = capsys.readouterr().err
     assert "fit the model in 1/min only" in said
     assert said.count("\n") == 1
+
+
+def test_so_does_the_function(tmp_path, readings):
+    with pytest.raises(InputError, match="fit the model in 1/min only"):
+        rm.simulate(MODEL, written(tmp_path, readings, 60 / (2 * np.pi)))
 
 
 @pytest.mark.parametrize("factor", [1.0, 60 / (2 * np.pi)])
