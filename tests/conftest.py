@@ -6,6 +6,7 @@ import kept_lists
 import matplotlib as mpl
 import pytest
 from hypothesis import settings
+from kept_words import same_line
 
 import matching  # noqa: F401  brings the views of results, whichever test runs first
 from modelling.common import floating_point
@@ -20,6 +21,17 @@ settings.load_profile("repeatable")
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
     floating_point.restore()
+
+
+@pytest.fixture
+def kept_line(request):
+    """Compare an error with the line that is kept under the test's name; of paths given beside it only their names."""
+
+    def compare(error, *places) -> None:
+        line = str(getattr(error, "value", error))
+        same_line(request.node.nodeid.removeprefix("tests/").replace("/", " / "), line, *places)
+
+    return compare
 
 
 def pytest_addoption(parser) -> None:

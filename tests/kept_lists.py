@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).with_name("kept")
-COMPARE = tuple(f"same_{what}(" for what in ("keys", "figure", "words", "values", "places", "numbers", "statement"))
+SAME = ("keys", "figure", "words", "values", "places", "numbers", "statement")
+COMPARE = (*(f"same_{what}(" for what in SAME), "kept_line(")
 renewed: dict[str, dict[str, Any]] = {}  # file → name → what is kept from now on
 renewing = False
 

@@ -2,7 +2,7 @@
 
 A sentence that is lost, stands elsewhere or says something else fails; ``make kept`` renews the list. Numbers, dates,
 checksums and places of files are masked: they differ between machines, and tests of their own know them. Where no
-search decides, numbers are kept as well, in ``numbers.json``.
+search decides, numbers are kept as well, in ``numbers.json``; whole lines of errors in ``lines.json``.
 """
 
 import difflib
@@ -73,6 +73,13 @@ def same_words(name: str, text: str, *places: object) -> None:
     listed = kept("words.json", name, present)
     changes = [line for line in difflib.ndiff(listed, present) if line[0] in "-+"]
     assert not changes, f"{name}: kept (-) and present (+) words differ:\n" + "\n".join(changes)
+
+
+def same_line(name: str, line: str, *places: object) -> None:
+    """Compare one line, an error's above all, with what is kept under the name, to the letter but for the paths."""
+    present = _plain(line, *places)
+    listed = kept("lines.json", name, present)
+    assert present == listed, f"{name}:\nkept:    {listed}\npresent: {present}"
 
 
 def same_numbers(name: str, text: str, *places: object) -> None:

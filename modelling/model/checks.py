@@ -9,7 +9,7 @@ from modelling.common.errors import InputError, listed, unknown
 from modelling.effects import EFFECTS, Kind
 from modelling.model.components import TABLES, Components, Effect, Sensor
 from modelling.model.quantity import Quantity
-from modelling.units import INPUT_UNITS, SENSOR_UNITS
+from modelling.units import INPUT_UNITS, SENSOR_UNITS, in_unit
 
 MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
 _NAME = re.compile(r"\w[\w-]{0,199}")
@@ -211,7 +211,9 @@ def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
             if parameter.optional:
                 continue
             raise InputError(
-                f"{where} ({effect.kind})", f"{key!r} is missing", f"give it in {kind.unit(key, effect.at, system)}"
+                f"{where} ({effect.kind})",
+                f"{key!r} is missing",
+                f"give a number{in_unit(kind.unit(key, effect.at, system))}",
             )
         value = quantities[key].value
         if not parameter.lower <= value <= parameter.upper:

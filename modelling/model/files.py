@@ -16,7 +16,7 @@ from modelling.effects.place import place_in_file, shared_place
 from modelling.model.components import TABLES, Differential, Effect, Gear, Inertia, Input, Sensor, Shaft
 from modelling.model.quantity import Quantity
 from modelling.model.system import System
-from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, to_si
+from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 _KEYS = {
     "inertias": {"J", "drag"},
@@ -233,7 +233,7 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
 
 def _needed(table: dict, key: str, place: str) -> Quantity:
     if key not in table:
-        raise InputError(place, f"{key!r} is missing", f"give it in {QUANTITY_UNITS[key]}")
+        raise InputError(place, f"{key!r} is missing", f"give a number{in_unit(QUANTITY_UNITS[key])}")
     return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}")
 
 

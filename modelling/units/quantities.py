@@ -122,6 +122,11 @@ def _to_base(name: str) -> float:
     return float(units.Quantity(1.0, name).to_base_units().magnitude)
 
 
+def in_unit(unit: str) -> str:
+    """`` in rad/s``, as it stands after "a number"; nothing of a quantity without a unit."""
+    return "" if unit == "1" else f" in {unit}"
+
+
 def to_si(value: object, si: str, where: str) -> float:
     """A number, or a string such as ``"1.0 kg*m^2"``, as a finite float in the SI unit ``si``.
 
@@ -139,14 +144,13 @@ def to_si(value: object, si: str, where: str) -> float:
     InputError
         If it is no number, not finite, beyond all drivetrains, or its unit is unknown or of another dimension.
     """
+    right = f'write a number{in_unit(si)} or "number unit"'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(
-            where, f"{type(value).__name__} where a quantity is expected", f'write a number in {si} or "number unit"'
-        )
+        raise InputError(where, f"{type(value).__name__} where a quantity is expected", right)
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
         if not match:
-            raise InputError(where, f"{_short(value)} is no quantity", f'write a number in {si} or "number unit"')
+            raise InputError(where, f"{_short(value)} is no quantity", right)
         number = float(match[1]) * factor(match[2].strip(), si, where)
     else:
         try:
@@ -154,10 +158,10 @@ def to_si(value: object, si: str, where: str) -> float:
         except OverflowError:
             number = math.inf
     if not math.isfinite(number):
-        raise InputError(where, f"{_short(str(value))} is not finite", f"write a finite number in {si}")
+        raise InputError(where, f"{_short(str(value))} is not finite", f"write a finite number{in_unit(si)}")
     if number and not SMALLEST <= abs(number) <= LARGEST:
         wrong = f"{_short(str(value))} is too {'large' if abs(number) > 1 else 'small'} for any drivetrain"
-        raise InputError(where, wrong, f"write 0 or a number of a size from {SMALLEST:g} to {LARGEST:g} in {si}")
+        raise InputError(where, wrong, f"write 0 or a number of a size from {SMALLEST:g} to {LARGEST:g}{in_unit(si)}")
     return number
 
 

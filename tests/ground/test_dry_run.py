@@ -98,9 +98,11 @@ def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_wrong_options_are_found_too(words, said, folder, capsys):
+def test_wrong_options_are_found_too(words, said, folder, capsys, kept_line):
     assert main([*map(str, words), "--check"]) == 2
-    assert said in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert said in line
+    kept_line(line, folder, ROOT)
 
 
 def test_a_dry_run_as_json(folder, capsys):

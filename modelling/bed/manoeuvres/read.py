@@ -12,7 +12,7 @@ from modelling.bed.manoeuvres.shapes import KINDS, UNITS, Manoeuvre, TipIn
 from modelling.common.errors import InputError, unknown
 from modelling.common.tables import no_pipe
 from modelling.measurement.read import read_signals
-from modelling.units import to_si
+from modelling.units import in_unit, to_si
 
 RAMP = {"to": "N*m", "over": "s", "hold": "s"}
 
@@ -66,7 +66,7 @@ def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
             raise unknown(str(key), list(known), f"{where} ({kind})")
     for key, entry in known.items():
         if entry.default is dataclasses.MISSING and key not in table:
-            raise InputError(f"{where} ({kind})", f"{key!r} is missing", f"give it in {UNITS[key]}")
+            raise InputError(f"{where} ({kind})", f"{key!r} is missing", f"give a number{in_unit(UNITS[key])}")
     values = {key: to_si(value, UNITS[key], f"{where}.{key}") for key, value in table.items() if key != "kind"}
     try:
         return cls(**values)
