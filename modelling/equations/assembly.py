@@ -131,7 +131,7 @@ class Assembly:
 
     def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
         """Replace a stand-in in the states' derivatives; one with a maximum unevaluated, which is faster."""
-        with sm.evaluate(not new.has(sm.Max)):
+        with sm.evaluate(not new.has(sm.Max)):  # speed only
             for name in self._states_by_symbol.get(old, ()):
                 z, rate = self.states[name]
                 self.states[name] = (z, rate.xreplace({old: new}))

@@ -8,6 +8,7 @@ from diagnosis.linear import KnownProblem, fit_at
 from scipy.signal import lfilter
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
+from matching.diagnosis.fitting.uncertainty import inflation
 from matching.diagnosis.search.hypothesis import Hypothesis, at_noise, share_explained
 from matching.diagnosis.verdict import confidence as module
 from matching.diagnosis.verdict.causes import CauseParameter
@@ -124,3 +125,8 @@ def test_at_noise_judges_size_and_colour() -> None:
 def test_a_torque_within_its_uncertainty_is_not_told_from_nothing(torques, told):
     parameters = {key: CauseParameter(*own, "N*m") for key, own in torques.items()}
     assert told_from_nothing(parameters | {"speed": CauseParameter(1.0, 0.1, "rad/s")}) == told
+
+
+@pytest.mark.parametrize(("readings", "judged"), [(63, False), (64, True)])
+def test_few_readings_do_not_say_that_a_residual_is_more_than_noise(readings: int, judged: bool) -> None:
+    assert (inflation(with_cost(4.0, readings=readings).fit) > 1.0) == judged
