@@ -121,6 +121,27 @@ def test_an_interrupt_is_the_programs_whatever_the_server_makes_of_it(tmp_path, 
         signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_value_that_a_slider_tries_is_kept_for_all_tabs(tmp_path):
+    pytest.importorskip("panel")
+    from matching.explore.files.workspace import opened
+    from matching.explore.page.modes import ModesTab
+
+    workspace = opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path)
+    tab, told = ModesTab(workspace), []
+    tab.after_keeping = lambda: told.append(True)
+    (document,) = workspace.models.values()
+    tab.quantity.value = "shafts.link.stiffness"
+    wanted = 1.5 * document.system.parameters["shafts.link.stiffness"].value
+    tab.slider.value = wanted
+    assert tab.trial.now.modes.frequencies[1] > tab.trial.before.modes.frequencies[1]
+    assert not told
+    tab._keep()
+    assert told == [True]
+    assert document.system.parameters["shafts.link.stiffness"].value == pytest.approx(wanted, rel=1e-6)
+    assert tab.trial.now.modes.frequencies[1] == tab.trial.before.modes.frequencies[1]
+
+
 def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
     from matching.explore.files.model_document import ModelDocument
     from matching.explore.what_if import WhatIf

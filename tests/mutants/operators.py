@@ -175,6 +175,12 @@ def call_statement(node: cst.Expr) -> Iterator[Change]:
         yield node.with_changes(value=cst.Name("None"))
 
 
+def assignment(node: cst.Assign | cst.AnnAssign) -> Iterator[Change]:
+    """Lose a value, but not a False, which is as untrue when it is lost."""
+    if not (isinstance(node.value, cst.Name) and node.value.value == "False"):
+        yield from mutators.operator_assignment(node)
+
+
 OPERATORS: list[tuple[str, tuple[type, ...], Callable]] = [
     ("number", (cst.BaseNumber,), number),
     ("string", (cst.SimpleString,), string),
@@ -190,7 +196,7 @@ OPERATORS: list[tuple[str, tuple[type, ...], Callable]] = [
     ("swapped", (cst.Call,), swapped_arguments),
     ("element", (cst.Tuple, cst.List, cst.Set), element),
     ("statement", (cst.Expr,), call_statement),
-    ("assignment", (cst.Assign, cst.AnnAssign), mutators.operator_assignment),
+    ("assignment", (cst.Assign, cst.AnnAssign), assignment),
     ("lambda", (cst.Lambda,), mutators.operator_lambda),
     ("case", (cst.Match,), mutators.operator_match),
 ]
