@@ -64,7 +64,9 @@ def test_results_are_frozen_and_show_themselves(name, recording):
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(result, dataclasses.fields(result)[0].name, None)
     assert isinstance(result.plot(), Figure)
-    assert result._repr_html_().startswith(("<p>", "<table>", "<pre>"))
+    page = result._repr_html_()
+    assert page.startswith(("<p>", "<table>", "<pre>"))
+    assert "None" not in page[:200]
     printed = str(result).splitlines()
     assert len(printed) > 1
     assert max(map(len, printed)) < 250
@@ -89,9 +91,11 @@ def test_labelled_arrays():
     assert float(labelled.frequency.sel(mode=2)) == found[1].frequency
     np.testing.assert_allclose(labelled.kinetic.sum("mass"), 1.0)
     assert labelled.frequency.units == "Hz"
+    assert "units" not in labelled.mode.attrs
     responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
     own = responses.to_xarray().response.sel(sensor=responses.sensors[0], input=responses.inputs[0])
     np.testing.assert_array_equal(own, responses[responses.sensors[0], responses.inputs[0]])
+    assert own.frequency.units == "Hz"
 
 
 def test_without_xarray_one_line_says_what_to_install(monkeypatch):
@@ -106,6 +110,26 @@ def test_nothing_heavy_is_imported_before_it_is_asked_for():
         words = f"import sys; {statement}; print(sorted({heavy} & set(sys.modules)), file=sys.stderr)"
         done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
         assert done.stderr.strip() == "[]"
+
+
+def test_a_diagnosis_reads_the_files_of_both_parts(tmp_path):
+    """A rotor with drag, excited by a sine: what is held out is another file and has twice the noise."""
+    J, drag = 0.5, 0.3
+    (tmp_path / "rotor.toml").write_text(
+        f"[inertias]\nrotor = {{ J = {J}, drag = {drag} }}\n[inputs]\nmotor = {{ on = 'rotor' }}\n"
+        "[sensors]\nspeed = { measures = 'speed', of = 'rotor', uncertainty = 0.01 }\n"
+    )
+    time, rate = np.arange(0, 4, 5e-3), 2 * np.pi
+    wave = np.exp(1j * rate * time)
+    for name, noise in (("fitted", 0.01), ("judged", 0.02)):
+        speed = (wave / (1j * rate * J + drag)).real + noise * np.random.default_rng(len(name)).normal(size=len(time))
+        rows = np.stack([time, wave.real, speed], axis=1)
+        header = "time [s],motor [N*m],speed [rad/s]"
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header=header, comments="")
+    found = rm.diagnose(tmp_path / "rotor.toml", tmp_path / "fitted.csv", [tmp_path / "judged.csv"])
+    assert found.verdict == "adequate"
+    assert found.errors["speed"].after == pytest.approx(0.01, rel=0.1)
+    assert found.errors["speed"].after_holdout == pytest.approx(0.02, rel=0.1)
 
 
 def test_mode_animation(tmp_path):

@@ -187,6 +187,10 @@ def test_a_bed_that_cannot_be_simulated_says_why(small_case):
     assert truth_of(replace(small_case, loop=loop)).not_simulated
 
 
+def test_a_bed_that_was_simulated_gives_no_reason(table):
+    assert table.to_dict()["not_simulated"] == ""
+
+
 @pytest.mark.long
 def test_the_reference_follows_its_vehicle_with_everything_wrong_at_once():
     """2.5 % to measured and 3.5 % to unmeasured torques were asked with stated values; drawn beds are harder."""

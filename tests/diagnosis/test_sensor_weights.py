@@ -114,6 +114,6 @@ def test_what_lets_an_angle_drift_away_leads_among_the_slow_candidates() -> None
     problem, v = base_problem(system, FitData([segment], np.array([1e-4, 0.02])))
     by_noise = solve(problem, v)
     model = ExtendedModel(system, (), dict(problem.bounds), by_noise.values)
-    slow = screenings().slow(Hypothesis(model, balanced_fit(by_noise, v)))
+    slow = screenings({}).slow(Hypothesis(model, balanced_fit(by_noise, v)))
     assert ("constant_torque", "inertias.rotor") in [candidate.kind_and_place for candidate in slow[:2]]
-    assert screenings().slow(Hypothesis(model, by_noise)) == []
+    assert screenings({}).slow(Hypothesis(model, by_noise)) == []

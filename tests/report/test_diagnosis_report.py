@@ -1,5 +1,6 @@
 """Page, figures, terminal and JSON of a diagnosis, from one recording that SciPy made of a flywheel in thick air."""
 
+import argparse
 import contextlib
 import io
 import json
@@ -17,6 +18,7 @@ from result_keys import same_keys
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
+from matching.commands.diagnose import _made as made_of
 from matching.diagnosis.diagnosis import diagnose
 from matching.report.diagnosis.captions import CAPTIONS
 from matching.report.diagnosis.figures import figures
@@ -271,3 +273,14 @@ def test_figures_hold_the_residuals_of_the_diagnosis(folder: Path, run: tuple[st
             assert np.nansum(np.abs(y)) == pytest.approx(np.nansum(np.abs(ratio)))
             assert line.get_xdata()[0] == times[0]
             assert np.nanmax(line.get_xdata()) <= times[-1] + 1e-9
+
+
+def test_files_of_a_diagnosis_are_the_model_the_channels_and_every_logger(folder: Path) -> None:
+    """Two loggers of one drive are two files."""
+    (folder / "channels.toml").write_text("[channels]\n")
+    (folder / "second.csv").write_text("time [s]\n")
+    model, first, second = (str(folder / name) for name in ("model.toml", "recording.csv", "second.csv"))
+    channels = str(folder / "channels.toml")
+    arguments = argparse.Namespace(model=model, recordings=[f"{first}+{second}"], holdout=[first], channels=channels)
+    made = [file for file, _ in made_of(arguments).files]
+    assert made == [model, channels, first, second, first]

@@ -73,6 +73,14 @@ def test_a_map_says_what_to_choose_and_gives_every_point():
     assert [row[STIFFNESS] for row in rows] == ["1", "", "2", ""]
 
 
+def test_a_map_shows_its_errors_in_the_terminal_and_in_a_notebook():
+    """One row for each value of y, one column for each of x."""
+    lines = str(a_map()).splitlines()
+    assert lines[0] == "<map>"
+    assert [line.split()[-2:] for line in lines[-2:]] == [["0.01", "0.3"], ["0.02", "0.3"]]
+    assert all(value in a_map()._repr_html_() for value in ("&lt;map&gt;", "0.01", "0.02"))
+
+
 def test_a_map_of_nothing_has_a_page():
     none = Point(1e-3, 1.0, "impossible", None, None, None, False, None, ("so",))
     axes = Axis("loop.dead_time", "s", (1e-3,), 5e-3), Axis(STIFFNESS, "N*m/rad", (1.0,), 1.0)

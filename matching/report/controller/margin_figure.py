@@ -36,7 +36,7 @@ def frequencies_around(modes: list[float]) -> np.ndarray:
     return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *near]))
 
 
-def margin_figure(case: Case, modes: list[float], margin_from: float) -> Figure:
+def margin_figure(case: Case, modes: list[float], margin_from: float = 0.0) -> Figure:
     """Distance from instability over frequency, and the loop's loci about −1.
 
     Parameters
