@@ -12,8 +12,9 @@ from matching.diagnosis.data.weighting import LARGEST_MEMORY
 from matching.diagnosis.fitting.fit import solve
 from matching.diagnosis.fitting.problem import base_problem
 from matching.diagnosis.fitting.reweighting import balanced_fit, innovation_power, iteratively_reweighted
+from matching.diagnosis.search import hypothesis as hypotheses
 from matching.diagnosis.search.greedy_search import _Screenings as screenings
-from matching.diagnosis.search.hypothesis import Hypothesis
+from matching.diagnosis.search.hypothesis import Hypothesis, with_balanced_sensors
 from modelling.model.files import from_dict
 
 
@@ -117,3 +118,18 @@ def test_what_lets_an_angle_drift_away_leads_among_the_slow_candidates() -> None
     slow = screenings({}).slow(Hypothesis(model, balanced_fit(by_noise, v)))
     assert ("constant_torque", "inertias.rotor") in [candidate.kind_and_place for candidate in slow[:2]]
     assert screenings({}).slow(Hypothesis(model, by_noise)) == []
+
+
+@pytest.mark.parametrize(("grown", "taken"), [(0.5, True), (1.2, True), (1.25, False)])
+def test_a_fit_that_its_own_weights_make_worse_is_not_taken(monkeypatch, grown: float, taken: bool) -> None:
+    """What is left is white: its power, fast and slow, is the square of its size, and 1.5 times it is the limit."""
+    white = np.random.default_rng(0).normal(size=(200_000, 2))
+
+    def left(size: float) -> SimpleNamespace:
+        segments = [SimpleNamespace(measured=np.ones(white.shape, bool))]
+        data = SimpleNamespace(readings_by_sensor=np.full(2, len(white)), segments=segments)
+        return SimpleNamespace(errors=[size * white], problem=SimpleNamespace(data=data, weighting="by what is left"))
+
+    before, after = left(4.0), left(4.0 * grown)
+    monkeypatch.setattr(hypotheses, "iteratively_reweighted", lambda _: after)
+    assert with_balanced_sensors(Hypothesis(None, before)).fit is (after if taken else before)

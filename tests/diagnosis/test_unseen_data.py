@@ -50,7 +50,7 @@ def test_errors_are_mean_squares_by_block_and_pooled_over_the_ranges(unseen):
 
 def test_a_sensor_read_in_one_block_alone_has_the_mean_square_of_that_block():
     blocks = np.array([[4.0, np.nan], [8.0, 9.0], [np.nan, np.nan]])
-    np.testing.assert_allclose(UnseenError(blocks, 0.0, 0.0).mean_squares, [6.0, 9.0])
+    np.testing.assert_allclose(UnseenError(blocks, np.zeros(2), 0.0).mean_squares, [6.0, 9.0])
 
 
 def test_each_hypothesis_is_simulated_once(unseen):
@@ -77,6 +77,12 @@ def test_a_place_is_earned_where_all_falls_and_no_sensor_rises(unseen):
     assert unseen.of.gains(hypothesis(5.0, 3.3), parent)
     assert not unseen.of.earns_place(hypothesis(5.0, 3.3), parent)  # 21 % more in the second
     assert not unseen.of.earns_place(hypothesis(11.0, 3.0), parent)
+
+
+@pytest.mark.parametrize(("second", "earned"), [(1.65, True), (1.7, False)])
+def test_a_rise_that_is_slight_against_what_all_gain_does_not_count(unseen, second, earned):
+    """The first falls by 75 × (0.5/8)²; the second rises by 0.40 and 0.55 % of what both gain."""
+    assert unseen.of.earns_place(hypothesis(5.0, second), hypothesis(10.0, 1.5)) is earned
 
 
 @pytest.mark.parametrize(

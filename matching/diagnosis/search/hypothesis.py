@@ -18,6 +18,7 @@ NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is mor
 NOISE_EXCESS = 0.006  # power beyond that of the noise, in times it, that matters
 INDEPENDENT = 0.8  # share of independent samples in what is white
 NOISE_EXCESS_ABRUPT = 0.02  # the same where torques jump: χ² is too rough to reach its very minimum
+MOST_LOST = 1.5  # times the power left by a fit that its own balanced weights may add to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +98,21 @@ class Hypothesis:
 
 
 def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them."""
+    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them.
+
+    Where what is left is slow, its memory takes the place of parameters that hold the slow part: the next fit lets it
+    grow, and so on. A fit that loses so is not taken.
+    """
     if hypothesis.fit.problem.weighting is None:
         return hypothesis
-    return replace(hypothesis, fit=iteratively_reweighted(hypothesis.fit))
+    balanced = iteratively_reweighted(hypothesis.fit)
+    return hypothesis if _power(balanced) > MOST_LOST * _power(hypothesis.fit) else replace(hypothesis, fit=balanced)
+
+
+def _power(fit: Fit) -> float:
+    """Geometric mean over the sensors of what a fit leaves of each, fast and slow."""
+    read = fit.problem.data.readings_by_sensor > 0
+    return float(np.exp(np.mean(np.log(power_left_by(fit)[read]))))
 
 
 def at_noise(hypothesis: Hypothesis) -> bool:

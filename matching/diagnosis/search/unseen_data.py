@@ -2,7 +2,7 @@
 
 What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat. A
 cause is kept only if the error of all sensors together falls on unseen data and that of none rises beyond its
-uncertainty.
+uncertainty and beyond a slight part of that fall.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from matching.diagnosis.search.hypothesis import Hypothesis
 BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
 CERTAIN = 2.0  # standard errors of the mean difference from which a sensor is worse
 WORSE_RATIO = 1.04  # mean square, from which it matters
+SLIGHT_RISE = 0.005  # of what all sensors together gain, in squares of shares of their ranges
 AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
 
 UNSEEN_ERRORS = (FloatingPointError, np.linalg.LinAlgError)  # of a model that does not simulate unseen data
@@ -31,15 +32,21 @@ class UnseenError:
     ----------
     blocks : ndarray (b, y)
         Mean squares over blocks of the data, in times the noise; NaN without readings.
-    pooled : float
-        Root mean square over the sensors of the error over the sensor's range.
+    shares : ndarray (y,)
+        Root mean square error of each sensor over its range; NaN where it has no readings or never changes.
     power_left : float
         Geometric mean over the sensors of what is left of each, fast and slow, in times the noise.
     """
 
     blocks: np.ndarray
-    pooled: float
+    shares: np.ndarray
     power_left: float
+
+    @property
+    def pooled(self) -> float:
+        """Root mean square over the sensors of the error over the sensor's range; NaN without any."""
+        known = self.shares[np.isfinite(self.shares)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
 
     @property
     def mean_squares(self) -> np.ndarray:
@@ -87,17 +94,23 @@ class UnseenData:
     def worse_sensors(self, child: Hypothesis, parent: Hypothesis) -> list[int]:
         """Sensors (index) whose error is larger than that of another hypothesis beyond its uncertainty.
 
-        Block by block, the difference of the mean squares: its mean against its standard error.
+        Block by block, the difference of the mean squares: its mean against its standard error. A rise that is slight
+        against what all sensors together gain does not count: beside a cause that is still missing, the right one may
+        move a little of its error to another sensor.
         """
         after, before = self.error(child), self.error(parent)
         if after is None or before is None or after.blocks.shape != before.blocks.shape:
             return []
         worse = []
+        gained = float(before.pooled**2 - after.pooled**2) * np.isfinite(after.shares).sum()
+        rises = after.shares**2 - before.shares**2
         for j in range(after.blocks.shape[1]):
             rise = after.blocks[:, j] - before.blocks[:, j]
             rise = rise[np.isfinite(rise)]
             square, square_before = after.mean_squares[j], before.mean_squares[j]
             if len(rise) < 2 or square < AT_NOISE or square < WORSE_RATIO * square_before:
+                continue
+            if rises[j] < SLIGHT_RISE * gained:
                 continue
             if rise.mean() > CERTAIN * rise.std(ddof=1) / np.sqrt(len(rise)):
                 worse.append(j)
@@ -118,11 +131,12 @@ class UnseenData:
         width = np.array([_width(readings[:, j]) for j in range(readings.shape[1])])
         pooled = measured & (width > 0)
         square = _mean_square(total)
-        share = np.sqrt(square[pooled]) * data.noise[pooled] / width[pooled]
+        share = np.full(len(width), np.nan)
+        share[pooled] = np.sqrt(square[pooled]) * data.noise[pooled] / width[pooled]
         if not pooled.any():
-            return UnseenError(blocks, np.nan, np.nan)
+            return UnseenError(blocks, np.full(len(width), np.nan), np.nan)
         left = power_left([np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals])
-        return UnseenError(blocks, float(np.sqrt(np.mean(share**2))), float(np.exp(np.mean(np.log(left[pooled])))))
+        return UnseenError(blocks, share, float(np.exp(np.mean(np.log(left[pooled])))))
 
 
 def _mean_square(part: np.ndarray) -> np.ndarray:
