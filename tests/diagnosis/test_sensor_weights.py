@@ -120,16 +120,26 @@ def test_what_lets_an_angle_drift_away_leads_among_the_slow_candidates() -> None
     assert screenings({}).slow(Hypothesis(model, by_noise)) == []
 
 
-@pytest.mark.parametrize(("grown", "taken"), [(0.5, True), (1.2, True), (1.25, False)])
+@pytest.mark.parametrize(("grown", "taken"), [(0.5, True), (1.49, True), (1.51, False)])
 def test_a_fit_that_its_own_weights_make_worse_is_not_taken(monkeypatch, grown: float, taken: bool) -> None:
-    """What is left is white: its power, fast and slow, is the square of its size, and 1.5 times it is the limit."""
-    white = np.random.default_rng(0).normal(size=(200_000, 2))
+    """All errors grow alike, and with them the pooled error; 1.5 times it is the limit."""
+    white = np.random.default_rng(0).normal(size=(200, 2))
 
     def left(size: float) -> SimpleNamespace:
-        segments = [SimpleNamespace(measured=np.ones(white.shape, bool))]
-        data = SimpleNamespace(readings_by_sensor=np.full(2, len(white)), segments=segments)
+        segments = [SimpleNamespace(measured=np.ones(white.shape, bool), readings=np.cumsum(white, axis=0))]
+        data = SimpleNamespace(noise=np.array([0.1, 2.0]), segments=segments)
         return SimpleNamespace(errors=[size * white], problem=SimpleNamespace(data=data, weighting="by what is left"))
 
     before, after = left(4.0), left(4.0 * grown)
     monkeypatch.setattr(hypotheses, "iteratively_reweighted", lambda _: after)
     assert with_balanced_sensors(Hypothesis(None, before)).fit is (after if taken else before)
+
+
+def test_the_pooled_error_is_that_of_readings_over_their_ranges() -> None:
+    """Errors of 3 times 0.5 over a range of 8 and of 4 times 0.1 over one of 2; a missing reading does not count."""
+    readings = np.array([[-3.0, 0.0, np.nan], [5.0, 2.0, np.nan], [0.0, np.nan, np.nan]])
+    errors = np.array([[3.0, 4.0, 9.0], [-3.0, -4.0, 9.0], [3.0, 100.0, 9.0]])
+    segment = SimpleNamespace(measured=np.isfinite(readings), readings=readings)
+    data = SimpleNamespace(noise=np.array([0.5, 0.1, 1.0]), segments=[segment])
+    fit = SimpleNamespace(errors=[errors], problem=SimpleNamespace(data=data))
+    assert hypotheses.pooled_error(fit) == pytest.approx(np.sqrt(((1.5 / 8) ** 2 + 0.2**2) / 2), rel=1e-12)

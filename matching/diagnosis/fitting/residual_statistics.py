@@ -75,3 +75,27 @@ def effective_share(residual: np.ndarray) -> float:
     beyond = np.arange(len(times)) >= SOKAL_WINDOW * times
     stop = int(np.argmax(beyond)) if beyond.any() else len(times) - 1
     return float(1 / max(times[stop], 1.0))
+
+
+def mean_square(part: np.ndarray) -> np.ndarray:
+    """Mean squares (y,) of residuals (t, y); NaN without readings."""
+    count = np.isfinite(part).sum(axis=0)
+    return np.where(count, np.nansum(part**2, axis=0) / np.maximum(count, 1), np.nan)
+
+
+def shares_of_ranges(errors: np.ndarray, readings: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Root mean square errors (y,) over the ranges of the readings; NaN without readings, or where they never change.
+
+    Parameters
+    ----------
+    errors : ndarray (t, y)
+        In times the noise; NaN without a reading.
+    readings : ndarray (r, y)
+        SI; NaN without a reading.
+    noise : ndarray (y,)
+        SI.
+    """
+    measured = np.isfinite(readings).any(axis=0) & np.isfinite(errors).any(axis=0)
+    width = np.zeros(len(measured))
+    width[measured] = np.nanmax(readings[:, measured], axis=0) - np.nanmin(readings[:, measured], axis=0)
+    return np.where(width > 0, np.sqrt(mean_square(errors)) * noise / np.where(width > 0, width, 1.0), np.nan)

@@ -10,7 +10,13 @@ import numpy as np
 
 from matching.diagnosis.candidates.cause import Cause, ExtendedModel
 from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.residual_statistics import BLOCK_LENGTHS, WhitenessTest, effective_share, whiteness
+from matching.diagnosis.fitting.residual_statistics import (
+    BLOCK_LENGTHS,
+    WhitenessTest,
+    effective_share,
+    shares_of_ranges,
+    whiteness,
+)
 from matching.diagnosis.fitting.reweighting import iteratively_reweighted, power_left_by
 from modelling.effects import EFFECTS
 
@@ -18,7 +24,7 @@ NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is mor
 NOISE_EXCESS = 0.006  # power beyond that of the noise, in times it, that matters
 INDEPENDENT = 0.8  # share of independent samples in what is white
 NOISE_EXCESS_ABRUPT = 0.02  # the same where torques jump: χ² is too rough to reach its very minimum
-MOST_LOST = 1.5  # times the power left by a fit that its own balanced weights may add to it
+MOST_LOST = 1.5  # times the pooled error of fitted data that a fit in its own balanced weights may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,18 +107,22 @@ def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them.
 
     Where what is left is slow, its memory takes the place of parameters that hold the slow part: the next fit lets it
-    grow, and so on. A fit that loses so is not taken.
+    grow, and so on. A fit that loses its way so is not taken.
     """
     if hypothesis.fit.problem.weighting is None:
         return hypothesis
     balanced = iteratively_reweighted(hypothesis.fit)
-    return hypothesis if _power(balanced) > MOST_LOST * _power(hypothesis.fit) else replace(hypothesis, fit=balanced)
+    lost = pooled_error(balanced) > MOST_LOST * pooled_error(hypothesis.fit)
+    return hypothesis if lost else replace(hypothesis, fit=balanced)
 
 
-def _power(fit: Fit) -> float:
-    """Geometric mean over the sensors of what a fit leaves of each, fast and slow."""
-    read = fit.problem.data.readings_by_sensor > 0
-    return float(np.exp(np.mean(np.log(power_left_by(fit)[read]))))
+def pooled_error(fit: Fit) -> float:
+    """Root mean square over the sensors of the error of fitted data over the sensor's range."""
+    segments = fit.problem.data.segments
+    left = [np.where(segment.measured, part, np.nan) for part, segment in zip(fit.errors, segments, strict=True)]
+    readings = [segment.readings for segment in segments]
+    shares = shares_of_ranges(np.concatenate(left), np.concatenate(readings), fit.problem.data.noise)
+    return float(np.sqrt(np.nanmean(shares**2)))
 
 
 def at_noise(hypothesis: Hypothesis) -> bool:

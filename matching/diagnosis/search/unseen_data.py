@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.diagnosis.fitting.holdout import Holdout, holdout_residuals
+from matching.diagnosis.fitting.residual_statistics import mean_square, shares_of_ranges
 from matching.diagnosis.fitting.reweighting import power_left
 from matching.diagnosis.search.hypothesis import Hypothesis
 
@@ -126,25 +127,10 @@ class UnseenData:
         data = hypothesis.fit.problem.data
         readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
         total = np.concatenate(residuals)
-        blocks = np.array([_mean_square(part) for part in np.array_split(total, min(BLOCKS, len(total)))])
-        measured = np.isfinite(readings).any(axis=0) & np.isfinite(total).any(axis=0)
-        width = np.array([_width(readings[:, j]) for j in range(readings.shape[1])])
-        pooled = measured & (width > 0)
-        square = _mean_square(total)
-        share = np.full(len(width), np.nan)
-        share[pooled] = np.sqrt(square[pooled]) * data.noise[pooled] / width[pooled]
+        blocks = np.array([mean_square(part) for part in np.array_split(total, min(BLOCKS, len(total)))])
+        shares = shares_of_ranges(total, readings, data.noise)
+        pooled = np.isfinite(shares)
         if not pooled.any():
-            return UnseenError(blocks, np.full(len(width), np.nan), np.nan)
+            return UnseenError(blocks, shares, np.nan)
         left = power_left([np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals])
-        return UnseenError(blocks, share, float(np.exp(np.mean(np.log(left[pooled])))))
-
-
-def _mean_square(part: np.ndarray) -> np.ndarray:
-    """Mean squares (y,) of residuals (t, y); NaN without readings."""
-    count = np.isfinite(part).sum(axis=0)
-    return np.where(count, np.nansum(part**2, axis=0) / np.maximum(count, 1), np.nan)
-
-
-def _width(values: np.ndarray) -> float:
-    measured = values[np.isfinite(values)]
-    return float(np.ptp(measured)) if len(measured) else 0.0
+        return UnseenError(blocks, shares, float(np.exp(np.mean(np.log(left[pooled])))))
