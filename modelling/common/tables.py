@@ -52,7 +52,11 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     except OSError as fault:
         raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
     except UnicodeDecodeError as fault:
-        raise InputError(str(path), f"byte {fault.start} is not UTF-8", "save the file as UTF-8 text") from None
+        raise InputError(
+            str(path),
+            f"byte {fault.start} is not UTF-8",
+            "save the file as UTF-8 text, or, if it is a recording, look at it with 'rigmatch explore'",
+        ) from None
     except tomllib.TOMLDecodeError as fault:
         raise InputError(str(path), f"is not TOML: {fault}", "correct that line") from None
     except ValueError as fault:  # a number of thousands of digits, say

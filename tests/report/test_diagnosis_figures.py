@@ -123,3 +123,15 @@ def test_unexplained_torques_have_their_band_and_their_words() -> None:
     assert (first.get_xlabel(), first.get_ylabel()) == ("Speed of load in rad/s", "Unexplained on load in N·m")
     assert (second.get_xlabel(), second.get_ylabel()) == ("Time in s", "Unexplained in link in N·m")
     assert first.get_title() == "takes 62 % of the rest"
+
+
+def test_a_channel_whose_rate_is_no_whole_part_of_the_grid_shows_no_lines_of_its_own():
+    """200 Hz on a grid of 500 Hz, a sine of 3 Hz: nothing at 50 Hz, and nothing above 100 Hz."""
+    residual = np.full(5000, np.nan)
+    at = np.round(np.arange(0, 5000, 2.5)).astype(int)
+    at = at[at < 5000]
+    residual[at] = 100 * np.sin(2 * np.pi * 3 * 0.002 * at)
+    frequency, amplitude = _spectrum(residual, 0.002)
+    assert frequency[-1] == pytest.approx(100, rel=1e-3)
+    assert frequency[np.argmax(amplitude)] == pytest.approx(3, abs=0.2)
+    assert amplitude[frequency > 20].max() < 2e-3 * amplitude.max()

@@ -31,6 +31,7 @@ LEAST_REVOLUTIONS = 2  # that an order spectrum needs
 HIGHEST_ORDER = 12
 MOST_SAMPLES = 4_000  # of an order spectrum; more are averaged first
 WELCH_SAMPLES = 4096  # of a segment
+UNEVEN = 0.1  # share of the longer steps, and of the shorter ones, where a rate is no whole part of that of the grid
 
 
 def time_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
@@ -154,12 +155,24 @@ def _spectrum(residual: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray
 
     A sensor that is recorded more slowly than others is taken at its own rate.
     """
-    present = np.flatnonzero(np.isfinite(residual))
-    every = int(np.median(np.diff(present))) if len(present) > 1 else 1
-    residual, step = residual[present[0] % every :: every] if every > 1 else residual, every * step
+    residual, every = _at_its_rate(residual)
+    step *= every
     length = min(len(residual), WELCH_SAMPLES)
     frequency, power = scipy.signal.welch(np.nan_to_num(residual), 1 / step, nperseg=length, detrend=False)
     return frequency, np.sqrt(power / (2 * step))
+
+
+def _at_its_rate(residual: np.ndarray) -> tuple[np.ndarray, float]:
+    """A residual at the rate at which its sensor was recorded, and how many samples apart that is."""
+    present = np.flatnonzero(np.isfinite(residual))
+    steps = np.diff(present)
+    if not len(steps):
+        return residual, 1
+    if steps.max() == steps.min() + 1 and UNEVEN < np.mean(steps == steps.max()) < 1 - UNEVEN:  # 2.5 apart, say
+        even = np.linspace(present[0], present[-1], len(present))
+        return np.interp(even, present, residual[present]), float(even[1] - even[0])
+    every = int(np.median(steps))
+    return residual[present[0] % every :: every] if every > 1 else residual, every
 
 
 def _orders(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -32,8 +32,10 @@ def simulation_figure(simulation: Simulation, measured: Mapping[str, np.ndarray]
         rows = fig.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, values) in zip(rows, simulation.readings.items()):
             if name in measured:
+                read = np.isfinite(measured[name])  # a slower channel has no reading at most times
                 axes.plot(
-                    simulation.time, measured[name], color=LIMIT, linewidth=3.2, alpha=0.35, label="recorded"
+                    simulation.time[read], measured[name][read], color=LIMIT, linewidth=3.2, alpha=0.35,
+                    label="recorded",
                 )  # fmt: skip
             axes.plot(simulation.time, values, color=VEHICLE, linewidth=0.8, label="simulated")
             axes.set_ylabel(f"{spaced(name)}\nin {unit(simulation.units[name])}")
