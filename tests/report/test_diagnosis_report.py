@@ -23,7 +23,7 @@ from matching.diagnosis.diagnosis import diagnose
 from matching.report.diagnosis.captions import CAPTIONS
 from matching.report.diagnosis.figures import figures
 from matching.report.diagnosis.page import page
-from matching.report.diagnosis.sentences import answer, measured
+from matching.report.diagnosis.sentences import answer, measured, to_correct
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
 MODEL = """title = "Flywheel"
@@ -284,3 +284,20 @@ def test_files_of_a_diagnosis_are_the_model_the_channels_and_every_logger(folder
     arguments = argparse.Namespace(model=model, recordings=[f"{first}+{second}"], holdout=[first], channels=channels)
     made = [file for file, _ in made_of(arguments).files]
     assert made == [model, channels, first, second, first]
+
+
+def test_a_reversed_sign_and_a_range_that_is_too_narrow_are_corrected_first() -> None:
+    bound, free = {"value": 0.95, "note": "at the bound of its range"}, {"value": 2.0}
+    gains = [
+        ("input_gain", "inputs.motor", -0.87),
+        ("sensor_gain", "sensors.speed", 0.9),
+        ("sensor_gain", "sensors.torque", 1.1),
+    ]
+    result = {
+        "causes": [{"kind": kind, "at": at, "parameters": {"factor": {"value": value}}} for kind, at, value in gains],
+        "parameters": {"shafts.side.damping": bound, "inertias.rotor.J": free},
+    }
+    sign, widen = to_correct(result)
+    assert sign == "the sign of inputs.motor is probably reversed: change it in the channel file, and run again"
+    assert widen.startswith("shafts.side.damping ends at the bound of its range: widen that in the model file")
+    assert to_correct({"causes": [], "parameters": {"inertias.rotor.J": free}}) == []

@@ -10,7 +10,15 @@ from matching.report.common.environment import embedded, environment
 from matching.report.common.provenance import Provenance
 from matching.report.common.wording import number, percent, spaced
 from matching.report.diagnosis.captions import CAPTIONS
-from matching.report.diagnosis.sentences import answer, kind_and_place, measured, not_identifiable, place, shape
+from matching.report.diagnosis.sentences import (
+    answer,
+    kind_and_place,
+    measured,
+    not_identifiable,
+    place,
+    shape,
+    to_correct,
+)
 from modelling.common.escape import html
 
 MEANING = {
@@ -91,7 +99,7 @@ def page(
 
 def _to_do(result: Mapping[str, Any]) -> list[str]:
     """What the reader should do, in sentences."""
-    steps = []
+    steps = [f"{step[:1].upper()}{step[1:]}." for step in to_correct(result)]
     if result["causes"]:
         steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
     if result["next_recording"]:

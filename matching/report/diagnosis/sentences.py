@@ -127,7 +127,7 @@ def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float
 
 def summary(result: Mapping[str, Any]) -> str:
     """The result for a terminal: the answer, what to do next, then the evidence."""
-    lines = [answer(result)]
+    lines = [answer(result), *(f"  first: {step}" for step in to_correct(result))]
     if result["next_recording"]:
         lines.append(f"  next: {result['next_recording']}")
     for cause in result["causes"]:
@@ -153,9 +153,6 @@ def summary(result: Mapping[str, Any]) -> str:
             f"  the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
             f"held-out data falls from {before} to {after} of the sensors' ranges"
         )
-    at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
-    if at_bound:
-        lines.append(f"  at the bound of their range: {', '.join(at_bound)}")
     unidentified = not_identifiable(result)
     if unidentified:
         lines.append(f"  not identifiable from these data: {', '.join(unidentified)}")
@@ -176,6 +173,21 @@ def _evidence(cause: Mapping[str, Any]) -> list[str]:
     lines += [f"    {key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
     rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
     return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
+
+
+def to_correct(result: Mapping[str, Any]) -> list[str]:
+    """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
+    ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
+    steps = []
+    for cause in result["causes"]:
+        gain = cause["parameters"].get("factor")  # of an input or a sensor
+        if gain is not None and gain["value"] < 0:
+            steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
+    at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
+    if at_bound:
+        ends = "ends at the bound of its range" if len(at_bound) == 1 else "end at the bounds of their ranges"
+        steps.append(f"{', '.join(at_bound)} {ends}: widen that in the model file, unless physics sets it")
+    return [f"{step}, and run again" for step in steps]
 
 
 def not_identifiable(result: Mapping[str, Any]) -> list[str]:
