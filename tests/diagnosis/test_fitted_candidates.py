@@ -67,10 +67,12 @@ def test_what_cannot_be_meant_is_said_before_what_unseen_data_say(impossible: st
 
 def test_sensors_are_weighted_anew_only_where_they_are_weighted_at_all(monkeypatch) -> None:
     one = hypothesis(4.0)
-    monkeypatch.setattr("matching.diagnosis.search.hypothesis.iteratively_reweighted", lambda fit: ("again", fit))
-    for weighting, expected in ((None, one.fit), (object(), ("again", one.fit))):
+    again = hypothesis(5.0).fit
+    monkeypatch.setattr("matching.diagnosis.search.hypothesis.iteratively_reweighted", lambda fit: again)
+    monkeypatch.setattr("matching.diagnosis.search.hypothesis.pooled_error", lambda fit: 1.0)
+    for weighting, expected in ((None, one.fit), (object(), again)):
         monkeypatch.setattr(one.fit.problem, "weighting", weighting, raising=False)
-        assert with_balanced_sensors(one).fit == expected
+        assert with_balanced_sensors(one).fit is expected
 
 
 def test_the_candidate_that_was_promised_most_of_gets_windows_if_its_fit_does_not_keep_half() -> None:
