@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     if named.get("channels"):
         channels = read_channels(arguments.channels)
         contents[arguments.channels] = f"a channel file: {', '.join(channels)}"
-    if "model" in named:
+    if named.get("model"):
         from modelling.model.files import load
 
         system = load(arguments.model)
@@ -60,9 +61,11 @@ def summary(result: dict[str, Any]) -> str:
 
 
 def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
+    from matching.explore.signals.channel_list import channel_list
     from matching.frequency.case.load import is_case, load_case
     from matching.frequency.case.targets import target_modes
     from modelling.common.tables import read_toml
+    from modelling.measurement.readers import READERS
     from modelling.model.files import load
 
     if named["command"] in ("verify", "excite", "commission", "identify"):
@@ -76,6 +79,10 @@ def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
         read_recordings(named["recordings"], case, channels)
         return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")
     path = named.get("case") or named["file"]
+    if "file" in named and Path(path).suffix.lower() in READERS:
+        listed = channel_list(path)["channels"]
+        most = max(row["samples"] for row in listed)
+        return {path: f"a recording: {_counted(listed, 'channel')} of up to {most} samples"}
     if "file" in named and not is_case(read_toml(path)):
         return {path: _model(load(path))}
     case = load_case(path)

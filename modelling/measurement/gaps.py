@@ -17,6 +17,7 @@ import numpy as np
 
 LONGEST_BRIDGE = 0.1  # s: a torque of drivability, below 30 Hz and sampled at 1 kHz, hardly changes its course in it
 LONGEST_BRIDGE_STEPS = 2.0  # sampling steps, for slow recordings: one missing sample
+REGULAR = 0.9  # of a slower channel's values that come as many rows after the one before
 GAP_STEPS = 1.6  # sampling steps: a longer step of time is a gap
 
 
@@ -50,3 +51,13 @@ def missing_note(name: str, time: np.ndarray, values: np.ndarray, treatment: str
     missing = ~np.isfinite(values)
     plural = "values are" if missing.sum() > 1 else "value is"
     return f"{name}: {missing.sum()} {plural} missing, first at {time[np.argmax(missing)]:g} s; {treatment}"
+
+
+def rows_a_value(values: np.ndarray) -> int:
+    """How many rows there are to a value (t,) of a channel that is sampled slower than the rows; 0 where it is not.
+
+    It is where nearly every value (``REGULAR``) comes as many rows after the one before, give or take one.
+    """
+    apart = np.diff(np.flatnonzero(np.isfinite(values)))
+    every = int(np.median(apart)) if len(apart) else 0
+    return every if every > 1 and np.mean(np.abs(apart - every) <= 1) >= REGULAR else 0

@@ -11,7 +11,7 @@ import numpy as np
 from modelling.common.errors import InputError, listed, unknown
 from modelling.measurement.channels import Channel, groups_in_file, names_in_file, renamed
 from modelling.measurement.columns import check_header, column
-from modelling.measurement.gaps import bridged, longest_bridge, missing_note
+from modelling.measurement.gaps import bridged, longest_bridge, missing_note, rows_a_value
 from modelling.measurement.readers import read_table
 from modelling.measurement.readers.table import Table
 from modelling.measurement.recording import Recording
@@ -195,6 +195,8 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
     if missing.all():
         notes.append(f"{name} has no value and is unused")
         del channels[name]
+    elif every := rows_a_value(channels[name]):
+        notes.append(f"{name} is sampled slower: one value in {every} rows; it is compared where it has one")
     elif missing.any():
         notes.append(missing_note(name, time, channels[name], "left out"))
 

@@ -9,12 +9,16 @@ from matching.report.common.wording import ABSENT, spaced
 
 
 def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dict[str, str]]:
-    """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy."""
+    """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy.
+
+    Undamped modes have no column of damping ratios.
+    """
+    damped = any(mode["damping_ratio"] for mode in modes)
     return [
         {
             "mode": str(mode["number"]),
             "frequency [Hz]": f"{mode['frequency']:.4g}",
-            "damping ratio": f"{mode['damping_ratio']:.4f}",
+            **({"damping ratio": f"{mode['damping_ratio']:.4f}"} if damped else {}),
             "symmetry": mode["symmetry"],
             "kinetic energy": _largest(mode["kinetic"], components),
             "potential energy": _largest(mode["potential"], components),
