@@ -76,11 +76,11 @@ def main() -> int:
         if line := replaced_package():
             print(f"rigmatch: {line}", file=sys.stderr)
             return 2
-        from matching.streams import open_closed
+        from matching.cli import open_closed
 
         open_closed()
         from matching.cli import main as run
-        from matching.supervision import supervised
+        from matching.cli import supervised
 
         return supervised(run)
     except KeyboardInterrupt as interrupt:  # before the command itself has begun
@@ -94,7 +94,7 @@ def __getattr__(name: str) -> Any:
     if line := replaced_package():
         raise ImportError(f"rigmatch: {line}")
     if name == "__version__":
-        from modelling.common.version import VERSION
+        from modelling.errors import VERSION
 
         return VERSION
     return getattr(import_module("matching.api"), name)

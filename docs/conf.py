@@ -9,7 +9,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 from site_pages import mathml, reference  # noqa: E402
 
-from modelling.common.version import VERSION  # noqa: E402
+from modelling.errors import VERSION  # noqa: E402
 
 project, author, release = "rigmatch", "The rigmatch authors", VERSION
 root_doc = "index"

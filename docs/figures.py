@@ -67,7 +67,7 @@ COMMANDS = {
 def make_drawing(commit: str) -> None:
     """Vehicle and rig of the reference case."""
     import rigmatch as rm
-    from matching.report.common.style import image
+    from matching.report.common import image
 
     folder = ROOT / "examples" / "road_to_rig"
     figure = rm.show(folder / "case.toml")
@@ -77,7 +77,7 @@ def make_drawing(commit: str) -> None:
 def make_overview(commit: str) -> None:
     """The overview of the reference match."""
     import rigmatch as rm
-    from matching.report.common.style import image
+    from matching.report.common import image
 
     folder = ROOT / "examples" / "road_to_rig"
     figure = rm.match(folder / "observer.toml").plot()
@@ -87,7 +87,7 @@ def make_overview(commit: str) -> None:
 def make_map(commit: str) -> None:
     """The map of the reference case over dead time and flange stiffness: some minutes."""
     import rigmatch as rm
-    from matching.report.common.style import image
+    from matching.report.common import image
 
     folder = ROOT / "examples" / "road_to_rig"
     figure = rm.map(folder / "observer.toml", *MAP_AXES).plot()
@@ -97,7 +97,7 @@ def make_map(commit: str) -> None:
 def make_circle(commit: str) -> None:
     """What two matches gain on the virtual bed of the reference case: some minutes."""
     sys.path.insert(0, str(ROOT))
-    from matching.report.common.style import image
+    from matching.report.common import image
     from tests.virtual_bed.reference_circle import measure, picture
 
     figure = picture(measure(ROOT / "out" / "reference_circle"))

@@ -1,28 +1,160 @@
-# PYTHON_ARGCOMPLETE_OK
 """The command line: `rigmatch COMMAND …`. Exit 0: answered; 2: wrong input, one line; 1: a fault of the program."""
 
+from __future__ import annotations
+
 import argparse
+import contextlib
 import os
 import shutil
+import signal
 import sys
 import textwrap
+import time
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
-from importlib import import_module
+from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from matching import dry_run
-from matching.commands import available
-from modelling.common import memory_limits
-from modelling.common.errors import ANSWERED, BAD_INPUT, FAULT, InputError, of_the_machine
-from modelling.common.escape import terminal
-from modelling.common.interruption import Interrupted, whatever_it_became
-from modelling.common.toml_lines import line_of
-from modelling.common.version import VERSION
+from matching.commands import COMMANDS, Command
+from modelling import interruption
+from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, InputError, of_the_machine
+from modelling.escape import terminal
+from modelling.interruption import ENDING_SIGNALS, Interrupted, whatever_it_became
+from modelling.toml import line_of, read_toml
+
+if TYPE_CHECKING:
+    from matching.match.case import Case
+    from modelling.system import System
+
+
+# --- ``--check``: the input files of a command read and checked, nothing calculated or written.
+
+WITHOUT = ("new", "export", "explore")  # commands that read no input file, or do little else than read it
+
+
+def check_files(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What each input file that the arguments name holds, by file.
+
+    Raises
+    ------
+    InputError
+        As the command itself would, for the first file that is not right.
+    """
+    from modelling.recordings.read import read_channels
+
+    named, contents = vars(arguments), dict[str, str]()
+    channels = None
+    if named.get("channels"):
+        channels = read_channels(arguments.channels)
+        contents[arguments.channels] = f"a channel file: {', '.join(channels)}"
+    if named.get("model"):
+        from modelling.model_file import load
+
+        system = load(arguments.model)
+        contents[arguments.model] = _model(system)
+        contents |= _recordings(named, system, channels)
+    if "budget" in named:
+        from matching.uncertainty.budget import read_budget
+
+        budget = read_budget(arguments.budget)
+        contents[arguments.budget] = (
+            f"a budget: {_counted(budget.measurands, 'measurand')}, {_counted(budget.inputs, 'input')}"
+        )
+    if arguments.command == "fidelity":
+        from matching.fidelity import read_case
+
+        title, _ = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
+        contents[arguments.case] = f"a fidelity case: {title}"
+    elif "case" in named or "file" in named:
+        contents |= _case_or_model(named, channels)
+    if check := COMMANDS[arguments.command].check:
+        contents |= check(arguments)
+    return {"checked": contents}
+
+
+def check_summary(result: dict[str, Any]) -> str:
+    """One line a file."""
+    return "\n".join(f"{file}: {content}" for file, content in result["checked"].items())
+
+
+def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
+    from matching.explore.common import channel_list
+    from matching.match.case import target_modes
+    from matching.match.case_file import is_case, load_case
+    from modelling.model_file import load
+    from modelling.recordings.readers import READERS
+    from modelling.toml import read_toml
+
+    if named["command"] in ("verify", "excite", "commission", "identify"):
+        from matching.bed.verify import read_recordings
+        from matching.export import tuned_case
+
+        case = tuned_case(named["case"]).tuned
+        target_modes(case)
+        if named["command"] != "verify":
+            return {named["case"]: _case(case)}
+        read_recordings(named["recordings"], case, channels)
+        return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")
+    path = named.get("case") or named["file"]
+    if "file" in named and Path(path).suffix.lower() in READERS:
+        listed = channel_list(path)["channels"]
+        most = max(row["samples"] for row in listed)
+        return {path: f"a recording: {_counted(listed, 'channel')} of up to {most} samples"}
+    if "file" in named and not is_case(read_toml(path)):
+        return {path: _model(load(path))}
+    case = load_case(path)
+    target_modes(case)
+    if named["command"] == "map":
+        from matching.match.map import axis
+
+        for name in ("x", "y"):
+            axis(case, named[name], f"--{name}")
+    return {path: _case(case)}
+
+
+def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[str, str]:
+    from matching.diagnosis.loggers import read_loggers
+    from modelling.recordings.read import contents_of
+
+    paths = [*named.get("recordings", ()), *([named["recording"]] if named.get("recording") else [])]
+    paths += named.get("holdout") or ()
+    contents = {}
+    for path in paths:
+        contents[path] = contents_of(read_loggers(path, system, channels), system)
+    return contents
+
+
+def _model(system: System) -> str:
+    parts = [
+        _counted(getattr(system, table), word)
+        for table, word in (
+            ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
+            ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
+        )
+        if getattr(system, table)
+    ]  # fmt: skip
+    return f"a model: {', '.join(parts)}"
+
+
+def _case(case: Case) -> str:
+    return (
+        f"a case: {_counted(case.loop.dynamometers, 'dynamometer')}, {_counted(case.targets, 'target mode')}, "
+        f"{_counted(case.moves, 'quantity')} that may move; vehicle {_model(case.vehicle)}; rig {_model(case.rig)}"
+    )
+
+
+def _counted(parts: Any, word: str) -> str:
+    several = word[:-1] + "ies" if word.endswith("ty") else f"{word}s"
+    return f"{len(parts)} {word if len(parts) == 1 else several}"
+
+
+# --- Cli
+
+# PYTHON_ARGCOMPLETE_OK
+
 
 MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
@@ -88,8 +220,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return ANSWERED
 
 
-def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
-    """Parser for all commands, of which only the one that `words` call for is imported (help must be instant)."""
+def build_parser(words: Sequence[str]) -> Parser:
+    """Parser for all commands; only the one that `words` call for gets its arguments."""
     about = (
         "Tunes a powertrain test bed until it reproduces the vehicle's response, and checks models against recordings."
     )
@@ -98,21 +230,19 @@ def build_parser(words: Sequence[str]) -> tuple[Parser, dict[str, ModuleType]]:
     parser.add_argument("--version", action="version", version=f"rigmatch {VERSION}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if not word.startswith("-")), None)
-    modules = {}
-    for name, line in available().items():
-        command = commands.add_parser(name, help=line, allow_abbrev=False, formatter_class=HelpFormatter)
+    for name, known in COMMANDS.items():
+        command = commands.add_parser(name, help=known.line, allow_abbrev=False, formatter_class=HelpFormatter)
         command.add_argument(
             "--json", action="store_true", help="print the result object on standard output, nothing else"
         )
         command.add_argument("--traceback", action="store_true", help="show where a fault of the program arose")
         if name == wanted:
-            modules[name] = import_module(f"matching.commands.{name}")
-            command.description = modules[name].HELP
-            command.epilog = _examples(modules[name].EXAMPLES)
-            modules[name].add_arguments(command)
-            if name not in dry_run.WITHOUT:
+            command.description = known.help
+            command.epilog = _examples(known.examples)
+            known.add_arguments(command)
+            if name not in WITHOUT:
                 _add_check(command, words)
-    return parser, modules
+    return parser
 
 
 def _examples(calls: Sequence[str]) -> str:
@@ -132,14 +262,14 @@ def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
 
 
 def _run(words: Sequence[str]) -> None:
-    parser, modules = build_parser(_words_to_complete() or words)
+    parser = build_parser(_words_to_complete() or words)
     _offer_completion(parser)
     _check_no_empty_words(words)
     arguments = parser.parse_args(words)
-    memory_limits.check()
-    command = modules[arguments.command]
+    interruption.check_memory()
+    command = COMMANDS[arguments.command]
     if getattr(arguments, "check", False):
-        command, arguments.out = dry_run, None
+        command, arguments.out = replace(command, run=check_files, summary=check_summary, page=""), None
     with _reserved(arguments):
         text = _answer(command, arguments)
     if text:
@@ -174,10 +304,10 @@ def _fitted(text: str, width: int | None = None) -> str:
     )
 
 
-def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
+def _answer(command: Command, arguments: argparse.Namespace) -> str:
     """What a command prints."""
     if arguments.json:
-        from modelling.writing.output import strict_json
+        from modelling.writing import strict_json
 
         with _standard_output_kept_clean():
             text: str = strict_json(command.run(arguments))
@@ -185,9 +315,8 @@ def _answer(command: ModuleType, arguments: argparse.Namespace) -> str:
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
         return text
     result = command.run(arguments)
-    text = terminal(str(command.summary(result))) if hasattr(command, "summary") else ""
-    page = getattr(command, "PAGE", "")  # the last line of what is read says where more stands
-    return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text
+    text = terminal(command.summary(result)) if command.summary else ""
+    return f"{text.rstrip()}\nreport: {Path(arguments.out) / command.page}" if command.page else text
 
 
 @contextmanager
@@ -196,8 +325,8 @@ def _reserved(arguments: argparse.Namespace) -> Iterator[None]:
     if getattr(arguments, "out", None) is None:
         yield
         return
-    from modelling.common.protection import protected
-    from modelling.writing.reservation import reserved
+    from modelling.interruption import protected
+    from modelling.writing import reserved
 
     with reserved(arguments.out, arguments.command), ExitStack() as stack:
         if arguments.command not in GO_ON_IN_PLACE:
@@ -275,3 +404,277 @@ def _offer_completion(parser: Any) -> None:
         import argcomplete
 
         argcomplete.autocomplete(parser)
+
+
+# --- Names that a shell offers on Tab, read from the files alone: nothing that computes is imported.
+
+# Quantities that every component of a table has, and those it has where its file gives them
+ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",)}
+WHERE_GIVEN = {"shafts": ("ratio",)}
+LOOP = ("dead_time", "inverter_lag", "torque_sensor_lag", "sample_time")  # of every control structure
+SPEED_CONTROLLER = (
+    "proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward", "lead_time",
+)  # fmt: skip
+OBSERVER = (
+    "torque_drift", "dynamometer_drift", "dynamometer_swing", "dynamometer_noise", "shaft_noise", "command_weight",
+    "command_change_weight", "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
+)  # fmt: skip
+# As the structures themselves have them, which a test compares: to import them takes a second, and Tab should not wait
+STRUCTURES = {"pi": SPEED_CONTROLLER, "model_based": SPEED_CONTROLLER, "observer": OBSERVER}
+
+
+def parameters_of_model(path: str | Path) -> list[str]:
+    """Names of a model's quantities; those of effects as far as its file gives them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    return _completed_parameters(read_toml(path))
+
+
+def quantities_of_case(path: str | Path) -> list[str]:
+    """Names of a case's quantities that can be set, as :func:`matching.match.map.quantities` has them.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    KeyError
+        If it is no case file.
+    """
+    data = read_toml(path)
+    vehicle, rig = (_completed_parameters(read_toml(Path(path).parent / data[key])) for key in ("vehicle", "rig"))
+    loop = data["loop"]
+    of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], ())))
+    return [
+        *(f"residual_vehicle.{name}" for name in vehicle if name not in rig),
+        *(f"rig.{name}" for name in rig if name not in vehicle),
+        *(f"loop.{name}" for name in of_loop),
+    ]
+
+
+def _completed_parameters(model: dict[str, Any]) -> list[str]:
+    names = [
+        f"{table}.{name}.{key}"
+        for table, keys in ALWAYS.items()
+        for name, content in model.get(table, {}).items()
+        for key in (*keys, *(key for key in WHERE_GIVEN.get(table, ()) if key in content))
+    ]
+    for effect in model.get("effects", []):
+        names += [f"{effect['at']}.{effect['kind']}.{key}" for key in effect if key not in ("at", "kind")]
+    return names
+
+
+# --- Standard input, output and error of a command that was begun without them, as by ``>&-`` or a service manager.
+
+
+def open_closed() -> None:
+    """Open the null device in place of each standard stream that is closed.
+
+    Otherwise the next file that is opened takes its number, and what is meant for the terminal goes into that file.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+        if getattr(sys, name) is None:
+            stream = open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)
+
+
+# --- The command in a process of its own: the parent sees to it that it ends when asked, and that nothing stays behind.
+#
+# Libraries in C notice Ctrl-C late, or swallow it. The parent does nothing but wait: a signal is passed on, and what
+# has
+# not ended half a second later is killed with all its processes. A crash of the command becomes one line. Temporary
+# files
+# go to a folder that the parent removes.
+
+GRACE_SECONDS = 0.5  # from a signal until the command is killed
+CLEARING_SECONDS = 2.0  # at most, until killed processes are gone
+DIE_WITH_PARENT, ADOPT_ORPHANS = 1, 36  # prctl of Linux: PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
+SILENT_CLEARING = "ignore:resource_tracker:UserWarning"  # it says what it removes, which is nobody's concern
+
+
+def supervised(command: Callable[[], int]) -> int:
+    """Run a command in a process of its own; its exit code, or 128 and the signal's number where one ended it."""
+    if "_ARGCOMPLETE" in os.environ or not (hasattr(os, "fork") and hasattr(signal, "sigtimedwait")):
+        interruption.install()
+        return command()
+    watched = {number for number in ENDING_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, watched | {signal.SIGCHLD})
+    temporary = _temporary_folder()
+    answered, answer = os.pipe()
+    parent, child = os.getpid(), os.fork()
+    if child == 0:
+        os.close(answered)
+        _prctl(DIE_WITH_PARENT, signal.SIGKILL)
+        if os.getppid() != parent:  # it died before that
+            os._exit(128 + signal.SIGKILL)
+        if temporary:
+            os.environ["TMPDIR"] = temporary
+            if not all(map(_can_be_made, _folders_of_matplotlib())):
+                os.environ.setdefault("MPLCONFIGDIR", temporary)  # or it complains, in every worker too
+        os.environ["PYTHONWARNINGS"] = f"{os.environ.get('PYTHONWARNINGS', '')},{SILENT_CLEARING}".lstrip(",")
+        interruption.install()
+        interruption.end_where_a_thread_has_none()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        try:
+            code = command()
+        finally:
+            os.write(answer, b".")
+        if code:  # nothing more is waited for: not after an interrupt, nor for threads that got no memory
+            with contextlib.suppress(OSError, ValueError):
+                sys.stdout.flush()
+            os._exit(code)
+        return code
+    os.close(answer)
+    _prctl(ADOPT_ORPHANS, 1)
+    try:
+        return _wait(child, watched, answered)
+    finally:
+        os.close(answered)
+        if temporary:
+            import shutil
+
+            shutil.rmtree(temporary, ignore_errors=True)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _wait(child: int, watched: set[signal.Signals], answered: int) -> int:
+    """Wait for the command, passing signals on; into the pipe ``answered`` it writes when it ends as it means to."""
+    asked, deadline, killed = 0, 0.0, False
+    while (status := _ended(child)) is None:
+        seconds = max(0.0, deadline - time.monotonic()) if asked else 3600.0
+        came = signal.sigtimedwait(watched | {signal.SIGCHLD}, seconds)
+        if came is not None and came.si_signo != signal.SIGCHLD:
+            if not asked:
+                asked, deadline = came.si_signo, time.monotonic() + GRACE_SECONDS
+            os.kill(child, came.si_signo)
+        if asked and not killed and time.monotonic() >= deadline:
+            killed = True
+            os.kill(child, signal.SIGKILL)
+            deadline = time.monotonic() + CLEARING_SECONDS
+    code = os.waitstatus_to_exitcode(status)
+    if asked or code:
+        _kill_orphans()
+    if code >= 0:
+        return _left() if code == FAULT and not _readable(answered) else code
+    if asked:
+        end = Interrupted(asked)
+        return _say_of_command(str(end), end.exit_code)
+    return _died(-code)
+
+
+def _readable(pipe: int) -> bool:
+    """Whether something was written into a pipe; processes that outlive the command may still hold its other end."""
+    os.set_blocking(pipe, False)
+    try:
+        return bool(os.read(pipe, 1))
+    except BlockingIOError:
+        return False
+
+
+def _left() -> int:
+    """One line on a library in C that ended the command by itself; OpenBLAS does so where it gets no memory."""
+    return _say_of_command(
+        "a library ended the program, perhaps because memory ran out: free some, or work on less", BAD_INPUT
+    )
+
+
+def _ended(child: int) -> int | None:
+    """Wait status of the command if it has ended; orphans that ended are let go."""
+    while True:
+        try:
+            process, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return FAULT << 8
+        if process == child:
+            return status
+        if process == 0:
+            return None
+
+
+def _died(number: int) -> int:
+    """One line on a command that a signal ended from outside."""
+    if number == signal.SIGKILL:
+        line = "killed from outside, perhaps because memory ran out; results are whole or not there: run it again"
+        return _say_of_command(f"{line} (map and tolerance go on from what they had finished)", 128 + number)
+    name = signal.strsignal(number) or f"signal {number}"
+    return _say_of_command(f"a fault of rigmatch or of a library, not of your input: {name.lower()}", FAULT)
+
+
+def _kill_orphans() -> None:
+    """Kill what the command had begun: its processes became ours when it ended.
+
+    Python's own process that removes the semaphores of worker processes ends by itself once these are gone.
+    """
+    end = time.monotonic() + CLEARING_SECONDS
+    while (children := _children()) and time.monotonic() < end:
+        for child in children:
+            with contextlib.suppress(ProcessLookupError):
+                if not _clears_up(child):
+                    os.kill(child, signal.SIGKILL)
+        with contextlib.suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        time.sleep(0.005)
+
+
+def _children() -> list[int]:
+    with contextlib.suppress(OSError):
+        return [
+            int(child) for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+        ]
+    return []
+
+
+def _clears_up(process: int) -> bool:
+    """Whether a process is the one that removes the semaphores of others."""
+    with contextlib.suppress(OSError):
+        return b"resource_tracker" in Path(f"/proc/{process}/cmdline").read_bytes()
+    return False
+
+
+def _temporary_folder() -> str:
+    """A folder for this run, or an empty text where none can be made."""
+    for above in _folders_for_temporary_files():
+        path = os.path.join(above, f"rigmatch-{os.urandom(8).hex()}")
+        with contextlib.suppress(OSError):
+            os.mkdir(path, 0o700)
+            return path
+    return ""
+
+
+def _folders_for_temporary_files() -> Iterable[str]:
+    """As :func:`tempfile.gettempdir` has them, whose module takes longer to import than this command to begin."""
+    return filter(None, (*(os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")), "/tmp", "/var/tmp"))
+
+
+def _folders_of_matplotlib() -> Iterable[str]:
+    """Where it keeps its settings and its list of fonts."""
+    for variable, usual in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):
+        yield os.path.join(os.environ.get(variable) or os.path.join(os.path.expanduser("~"), usual), "matplotlib")
+
+
+def _can_be_made(folder: str) -> bool:
+    """Whether a folder exists and can be written to, or can be made."""
+    while not os.path.lexists(folder) and os.path.dirname(folder) != folder:
+        folder = os.path.dirname(folder)
+    return os.path.isdir(folder) and os.access(folder, os.W_OK | os.X_OK)
+
+
+def _prctl(option: int, value: int) -> None:
+    with contextlib.suppress(ImportError, OSError, AttributeError):  # not on Linux
+        import ctypes
+
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def _say_of_command(line: str, code: int) -> int:
+    print(f"rigmatch: {line}", file=sys.stderr)
+    return code

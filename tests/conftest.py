@@ -9,7 +9,7 @@ from hypothesis import settings
 from kept_words import same_line
 
 import matching  # noqa: F401  brings the views of results, whichever test runs first
-from modelling.common import floating_point
+from modelling import interruption as floating_point
 
 mpl.use("agg")  # no display, whatever the machine has
 settings.register_profile("repeatable", derandomize=True, deadline=None)  # `make test`: the same examples every time

@@ -2,6 +2,6 @@
 
 import pytest
 
-from modelling.simulation.integrator.c_compiler import compiler
+from modelling.simulation.compiled import compiler
 
 compiles = pytest.mark.skipif(compiler() is None, reason="no C compiler here")

@@ -3,7 +3,8 @@
 import inspect
 import math
 
-from modelling.effects import EFFECTS, Kind, Parameter
+from modelling.effects import EFFECTS
+from modelling.effects.effect import Kind, Parameter
 
 TOP = """# Effects
 

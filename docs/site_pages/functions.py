@@ -16,39 +16,36 @@ SI unless stated.
 """
 CLASSES = {
     "Match": {
-        "matching.frequency.search.result": [
+        "matching.match.result": [
             "MatchResult", "TargetResult", "ParameterResult", "ResponseError", "AdapterTrade",
         ],
-        "matching.frequency.verification.verify": ["Verification"],
-        "matching.frequency.independent.beds_check": ["BedsCheck"],
+        "matching.match.verify": ["Verification"],
+        "matching.match.dynamic_stiffness": ["BedsCheck"],
     },
     "Map and tolerance study": {
-        "matching.frequency.studies.map": ["Map"],
-        "matching.frequency.studies.map_point": ["Point"],
-        "matching.frequency.studies.tolerance": ["Tolerance"],
+        "matching.match.map": ["Map", "Point"],
+        "matching.match.tolerance": ["Tolerance"],
     },
     "Diagnosis": {
-        "matching.diagnosis.verdict.result": [
-            "Diagnosis", "SensorErrors", "PooledErrors", "RemainingError",
+        "matching.diagnosis.result": [
+            "Diagnosis", "SensorErrors", "PooledErrors", "RemainingError", "NamedCause", "CauseParameter",
         ],
-        "matching.diagnosis.verdict.causes": ["NamedCause", "CauseParameter"],
     },
     "Modes, responses, simulation": {
         "modelling.modal.result": ["Modes", "Mode"],
-        "modelling.linear.response": ["Response"],
-        "modelling.simulation.result": ["Simulation"],
+        "modelling.linear.state_space": ["Response"],
+        "modelling.simulation.stepping": ["Simulation"],
     },
     "Uncertainty and fidelity": {
-        "matching.validity.uncertainty.result": ["Uncertainty", "MeasurandResult", "Row"],
-        "matching.validity.fidelity.result": ["XilFidelity"],
+        "matching.uncertainty.result": ["Uncertainty", "MeasurandResult", "Row"],
+        "matching.fidelity": ["XilFidelity"],
     },
     "Verification of a bed": {
-        "matching.bed_test.result": ["BedVerification", "ErrorJudgement", "ModeJudgement", "RecordedFidelity"],
+        "matching.bed.verify": ["BedVerification", "ErrorJudgement", "ModeJudgement", "RecordedFidelity"],
     },
     "Commissioning": {
-        "matching.commissioning.rounds": ["Commissioning", "Round"],
-        "matching.commissioning.from_recordings": ["FromRecordings", "Identification"],
-        "matching.commissioning.identified": ["IdentifiedValue"],
+        "matching.bed.commission": ["Commissioning", "Round"],
+        "matching.bed.identify": ["FromRecordings", "Identification", "IdentifiedValue"],
     },
 }  # fmt: skip
 

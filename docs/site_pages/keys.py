@@ -5,15 +5,16 @@ The page is not written, and the site not built, where a reader knows a key that
 
 from collections.abc import Iterable, Mapping
 
-from matching.frequency.case import load as case
-from matching.frequency.case.load_limits import LIMIT_UNITS
-from matching.frequency.case.load_loop import HARDWARE
-from matching.frequency.case.load_operating_point import KEYS as OPERATING_POINT
-from matching.validity.budget import budget_file, inputs
-from matching.validity.fidelity import case_file
-from modelling.bed.structures import STRUCTURES
-from modelling.measurement import channels
-from modelling.model import files
+from matching import fidelity as case_file
+from matching.match import case_file as case
+from matching.match.case import LIMIT_UNITS
+from matching.match.case_file import KEYS as OPERATING_POINT
+from matching.uncertainty import budget as budget_file
+from matching.uncertainty import budget as inputs
+from modelling import model_file as files
+from modelling.bed.bed import HARDWARE
+from modelling.bed.controllers import STRUCTURES
+from modelling.recordings import read as channels
 from modelling.units import QUANTITY_UNITS
 from site_pages.key_meanings import (
     BUDGET,

@@ -5,11 +5,11 @@ python examples/adapter_only/run.py
 
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.match import match
-from matching.frequency.search.result import MatchResult
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.match import match
+from matching.match.responses import error_figures
+from matching.match.result import MatchResult
 
 HERE = Path(__file__).parent
 

@@ -5,9 +5,9 @@ python examples/compact_bev/run.py
 
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
-from matching.frequency.search.result import MatchResult
+from matching.match.case_file import load_case
+from matching.match.match import match
+from matching.match.result import MatchResult
 
 HERE = Path(__file__).parent
 

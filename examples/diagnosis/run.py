@@ -7,12 +7,11 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.verdict.result import Diagnosis
-from matching.report.diagnosis.page import content
-from matching.report.diagnosis.sentences import summary
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.result import Diagnosis
+from matching.report.diagnosis import content, summary
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 HERE = Path(__file__).parent
 

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from matching.report.common import style
-from matching.report.fidelity import figures as fidelity_figures
-from matching.validity.fidelity.case_file import read_case
-from matching.validity.fidelity.result import xil_fidelity
-from modelling.fidelity.assess import fidelity_of_signals
-from modelling.fidelity.fidelity import SignalPair
+from matching.fidelity import read_case, xil_fidelity
+from matching.report import common as style
+from matching.report import evidence as fidelity_figures
+from modelling.fidelity.measures import SignalPair, fidelity_of_signals
 
 HERE = Path(__file__).parent
 NAMES = ("system_dynamics", "residual_vehicle_model", "measurement_uncertainty", "R_XiL")

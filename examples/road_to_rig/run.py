@@ -6,11 +6,11 @@ python examples/road_to_rig/run.py
 from dataclasses import replace
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.match import match
-from matching.frequency.search.result import MatchResult
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.responses import error_figures
+from matching.match.result import MatchResult
 
 HERE = Path(__file__).parent
 

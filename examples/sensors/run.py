@@ -6,11 +6,11 @@ python examples/sensors/run.py [folder for the figures]
 import sys
 from pathlib import Path
 
-from matching.report.common import style
-from matching.report.uncertainty import figures as uncertainty_figures
-from matching.validity.budget.budget_file import read_budget
-from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.inverse import required
+from matching.report import common as style
+from matching.report import evidence as uncertainty_figures
+from matching.uncertainty.budget import read_budget
+from matching.uncertainty.evaluate import evaluate
+from matching.uncertainty.propagate import required
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))

@@ -1,1 +1,1 @@
-"""Diagnosis of a model against recordings: what it lacks, where, how surely, and the extended model."""
+"""What a model gets wrong, from recordings."""

@@ -13,17 +13,14 @@ from pathlib import Path
 import numpy as np
 from scipy import fft
 
-from matching.diagnosis.data.segments import Segment
-from matching.diagnosis.fitting.batch_simulation import simulate_readings, steps_and_stick_speed
-from matching.diagnosis.fitting.start_states import first_state
-from modelling.common.errors import InputError
-from modelling.equations.assembly import STICK_SPEED
-from modelling.equations.compiled import compiled
-from modelling.measurement.channels import Channel
-from modelling.measurement.read import read_recording, read_signals
-from modelling.measurement.recording import Recording
-from modelling.model.components import clock_error
-from modelling.model.system import System
+from matching.diagnosis.data import Segment
+from matching.diagnosis.fit import first_state, simulate_readings, steps_and_stick_speed
+from modelling.equations.casadi_code import compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.errors import InputError
+from modelling.recordings.read import Channel, read_recording, read_signals
+from modelling.recordings.recording import Recording
+from modelling.system import System, clock_error
 
 SEVERAL_LOGGERS = "+"  # between the files of one motion
 LARGEST_SHARE = 0.25  # of the shorter recording: the largest offset that is looked for
@@ -39,7 +36,7 @@ def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | N
     Raises
     ------
     InputError
-        As :func:`modelling.measurement.read.read_recording` and :func:`joined`.
+        As :func:`modelling.recordings.read.read_recording` and :func:`joined`.
     """
     if SEVERAL_LOGGERS not in paths or Path(paths).exists():
         return read_recording(paths, system, channels)

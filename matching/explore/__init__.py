@@ -1,1 +1,1 @@
-"""What `rigmatch explore` does, without its page: files that are edited, models that follow, commands that run."""
+"""The program in the browser."""

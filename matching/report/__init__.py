@@ -3,28 +3,28 @@
 from importlib import import_module
 
 VIEWS = {
-    "matching.bed_test.result.BedVerification": "matching.report.bed_test.view",
-    "matching.commissioning.rounds.Commissioning": "matching.report.commissioning.view",
-    "modelling.modal.result.Mode": "matching.report.modes.animation",
-    "matching.excitation.result.ExcitationPlan": "matching.report.excitation.view",
-    "matching.diagnosis.verdict.result.Diagnosis": "matching.report.diagnosis.view",
-    "matching.frequency.search.result.MatchResult": "matching.report.match.view",
-    "matching.frequency.case.case.Case": "matching.report.drawing.view",
-    "matching.frequency.studies.map.Map": "matching.report.map.view",
-    "matching.frequency.studies.tolerance.Tolerance": "matching.report.tolerance.view",
-    "matching.report.modes.animation.ModeAnimation": "matching.report.modes.animation",
-    "matching.validity.uncertainty.result.Uncertainty": "matching.report.uncertainty.view",
-    "matching.validity.fidelity.result.XilFidelity": "matching.report.fidelity.view",
-    "modelling.equations.lagrange.Equations": "matching.report.modes.equations_view",
-    "modelling.linear.response.Response": "matching.report.simulation.response_view",
-    "modelling.modal.result.Modes": "matching.report.modes.view",
-    "modelling.model.system.System": "matching.report.drawing.view",
-    "modelling.simulation.result.Simulation": "matching.report.simulation.view",
+    "matching.bed.verify.BedVerification": "matching.report.bed",
+    "matching.bed.commission.Commissioning": "matching.report.bed",
+    "modelling.modal.result.Mode": "matching.report.modes",
+    "matching.bed.excite.ExcitationPlan": "matching.report.bed",
+    "matching.diagnosis.result.Diagnosis": "matching.report.diagnosis",
+    "matching.match.result.MatchResult": "matching.report.match",
+    "matching.match.case.Case": "matching.report.drivetrain",
+    "matching.match.map.Map": "matching.report.studies",
+    "matching.match.tolerance.Tolerance": "matching.report.studies",
+    "matching.report.modes.ModeAnimation": "matching.report.modes",
+    "matching.uncertainty.result.Uncertainty": "matching.report.evidence",
+    "matching.fidelity.XilFidelity": "matching.report.evidence",
+    "modelling.equations.lagrange.Equations": "matching.report.modes",
+    "modelling.linear.state_space.Response": "matching.report.common",
+    "modelling.modal.result.Modes": "matching.report.modes",
+    "modelling.system.System": "matching.report.drivetrain",
+    "modelling.simulation.stepping.Simulation": "matching.report.common",
 }
 
 
 def load_view(result_class: type) -> None:
-    """Import the module that registers the views of a class, see :func:`modelling.common.display.register_provider`."""
+    """Import the module that registers the views of a class, see :func:`modelling.display.register_provider`."""
     module = VIEWS.get(f"{result_class.__module__}.{result_class.__qualname__}")
     if module:
         import_module(module)

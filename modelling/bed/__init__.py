@@ -1,1 +1,1 @@
-"""The controlled test bed: residual vehicle, control loop with its structures, feed-forward, manoeuvres."""
+"""The test bed: rig, residual vehicle, control structures and manoeuvres."""

@@ -1,1 +1,1 @@
-"""The sampled controller as it leaves the computer: its law, its supervision, its C sources."""
+"""The controller as it runs on the bed, in Python and in C."""

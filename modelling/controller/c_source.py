@@ -8,13 +8,24 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from modelling.common.escape import c_comment
-from modelling.controller import opened_shaft, torque_gone
-from modelling.controller import settings as fixed
-from modelling.controller.exported import ExportedController
+from modelling.controller.law import (
+    AVERAGED_SAMPLES,
+    GONE,
+    HELD_BELOW_LIMIT,
+    IN_A_ROW,
+    KEPT_SAMPLES,
+    LARGEST_SHARE,
+    REMEMBERED_SAMPLES,
+    SAMPLES_IN_A_ROW,
+    SLOWEST,
+    TURNING,
+    WATCHED_SAMPLES,
+    ExportedController,
+)
+from modelling.escape import c_comment
 
 HERE = Path(__file__).with_name("sources")
-KEPT_TORQUES = max(torque_gone.KEPT_SAMPLES, opened_shaft.WATCHED_SAMPLES)
+KEPT_TORQUES = max(KEPT_SAMPLES, WATCHED_SAMPLES)
 
 
 def c_sources(controller: ExportedController) -> dict[str, str]:
@@ -41,7 +52,7 @@ def memory_bytes(controller: ExportedController) -> int:
         + KEPT_TORQUES * k
         + (s + 1)
         + 1
-        + opened_shaft.WATCHED_SAMPLES * y
+        + WATCHED_SAMPLES * y
     )
     return 8 * reals + 4 * (10 + k + 2 * (s + 1))
 
@@ -64,7 +75,7 @@ def _header(controller: ExportedController) -> str:
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
             kept=KEPT_TORQUES,
-            watched=opened_shaft.WATCHED_SAMPLES,
+            watched=WATCHED_SAMPLES,
             shafts=[c_comment(name) for name in controller.watched.shafts],
             curve=len(controller.settings.curve_speeds),
         )
@@ -82,17 +93,17 @@ def _data(controller: ExportedController) -> str:
         "    const controller_real *value;",
         "} controller_matrix;",
         "",
-        f"#define CONTROLLER_TURNING {_real(fixed.TURNING)} /* rad/s */",
-        f"#define CONTROLLER_GONE {_real(torque_gone.GONE)}",
-        f"#define CONTROLLER_REMEMBERED {torque_gone.REMEMBERED_SAMPLES}",
-        f"#define CONTROLLER_JUDGED {torque_gone.KEPT_SAMPLES}",
-        f"#define CONTROLLER_AVERAGED {torque_gone.AVERAGED_SAMPLES}",
-        f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(fixed.HELD_BELOW_LIMIT)}",
-        f"#define CONTROLLER_SLOWEST {_real(fixed.SLOWEST)} /* rad/s */",
-        f"#define CONTROLLER_IN_A_ROW {fixed.SAMPLES_IN_A_ROW}",
+        f"#define CONTROLLER_TURNING {_real(TURNING)} /* rad/s */",
+        f"#define CONTROLLER_GONE {_real(GONE)}",
+        f"#define CONTROLLER_REMEMBERED {REMEMBERED_SAMPLES}",
+        f"#define CONTROLLER_JUDGED {KEPT_SAMPLES}",
+        f"#define CONTROLLER_AVERAGED {AVERAGED_SAMPLES}",
+        f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(HELD_BELOW_LIMIT)}",
+        f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
+        f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
-        f"#define CONTROLLER_OPENED_IN_A_ROW {opened_shaft.IN_A_ROW}",
-        f"#define CONTROLLER_LARGEST_SHARE {_real(opened_shaft.LARGEST_SHARE)}",
+        f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
+        f"#define CONTROLLER_LARGEST_SHARE {_real(LARGEST_SHARE)}",
         "",
         f"static const int32_t TORQUE_READING[] = {{{', '.join(map(str, controller.torque_readings))}}};",
         f"static const int32_t SPEED_READING[] = {{{', '.join(map(str, controller.speed_readings))}}};",

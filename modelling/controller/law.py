@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.feed_forward import FeedForward
-from modelling.bed.observer_controller import ObserverController
+from modelling.bed.bed import ObserverController
+from modelling.bed.vehicle import FeedForward
+from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
+
+# --- Law
 
 
 @dataclass(frozen=True)
@@ -163,3 +167,466 @@ def law_of_observer(controller: ObserverController) -> ControlLaw:
         controller.L, controller.C, controller.sensors, controller.known, controller.dynamometers,
         controller.sample_time,
     )  # fmt: skip
+
+
+# --- When a shaft counts as opened: readings leave what is expected as they do where its torque is gone.
+#
+# What an opened shaft, or a clutch in it, does to the readings over the first samples is as large as the torque that it
+# carried. Weights on what the readings of the last samples are off from what the controller's model expects estimate
+# the
+# torque that was lost; the flange torques before these samples state what the shaft carried. An opened shaft has lost
+# all
+# of it; noise and driving torques that are not as measured seem to take a small share of it, or none. A lash that is
+# crossed is an opened shaft for that time, but of a shaft whose torque has just changed its sign: so only shafts that
+# have carried a torque for a while are judged.
+
+WATCHED_SAMPLES = 5  # within which an opened shaft is to be noticed
+IN_A_ROW = 2  # of these samples, so that a single wrong reading does not count
+LARGEST_SHARE = 2.0  # of the carried torque that an opened shaft can seem to lose: more is something else
+
+
+@dataclass(frozen=True)
+class WatchedShafts:
+    """How opened shafts are noticed; s shafts, y readings, k dynamometers.
+
+    Attributes
+    ----------
+    shafts : tuple of str (s)
+    lost : ndarray (s, WATCHED_SAMPLES · y)
+        Torque that was lost, N·m, by what the readings are off from what is expected: those of the newest sample first.
+    carried : ndarray (s, k)
+        Torque of the shaft, N·m, by flange torques in steady motion.
+    carried_samples : int
+        For which a shaft has to have carried its torque before it is judged.
+    """
+
+    shafts: tuple[str, ...]
+    lost: np.ndarray
+    carried: np.ndarray
+    carried_samples: int
+
+
+@dataclass(frozen=True)
+class OpenedShaft:
+    """How the opening of a shaft is noticed.
+
+    Attributes
+    ----------
+    shaft : str
+    noticed_by : str
+        ``lost_torque``, ``opened_torque`` (settings of the controller), or nothing: not within five samples.
+    from_torque : float or None
+        N·m in the shaft that have to be carried.
+    why_not : str
+        In words, where it is not noticed.
+    """
+
+    shaft: str
+    noticed_by: str
+    from_torque: float | None
+    why_not: str = ""
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        if self.noticed_by:
+            return f"{self.shaft}: noticed by {self.noticed_by} from {self.from_torque:.3g} N·m in it on"
+        return f"{self.shaft}: not noticed within five samples; {self.why_not}"
+
+
+def nothing_watched(readings: int, dynamometers: int) -> WatchedShafts:
+    """Of a controller that cannot tell an opened shaft from anything else."""
+    return WatchedShafts((), np.zeros((0, WATCHED_SAMPLES * readings)), np.zeros((0, dynamometers)), 1)
+
+
+class ShaftWatch:
+    """Judges the watched shafts, sample by sample."""
+
+    def __init__(self, watched: WatchedShafts):
+        self.watched = watched
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what the shafts carried."""
+        count = len(self.watched.shafts)
+        self._carried_for = np.zeros(count, int)  # samples, negative where the torque is
+        self._seems_open = np.zeros(count, int)  # samples in a row
+
+    def opened(self, deviations: np.ndarray, before: np.ndarray, least: np.ndarray, share: float) -> np.ndarray:
+        """Which shafts (s,) have opened, as bool.
+
+        Parameters
+        ----------
+        deviations : ndarray (WATCHED_SAMPLES · y,)
+            Readings less what is expected, the newest sample first.
+        before : ndarray (k,)
+            Flange torques a sample before the oldest of these, N·m.
+        least : ndarray (s,)
+            N·m: shafts that carried no more are not judged.
+        share : float
+            Of the carried torque that an opened shaft seems to lose at least.
+        """
+        carried, enough = self.watched.carried @ before, self.watched.carried_samples
+        longer = np.where(carried > 0, np.maximum(self._carried_for, 0) + 1, np.minimum(self._carried_for, 0) - 1)
+        self._carried_for = np.where(np.abs(carried) > least, np.clip(longer, -enough, enough), 0)
+        size, lost = np.abs(carried), self.watched.lost @ deviations * np.sign(carried)
+        seems = (np.abs(self._carried_for) >= enough) & (lost > share * size) & (lost < LARGEST_SHARE * size)
+        self._seems_open = np.where(seems, self._seems_open + 1, 0)
+        opened: np.ndarray = self._seems_open >= IN_A_ROW
+        return opened
+
+
+# --- What the supervision of a controller needs to know: limits, speed hold, when to give up.
+
+ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
+FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
+TORQUE_GONE = FAULTS.index("torque gone")
+HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
+SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
+HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
+NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
+SLOWEST = 1e-6  # rad/s: power limits no torque below it
+OPENED_SHARE = 0.5  # of the torque that it carried that an opened shaft seems to lose at least
+TURNING = 1.0  # rad/s: a rotor that turns faster cannot have readings that do not change
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Limits and thresholds; k dynamometers, y readings, s shafts that are watched.
+
+    Attributes
+    ----------
+    torque_limit, speed_limit, power_limit : ndarray (k,)
+        N·m, rad/s, W: air-gap torques stay within torque and power.
+    hold_proportional, hold_integral : ndarray (k,)
+        N·m·s/rad, N·m/rad of the speed hold.
+    lost_torque : ndarray (k,)
+        N·m: a flange torque above it that is gone at once is a broken shaft, see :mod:`.torque_gone`.
+    torque_gain : ndarray (k,)
+        Air-gap torque over command as calibrated: commands are divided by it.
+    curve_speeds, curve_torques : ndarray (p,)
+        rad/s, N·m: largest torque over speed of every dynamometer, straight between the points.
+    opened_torque : ndarray (s,)
+        N·m: a watched shaft that carries more and loses it counts as opened, see :mod:`.opened_shaft`.
+    unexpected : ndarray (y,)
+        How far a reading may be from what the controller's model expects, in its unit.
+    frozen_samples : int
+        So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
+    opened_share : float
+        Of the torque that it carried that an opened shaft loses at least.
+    life_samples : int
+        So many samples without a change of the sign of life stop the emulation; 0 switches it off.
+    """
+
+    torque_limit: np.ndarray
+    speed_limit: np.ndarray
+    hold_proportional: np.ndarray
+    hold_integral: np.ndarray
+    lost_torque: np.ndarray
+    torque_gain: np.ndarray
+    unexpected: np.ndarray
+    power_limit: np.ndarray
+    curve_speeds: np.ndarray
+    curve_torques: np.ndarray
+    opened_torque: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    opened_share: float = OPENED_SHARE
+    frozen_samples: int = 4
+    life_samples: int = 0
+
+
+# --- When a flange torque counts as gone: a shaft broke, or a clutch at the flange opened.
+
+REMEMBERED_SAMPLES = 3  # a torque gone within so many samples has gone at once
+AVERAGED_SAMPLES = 3  # what a break leaves at the flange swings on about zero: the mean of so many samples shows it
+KEPT_SAMPLES = 4  # torques kept: those of the mean but for the newest, and two before them
+GONE = 0.2  # of the torque before: what is left of it counts as none
+
+
+def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.ndarray:
+    """Which flange torques are gone.
+
+    Parameters
+    ----------
+    recent : ndarray (KEPT_SAMPLES + 1, …, k)
+        Torques in N·m, the newest first.
+    least : ndarray (k,)
+        N·m: torques that were not larger are not judged.
+    left : float
+        Share of the torque before that counts as none.
+
+    Returns
+    -------
+    ndarray of bool (…, k)
+    """
+    size = np.abs(recent)
+    before = size[1 : 1 + REMEMBERED_SAMPLES].max(axis=0)
+    at_once = (before > least) & (size[0] < left * before)
+    earlier = size[AVERAGED_SAMPLES:].max(axis=0)
+    about_zero = (earlier > least) & (np.abs(recent[:AVERAGED_SAMPLES].mean(axis=0)) < left * earlier)
+    return at_once | about_zero
+
+
+# --- The controller with its supervision, sample by sample, in Python: what the C sources have to equal.
+#
+# Three modes: zero torque, speed hold and emulation. Emulation begins from the readings, torques and commands of its
+# first sample, so it begins without a bump at any steady speed. What goes wrong ends it: readings that are not
+# finite, do
+# not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or readings that are
+# not what the controller's model expects. Then the speeds are held, or, where they are not known any more, the torque
+# is
+# zero, until zero torque is asked for.
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Commands (k,), N·m; the mode that is active and the fault that ended the emulation, numbers of
+    :mod:`modelling.controller.law`."""
+
+    commands: np.ndarray
+    mode: int
+    fault: int
+
+
+class SupervisedController:
+    """A control law with its supervision.
+
+    Parameters
+    ----------
+    law : ControlLaw
+    settings : Settings
+    torque_readings, speed_readings : sequence of int (k)
+        Which readings are the dynamometers' flange torques and speeds.
+    watched : WatchedShafts
+        Shafts whose opening is noticed.
+    """
+
+    def __init__(
+        self, law: ControlLaw, settings: Settings, torque_readings: list[int], speed_readings: list[int],
+        watched: WatchedShafts,
+    ):  # fmt: skip
+        self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
+        self._torques, self._speeds = torque_readings, speed_readings
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to zero torque, everything forgotten."""
+        k, y = len(self.law.dynamometers), len(self.law.sensors)
+        self._mode, self._fault, self._fallback = ZERO_TORQUE, 0, ZERO_TORQUE
+        self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
+        self._state = np.zeros(len(self.law.A))
+        self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
+        self._last = np.zeros(y)
+        self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
+        self._deviations = np.zeros((WATCHED_SAMPLES, y))
+        self._watch.reset()
+        self._gone = np.zeros(k, bool)
+        self._unchanged = self._lifeless = self._surprised = 0
+        self._life: int | None = None
+
+    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0) -> Answer:
+        """One sample.
+
+        Parameters
+        ----------
+        readings, known, hold : ndarray (y,), (w,), (k,)
+            Readings in SI, known torques (N·m), speeds to hold (rad/s).
+        mode : int
+            That is asked for. Zero torque also ends a fault that is over.
+        life : int
+            A number that changes from sample to sample as long as the sender lives.
+        """
+        fault = self._check(readings, known, hold, life)
+        if fault and not self._fault and self._mode != ZERO_TORQUE:
+            self._fault = fault
+            self._fallback = SPEED_HOLD if fault in HOLDABLE else ZERO_TORQUE
+            below = HELD_BELOW_LIMIT * self.settings.speed_limit
+            self._held = np.clip(readings[self._speeds], -below, below) if fault in HOLDABLE else self._held
+        elif fault and fault not in HOLDABLE:
+            self._fallback = ZERO_TORQUE
+        if not fault and mode == ZERO_TORQUE:
+            self._fault = 0
+        unknown = bool(fault) and fault not in HOLDABLE
+        wanted = self._fallback if self._fault else mode
+        self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
+        self._sent = self._command(readings, known, hold)
+        if not np.isfinite(self._sent).all():  # a law that has left all bounds
+            self._mode, self._fault, self._fallback = ZERO_TORQUE, 1, ZERO_TORQUE
+            self._sent = np.zeros(len(self._sent))
+        if not unknown:
+            self._last = readings.copy()
+            self._past_torques = np.vstack([readings[self._torques], self._past_torques[:-1]])
+        return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
+
+    def _check(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, life: int) -> int:
+        """The first of :data:`FAULTS` that shows."""
+        settings = self.settings
+        self._lifeless = self._lifeless + 1 if life == self._life else 0
+        self._life = life
+        if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(hold).all()):
+            return 1
+        if 0 < settings.life_samples <= self._lifeless:
+            return 2
+        speeds = np.abs(readings[self._speeds])
+        still = np.array_equal(readings, self._last) and (speeds > TURNING).any()
+        self._unchanged = self._unchanged + 1 if still else 0
+        if 0 < settings.frozen_samples <= self._unchanged:
+            return 3
+        if (speeds > settings.speed_limit).any():
+            return 4
+        if self._mode != EMULATION:
+            self._surprised = 0
+            return 0
+        deviation = readings - self._start[0] - self.law.E @ self._state
+        self._deviations = np.vstack([deviation, self._deviations[:-1]])
+        if self._has_lost_torque(readings):
+            return TORQUE_GONE
+        self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
+        return 6 if self._surprised >= SAMPLES_IN_A_ROW else 0
+
+    def _has_lost_torque(self, readings: np.ndarray) -> bool:
+        """A flange torque is gone, or a shaft has opened."""
+        settings, before = self.settings, self._past_torques
+        self._gone = has_gone(np.vstack([readings[self._torques], before[:KEPT_SAMPLES]]), settings.lost_torque)
+        opened = self._watch.opened(
+            self._deviations.ravel(), before[WATCHED_SAMPLES - 1], settings.opened_torque, settings.opened_share
+        )
+        self._gone |= (self._watch.watched.carried[opened] != 0).any(axis=0)  # the rotors that it loaded
+        return bool(self._gone.any())
+
+    def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
+        if mode == self._mode:
+            return
+        self._mode = mode
+        if mode == SPEED_HOLD:
+            wanted = self._held if self._fault else hold
+            # a rotor whose load is gone would be swung by the torque that balanced it
+            carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
+            self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
+        if mode == EMULATION:
+            self._start = readings.copy(), known.copy(), self._sent.copy()
+            self._state = np.zeros(len(self.law.A))
+            self._past_torques[:] = readings[self._torques]
+            self._surprised = 0
+            self._deviations[:] = 0.0
+            self._watch.reset()
+
+    def _torque_limits(self, readings: np.ndarray) -> np.ndarray:
+        """Largest torques (k,), N·m, at the speeds that are read."""
+        settings, speeds = self.settings, np.abs(readings[self._speeds])
+        of_power = settings.power_limit / np.maximum(speeds, SLOWEST)
+        of_curve = np.interp(speeds, settings.curve_speeds, settings.curve_torques)
+        return np.minimum(np.minimum(settings.torque_limit, of_power), of_curve)
+
+    def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> np.ndarray:
+        settings, limit = self.settings, self._torque_limits(readings)
+        if self._mode == EMULATION:
+            law, (y0, w0, u0) = self.law, self._start
+            y, w = readings - y0, known - w0
+            corrected = self._state + law.L @ (y - law.E @ self._state)
+            sent = np.clip(u0 + law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit, limit)
+            self._state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ (sent - u0)
+            return sent
+        if self._mode == SPEED_HOLD:
+            error = (self._held if self._fault else hold) - readings[self._speeds]
+            asked = settings.hold_proportional * error + self._integral
+            sent = np.clip(asked, -limit, limit)
+            within = asked == sent
+            self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            return sent
+        return np.zeros(len(self._sent))
+
+
+# --- A controller with all that its export needs: law, settings, and what the signals are.
+
+
+@dataclass(frozen=True)
+class ExportedController:
+    """What becomes C.
+
+    Attributes
+    ----------
+    title : str
+    law : ControlLaw
+    settings : Settings
+    units : tuple of str (y)
+        SI units of the readings.
+    torque_readings, speed_readings : tuple of int (k)
+        Which readings are the dynamometers' flange torques and speeds.
+    watched : WatchedShafts
+        Shafts whose opening is noticed by what it does to the readings.
+    shafts : tuple of OpenedShaft
+        How the opening of every shaft of the rig is noticed.
+    """
+
+    title: str
+    law: ControlLaw
+    settings: Settings
+    units: tuple[str, ...]
+    torque_readings: tuple[int, ...]
+    speed_readings: tuple[int, ...]
+    watched: WatchedShafts
+    shafts: tuple[OpenedShaft, ...]
+
+    def running(self) -> SupervisedController:
+        """The same controller in Python, at zero torque."""
+        return SupervisedController(
+            self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched
+        )
+
+
+# --- Gains of the speed hold that the controller falls back to: slow, plain, and checked on the rig's model.
+
+CROSSOVER_TIMES_DELAY = 0.25  # rad: crossover of the lone rotor over the sum of dead time and lags; 76° of phase margin
+INTEGRAL_BELOW = 20.0  # the integral sets in this many times below the crossover
+HALVINGS = 12  # of both gains, until the rig's model is stable
+ON_THE_CIRCLE = 1e-6  # of |z|: poles this near 1 are angles that nothing depends on
+
+
+def hold_gains(
+    bed: StateSpace, rotor_inertias: np.ndarray, dead_time: float, lag: float, sample_time: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Proportional (k,) and integral (k,) gains, N·m·s/rad and N·m/rad, of a speed hold that is stable on the rig.
+
+    Parameters
+    ----------
+    bed : StateSpace
+        Inputs start with the torque commands (k); outputs are the rotor speeds (k).
+    rotor_inertias : ndarray (k,)
+        kg·m².
+    dead_time, lag, sample_time : float
+        s; the lag of inverter and sensor together.
+
+    Raises
+    ------
+    InputError
+        If no such gains are stable.
+    """
+    crossover = CROSSOVER_TIMES_DELAY / (dead_time + lag + sample_time)
+    proportional = rotor_inertias * crossover
+    integral = proportional * crossover / INTEGRAL_BELOW
+    for _ in range(HALVINGS):
+        if _is_stable(bed, proportional, integral, dead_time, sample_time):
+            return proportional, integral
+        proportional, integral = proportional / 2, integral / 4
+    raise InputError(
+        "controller", "no speed hold is stable on this rig", "check dead time, lags and the rotors' inertias"
+    )
+
+
+def _is_stable(bed: StateSpace, proportional: np.ndarray, integral: np.ndarray, dead: float, step: float) -> bool:
+    k, delay = len(proportional), int(np.ceil(dead / step - 1e-9))
+    A, B, *_ = scipy.signal.cont2discrete((bed.A, bed.B[:, :k], bed.C, np.zeros((k, k))), step)
+    n, fifo = len(A), k * delay
+    size = n + fifo + k
+    law = np.zeros((k, size))  # the command on [bed, commands on their way (oldest first), integrals]
+    law[:, :n], law[:, n + fifo :] = -proportional[:, None] * bed.C, np.eye(k)
+    M = np.zeros((size, size))
+    M[:n, :n] = A
+    if delay:
+        M[:n, n : n + k] = B
+        M[n : n + fifo - k, n + k : n + fifo] = np.eye(fifo - k)
+        M[n + fifo - k : n + fifo] = law
+    else:
+        M[:n] += B @ law
+    M[n + fifo :, :n], M[n + fifo :, n + fifo :] = -step * integral[:, None] * bed.C, np.eye(k)
+    return bool(np.abs(np.linalg.eigvals(M)).max() <= 1 + ON_THE_CIRCLE)

@@ -1,1 +1,1 @@
-"""From a system to its equations of motion (SymPy) and to compiled functions of state, inputs, parameters (CasADi)."""
+"""Lagrange's equations, derived with SymPy and compiled with CasADi."""

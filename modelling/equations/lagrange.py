@@ -8,14 +8,474 @@ Each energy is differentiated by the coordinates it contains only, so the work g
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import sympy as sm
 
-from modelling.common import display
-from modelling.equations.assembly import Assembly
-from modelling.equations.derivative import differentiate
-from modelling.model.system import System
+from modelling import display, escape
+from modelling.effects.effect import (
+    EquationBuilder,
+    GearLaw,
+    InputPath,
+    Kind,
+    Motion,
+    SensorPath,
+    ShaftLaw,
+    Spring,
+    members,
+)
+from modelling.equations import shaft_law
+from modelling.equations.shaft_law import CONTACT_TIME, differentiate
+from modelling.errors import InputError
+from modelling.system import Gear, System
+
+# --- Rigid gears and differentials, eliminated: every inertia's angle in terms of independent coordinates.
+#
+# Every inertia that a constraint eliminates points at those it is expressed in; paths are shortened as they are
+# followed,
+# and a long product of ratios gets a symbol of its own. So the work grows with the number of constraints, not its
+# square.
+
+LONGEST_COEFFICIENT = 24  # factors or operations; a longer one gets a symbol of its own
+MOST_SHARES = 20_000  # of all inertias together: differentials in a row couple every inertia with every other
+VANISHES = 1e-9  # a smaller coefficient is no pivot
+CANCELS = 1e-12  # of the summands: what remains of a sum that may be zero
+
+Row = dict[str, "_Coefficient"]
+
+
+@dataclass(frozen=True)
+class _Coefficient:
+    """A coefficient of a constraint: its expression, value, and number of factors or operations."""
+
+    expression: sm.Expr
+    value: float
+    length: int = 1
+
+    def __mul__(self, other: _Coefficient) -> _Coefficient:
+        product = self.expression * other.expression
+        length = self.length + other.length
+        if product.has(sm.Add):
+            product = sm.cancel(product)
+            length = 1 + int(product.count_ops())
+        return _Coefficient(product, self.value * other.value, length)
+
+    def inverse(self) -> _Coefficient:
+        return _Coefficient(1 / self.expression, 1 / self.value, self.length)
+
+
+_ONE, _MINUS = _Coefficient(sm.Integer(1), 1.0, 0), _Coefficient(sm.Integer(-1), -1.0, 0)
+
+
+def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
+    """A motion for every inertia by name; creates the independent coordinates in ``assembly``.
+
+    Raises
+    ------
+    InputError
+        If gears and differentials lock the system or say the same thing twice, or couple too many inertias.
+    """
+    elimination = _Elimination(assembly.abbreviate)
+    for place, row in _constraints(system, assembly):
+        elimination.add(place, row)
+    eliminated = elimination.by_inertia
+    free = {part.name: assembly.add_coordinate(part.name) for part in system.inertias if part.name not in eliminated}
+    motions: dict[str, Motion] = {}
+    shares = 0
+    for inertia in system.inertias:
+        row = elimination.resolved(inertia.name)
+        shares += len(row) if len(row) > 1 else 0
+        if shares > MOST_SHARES:
+            raise InputError("differentials", f"couple more than {MOST_SHARES} pairs of inertias", "use fewer in a row")
+        motions[inertia.name] = Motion(
+            {next(iter(free[name].coefficients)): c.expression for name, c in row.items()}, assembly
+        )
+    return motions
+
+
+def _constraints(system: System, assembly: EquationBuilder) -> list[tuple[str, Row]]:
+    """Σ coefficient·angle = 0 of every gear and differential, with its place in the file."""
+    rows: list[tuple[str, Row]] = []
+    values = {
+        symbol: system.parameters[name].value
+        for name, symbol in assembly.parameters.items()
+        if name in system.parameters
+    }
+    for gear in system.gears:
+        first, second = gear.between
+        ratio = assembly.symbol(f"gears.{gear.name}.ratio")
+        rows.append((f"gears.{gear.name}", {first: _ONE, second: _Coefficient(-ratio, -values[ratio])}))
+    for part in system.differentials:
+        half = _Coefficient(-sm.Rational(1, 2), -0.5, 0)
+        rows.append((f"differentials.{part.name}", {part.cage: _ONE, part.left: half, part.right: half}))
+    return rows
+
+
+class _Elimination:
+    """Inertias eliminated so far, each by the row of those that it is expressed in."""
+
+    def __init__(self, abbreviate: Callable[[sm.Expr], sm.Expr]):
+        self.by_inertia: dict[str, Row] = {}
+        self._abbreviate = abbreviate
+        self._meaning: dict[sm.Expr, sm.Expr] = {}
+
+    def add(self, place: str, row: Row) -> None:
+        """Eliminate one inertia by a constraint."""
+        row = self._combined(row)
+        pivot = next((name for name, c in row.items() if abs(c.value) > VANISHES), None)
+        if pivot is None:
+            raise InputError(
+                place, "says again what other gears and differentials already say, or locks them", "remove it"
+            )
+        factor = _MINUS * row[pivot].inverse()
+        rest = {name: self._short(c * factor) for name, c in row.items() if name != pivot}
+        if not rest:
+            raise InputError(place, "locks the drivetrain: nothing can turn", "check the ratios round the loop")
+        self.by_inertia[pivot] = rest
+
+    def resolved(self, name: str) -> Row:
+        """An inertia in terms of those not eliminated; shortens the path to them."""
+        waiting = [name]
+        while waiting:
+            row = self.by_inertia.get(waiting[-1])
+            todo = [] if row is None else [other for other in row if self._is_eliminated(other)]
+            if todo:
+                waiting.extend(todo)
+                continue
+            done = waiting.pop()
+            if row is not None and any(other in self.by_inertia for other in row):
+                self.by_inertia[done] = self._replaced(row)
+        return self.by_inertia.get(name, {name: _ONE})
+
+    def _is_eliminated(self, name: str) -> bool:
+        """Whether an inertia is eliminated by others that are eliminated in turn."""
+        return name in self.by_inertia and any(other in self.by_inertia for other in self.by_inertia[name])
+
+    def _combined(self, row: Row) -> Row:
+        for name in row:
+            self.resolved(name)
+        return self._replaced(row)
+
+    def _replaced(self, row: Mapping[str, _Coefficient]) -> Row:
+        """A row with the eliminated inertias replaced; terms that cancel are dropped."""
+        out: Row = {}
+        for name, c in row.items():
+            for inner, factor in self.by_inertia.get(name, {name: _ONE}).items():
+                product = c * factor
+                out[inner] = self._sum(out[inner], product) if inner in out else product
+        return {name: self._short(c) for name, c in out.items() if c.expression != 0}
+
+    def _sum(self, a: _Coefficient, b: _Coefficient) -> _Coefficient:
+        value = a.value + b.value
+        if abs(value) <= CANCELS * abs(a.value) and self._opposite(a.expression, b.expression):
+            return _Coefficient(sm.Integer(0), 0.0, 0)
+        total = sm.cancel(a.expression + b.expression)
+        return _Coefficient(total, value, 1 + int(total.count_ops()))
+
+    def _opposite(self, a: sm.Expr, b: sm.Expr) -> bool:
+        """Whether two products are each other's negative, abbreviations written out."""
+        ratio = a / b
+        while ratio != -1 and (known := ratio.free_symbols & self._meaning.keys()):
+            ratio = ratio.xreplace({symbol: self._meaning[symbol] for symbol in known})
+        return ratio == -1
+
+    def _short(self, c: _Coefficient) -> _Coefficient:
+        if c.length <= LONGEST_COEFFICIENT:
+            return c
+        symbol = self._abbreviate(c.expression)
+        self._meaning[symbol] = c.expression
+        return _Coefficient(symbol, c.value)
+
+
+# --- What a rigid gear passes on: the torques and inertias of the rigid train on either side of it.
+#
+# A rigid gear is eliminated, so that its torque stands in no equation. It follows from both sides: all torques that act
+# on the first side and its inertia, reflected to the gear's second end, and the same of the second side.
+
+Torque = tuple[str, sm.Expr]  # an inertia and a torque on it, N·m
+
+
+def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts: Mapping[str, ShaftLaw]) -> None:
+    """Refuse the loss of a gear whose torque does not follow from its sides.
+
+    Parameters
+    ----------
+    motions, shafts : dict
+        By inertia and by shaft.
+
+    Raises
+    ------
+    InputError
+        With a differential or a second lossy gear in the same rigid train, or a shaft on it with a further inertia.
+    """
+    place = f"gears.{gear.name}"
+    train = _side(system, gear.between[0], "")
+    for part in system.differentials:
+        if {part.cage, part.left, part.right} & train:
+            raise InputError(place, f"is in one rigid train with {part.name}", "leave its loss out")
+    lossy = {effect.at for effect in system.effects}
+    for other in system.gears:
+        if other is not gear and f"gears.{other.name}" in lossy and other.between[0] in train:
+            raise InputError(place, f"and gears.{other.name}, in one rigid train, both have losses", "state one loss")
+    for shaft in system.shafts:
+        branches = shafts[shaft.name].second is not motions[shaft.between[1]]
+        if branches and train & set(shaft.between):
+            raise InputError(place, f"has a loss beside a further inertia in {shaft.name}", "make that an inertia")
+    if gear.between[1] in _side(system, gear.between[0], gear.name):
+        raise InputError(place, "is one of a ring: what it passes on is undetermined", "leave its loss out")
+
+
+def gear_law(
+    system: System, gear: Gear, motions: dict[str, Motion], inertia: dict[str, sm.Expr], torques: list[Torque]
+) -> GearLaw:
+    """Torques and inertias on both sides of a gear, reflected to its second end.
+
+    Parameters
+    ----------
+    motions, inertia : dict by inertia
+        Inertias in kg·m².
+    torques : list of (str, Expr)
+        All that act, each on an inertia.
+    """
+    first_side = _side(system, gear.between[0], gear.name)
+    second = motions[gear.between[1]]
+    ((index, unit),) = second.coefficients.items()
+    torque, mass = [sm.S.Zero, sm.S.Zero], [sm.S.Zero, sm.S.Zero]
+    coefficients = {name: motion.coefficients.get(index) for name, motion in motions.items()}
+    shares = {name: share / unit for name, share in coefficients.items() if share is not None}
+    for name, share in shares.items():
+        mass[name not in first_side] += inertia[name] * share**2
+    for name, value in torques:
+        if name in shares:
+            torque[name not in first_side] += value * shares[name]
+    return GearLaw(f"gears.{gear.name}", second, torque[0], mass[0], torque[1], mass[1])
+
+
+def torques_of_shaft(law: ShaftLaw, ends: tuple[str, str], ratio: sm.Expr) -> Iterator[Torque]:
+    """What a shaft with its losses does to its ends."""
+    yield ends[0], -law.torque / ratio
+    yield ends[1], law.torque - sm.Add(*(loss(law.torque) for loss in law.losses))
+
+
+def acted_on(component: str, on: dict[str, str]) -> str:
+    """The inertia that a torque named after a component acts on; empty for a shaft's. ``on`` is by input."""
+    table, name = members(component)[0].split(".")[:2]
+    return {"inertias": name, "inputs": on.get(name, "")}.get(table, "")
+
+
+def _side(system: System, inertia: str, without: str) -> set[str]:
+    """All inertias that rigid gears join to one, one gear left out."""
+    joined = {inertia}
+    while True:
+        neighbours = {
+            end for gear in system.gears if gear.name != without and joined & set(gear.between) for end in gear.between
+        }
+        if neighbours <= joined:
+            return joined
+        joined |= neighbours
+
+
+# --- A system put together: coordinates, energies, virtual work, states and paths, as SymPy expressions.
+
+STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
+RECORDING = "simulation.recording"  # its number from 1 in the order of a fit; 0 of any other motion
+SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0}
+
+
+class Assembly:
+    """Energies, virtual work, states, input and sensor paths of a system; effects write into it.
+
+    ``kinetic``, ``potential`` and ``dissipation`` (Rayleigh) are expressions by component; ``work`` lists
+    (component, torque, motion): the torque does work on the motion. ``imposed`` holds by coordinate its place and the
+    acceleration that it has whatever torques act. ``abbreviations`` are symbols of long products of
+    ratios, in terms of parameters and earlier ones. ``masses`` (inertia, motion) and ``springs``
+    are the elements of modal analysis, by component.
+    """
+
+    def __init__(self, system: System):
+        self.system = system
+        self.parameters: dict[str, sm.Symbol] = {name: sm.Symbol(name, real=True) for name in system.parameters}
+        self._override: dict[str, sm.Expr] = {
+            effect.at: self.parameters[f"{effect.name}.value"]
+            for effect in system.effects
+            if effect.law.replaces_quantity
+        }
+        self.time = sm.Symbol("t", real=True)
+        self.coordinates: list[str] = []
+        self.q: list[sm.Symbol] = []
+        self.qd: list[sm.Symbol] = []
+        self.qdd: list[sm.Symbol] = []
+        self.kinetic: dict[str, sm.Expr] = {}
+        self.potential: dict[str, sm.Expr] = {}
+        self.dissipation: dict[str, sm.Expr] = {}
+        self.masses: dict[str, tuple[sm.Expr, Motion]] = {}
+        self.springs: dict[str, Spring] = {}
+        self.work: list[tuple[str, sm.Expr, Motion]] = []
+        self.states: dict[str, tuple[sm.Symbol, sm.Expr]] = {}
+        self._states_by_symbol: dict[sm.Symbol, list[str]] = {}
+        self.abbreviations: dict[sm.Symbol, sm.Expr] = {}
+        self.imposed: dict[int, tuple[str, sm.Expr]] = {}
+        self.motions: dict[str, Motion] = {}
+        self.shafts: dict[str, ShaftLaw] = {}
+        self.inputs: dict[str, InputPath] = {}
+        self.sensors: dict[str, SensorPath] = {}
+        self._assemble()
+
+    def symbol(self, name: str) -> sm.Expr:
+        """The symbol of a parameter; what effects make of it, where they replace or change it."""
+        return self._override.get(name, self.parameters[name])
+
+    def abbreviate(self, expression: sm.Expr) -> sm.Symbol:
+        """A symbol for a constant expression of parameters and earlier abbreviations."""
+        symbol = sm.Symbol(f"k({len(self.abbreviations) + 1})", real=True)
+        self.abbreviations[symbol] = expression
+        return symbol
+
+    def with_abbreviations(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters by name, and of the abbreviations made of them."""
+        known = dict(values)
+        for symbol, expression in self.abbreviations.items():
+            known[str(symbol)] = float(expression.subs({part: known[str(part)] for part in expression.free_symbols}))
+        return known
+
+    def add_coordinate(self, name: str) -> Motion:
+        """A new degree of freedom."""
+        index = len(self.coordinates)
+        self.coordinates.append(name)
+        for symbols, mark in ((self.q, "q"), (self.qd, "qd"), (self.qdd, "qdd")):
+            symbols.append(sm.Symbol(f"{mark}({name})", real=True))
+        return Motion({index: sm.Integer(1)}, self)
+
+    def add_inertia(self, component: str, inertia: sm.Expr, motion: Motion) -> None:
+        """Give a component its kinetic energy."""
+        self.masses[component] = inertia, motion
+        self.kinetic[component] = inertia * motion.speed**2 / 2
+
+    def add_state(self, name: str, derivative: Callable[[sm.Symbol], sm.Expr]) -> sm.Symbol:
+        """A new first-order state with its time derivative."""
+        symbol = sm.Symbol(f"z({name})", real=True)
+        rate = derivative(symbol)
+        self.states[name] = (symbol, rate)
+        for contained in rate.free_symbols:
+            self._states_by_symbol.setdefault(contained, []).append(name)
+        return symbol
+
+    def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
+        """Let a torque do virtual work on a motion."""
+        self.work.append((component, torque, motion))
+
+    def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
+        """Let a motion have an acceleration whatever torques act on it; a later one replaces an earlier.
+
+        Raises
+        ------
+        InputError
+            If differentials make the motion of several coordinates.
+        """
+        if len(motion.coefficients) != 1:
+            raise InputError(place, "a differential divides this motion", "impose that of an inertia beside it")
+        ((index, coefficient),) = motion.coefficients.items()
+        self.imposed[index] = place, acceleration / coefficient
+
+    def sign(self, speed: sm.Expr) -> sm.Expr:
+        """Sign of a speed, turning over a stick speed that the simulation keeps small."""
+        return sm.tanh(speed / self.simulation(STICK_SPEED))
+
+    @property
+    def recording(self) -> sm.Symbol:
+        """Number of the recording that is simulated, see ``RECORDING``."""
+        return self.simulation(RECORDING)
+
+    def simulation(self, name: str) -> sm.Symbol:
+        """A parameter of ``SIMULATION_DEFAULTS``, which the simulation sets."""
+        return self.parameters.setdefault(name, sm.Symbol(name, real=True))
+
+    def substitute(self, old: sm.Symbol, new: sm.Expr) -> None:
+        """Replace a stand-in in the states' derivatives; one with a maximum unevaluated, which is faster."""
+        with sm.evaluate(not new.has(sm.Max)):  # speed only
+            for name in self._states_by_symbol.get(old, ()):
+                z, rate = self.states[name]
+                self.states[name] = (z, rate.xreplace({old: new}))
+
+    def _assemble(self) -> None:
+        system = self.system
+        by_place: dict[str, list[tuple[Kind, dict[str, sm.Symbol]]]] = {}
+        for effect in system.effects:
+            p = {key: self.parameters[f"{effect.name}.{key}"] for key, _ in effect.parameters}
+            places = (effect.at,) if effect.law.follows else effect.places
+            for place in places:
+                by_place.setdefault(place, []).append((effect.law, p))
+            if effect.law.changes_quantity:
+                self._override[effect.at] = effect.law.quantity(self.symbol(effect.at), p, self, effect.name)
+        self.motions = eliminate(system, self)
+        for shaft in system.shafts:
+            law = self.shafts[shaft.name] = shaft_law.begin(shaft, self)
+            for kind, p in by_place.get(law.place, ()):
+                kind.shaft(law, p, self)
+            second = law.second
+            shaft_law.close(law, self)
+            for loss in law.losses:
+                self.add_torque(law.place, -loss(law.torque), second)
+        for part in system.inertias:
+            place, motion = f"inertias.{part.name}", self.motions[part.name]
+            self.add_inertia(place, self.symbol(f"{place}.J"), motion)
+            self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
+            acting = [name for name in by_place if members(name)[0] == place]
+            for name in acting:
+                for kind, p in by_place[name]:
+                    kind.inertia(motion, p, self, name)
+        for source in system.inputs:
+            place = f"inputs.{source.name}"
+            path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
+            for kind, p in by_place.get(place, ()):
+                kind.input(path, p, self)
+            motion, imposing = self.motions[source.on], system.imposed_by.get(source.name)
+            if imposing is None:
+                self.add_torque(place, path.value, motion)
+            else:
+                imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
+        self._close_gears(by_place)
+        for reading in system.sensors:
+            place = f"sensors.{reading.name}"
+            truth = self._truth(reading.measures, reading.of)
+            sensor = self.sensors[reading.name] = SensorPath(place, truth, sm.Integer(0))
+            for kind, p in by_place.get(place, ()):
+                kind.sensor(sensor, p, self)
+
+    def _close_gears(self, by_place: Mapping[str, Sequence[tuple[Kind, dict[str, sm.Symbol]]]]) -> None:
+        """Effects of rigid gears, once all torques are known."""
+        for gear in self.system.gears:
+            acting = by_place.get(f"gears.{gear.name}", ())
+            if acting:
+                law = self.gear_law(gear)
+                for kind, p in acting:
+                    kind.gear(law, p, self)
+
+    def gear_law(self, gear: Gear) -> GearLaw:
+        """Torques and inertias on both sides of a rigid gear.
+
+        Raises
+        ------
+        InputError
+            As :func:`modelling.equations.lagrange.check_loss`.
+        """
+        check_loss(self.system, gear, self.motions, self.shafts)
+        on = {source.name: source.on for source in self.system.inputs}
+        inertia = {part.name: self.symbol(f"inertias.{part.name}.J") for part in self.system.inertias}
+        torques = [(acted_on(component, on), torque) for component, torque, _ in self.work]
+        for name, motion in self.motions.items():
+            torques.append((name, -self.symbol(f"inertias.{name}.drag") * motion.speed))
+        for shaft in self.system.shafts:
+            ratio = self.symbol(f"shafts.{shaft.name}.ratio") if shaft.ratio is not None else sm.S.One
+            torques += torques_of_shaft(self.shafts[shaft.name], shaft.between, ratio)
+        return gear_law(self.system, gear, self.motions, inertia, torques)
+
+    def _truth(self, measures: str, of: str) -> sm.Expr:
+        return self.shafts[of].torque if measures == "torque" else getattr(self.motions[of], measures)
+
+
+# --- Lagrange
 
 
 @dataclass(frozen=True)
@@ -140,3 +600,108 @@ def _impose(a: Assembly, mass: dict[tuple[int, int], list[sm.Expr]], force: list
             if coupling and j != i:
                 force[j].append(-sm.Add(*coupling) * acceleration)
         mass[i, i], force[i] = [sm.Integer(1)], [acceleration]
+
+
+# --- The symbols of an equation as a reader knows them: letter, number of time derivatives, and what it belongs to.
+
+LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i"}
+ANGLE, TORQUE, STATE = "φ", "M", "z"
+
+
+@dataclass(frozen=True)
+class Sign:
+    """How a symbol is written.
+
+    Attributes
+    ----------
+    letter : str
+        One letter, or the name of a quantity that has none.
+    component : str
+        Name in the model file of what it belongs to, written as subscript; may be empty.
+    derivatives : int
+        Dots above the letter.
+    """
+
+    letter: str
+    component: str
+    derivatives: int = 0
+
+
+def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
+    """The sign of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates, M of inputs."""
+    assembly = equations.assembly
+    signs_by_symbol: dict[sm.Symbol, Sign] = {}
+    for derivatives, symbols in enumerate((assembly.q, assembly.qd, assembly.qdd)):
+        named = zip(symbols, assembly.coordinates, strict=True)
+        signs_by_symbol |= {symbol: Sign(ANGLE, name, derivatives) for symbol, name in named}
+    for name, symbol in assembly.parameters.items():
+        parts = name.split(".")
+        quantity, component = parts[-1], parts[1] if len(parts) > 2 else ""
+        signs_by_symbol[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
+    signs_by_symbol |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
+    signs_by_symbol |= {symbol: Sign(STATE, _state_of(name)) for name, (symbol, _) in assembly.states.items()}
+    signs_by_symbol |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
+    return signs_by_symbol
+
+
+def _state_of(name: str) -> str:
+    """``shafts.tyre.slip`` as a reader reads it: the component, then the effect whose state it is."""
+    parts = name.split(".")
+    return ", ".join(parts[1:]) if len(parts) > 1 else name
+
+
+def known_zeros(equations: Equations, system: System) -> dict[sm.Symbol, sm.Expr]:
+    """Drags and dampings that are exactly zero in the model, as a substitution that leaves them out."""
+    return {
+        equations.assembly.parameters[name]: sm.Integer(0)
+        for name, quantity in system.parameters.items()
+        if quantity.value == 0 and not quantity.uncertain and name.rsplit(".", 1)[1] in ("drag", "damping")
+    }
+
+
+# --- Equations in LaTeX, as notebooks render them.
+
+_DOTS = (r"\varphi", r"\dot{\varphi}", r"\ddot{\varphi}")
+
+
+def symbol_names(equations: Equations) -> dict[sm.Symbol, str]:
+    """LaTeX of every symbol, see :func:`modelling.equations.lagrange.signs`."""
+    return {symbol: _written(sign) for symbol, sign in signs(equations).items()}
+
+
+def latex(equations: Equations, system: System | None = None) -> dict[str, list[str]]:
+    """LaTeX of ``T``, ``V``, ``D`` and ``motion``; given a system, its drags and dampings of zero are left out."""
+    zeros = known_zeros(equations, system) if system else {}
+    names = symbol_names(equations)
+
+    def write(expression: sm.Basic) -> str:
+        return sm.latex(expression.xreplace(zeros), symbol_names=names)
+
+    return {
+        "T": [write(equations.kinetic_energy)],
+        "V": [write(equations.potential_energy)],
+        "D": [write(equations.dissipation)],
+        "motion": [f"{write(equation.lhs)} = {write(equation.rhs)}" for equation in equations.motion],
+    }
+
+
+def html(equations: Equations, system: System | None = None) -> str:
+    """The equations as a block of LaTeX that notebooks render."""
+    parts = latex(equations, system)
+    rows = [f"{name} &= {parts[name][0]}" for name in ("T", "V", "D")]
+    rows += [line.replace(" = ", " &= ", 1) for line in parts["motion"]]
+    title = system.title if system else ""
+    body = r" \\ ".join(rows)
+    return (f"<h4>{escape.html(title)}</h4>" if title else "") + rf"$$\begin{{aligned}}{body}\end{{aligned}}$$"
+
+
+def _written(sign: Sign) -> str:
+    if sign.letter == ANGLE:
+        letter = _DOTS[sign.derivatives]
+    else:
+        letter = sign.letter if len(sign.letter) == 1 else _upright(sign.letter)
+    return f"{letter}_{{{_upright(sign.component)}}}" if sign.component else letter
+
+
+def _upright(name: str) -> str:
+    return rf"\mathrm{{{escape.latex(name)}}}"

@@ -2,14 +2,39 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Protocol
 
 import sympy as sm
 
-from modelling.common.errors import InputError
-from modelling.effects.interface import EquationBuilder, Motion, ShaftLaw, Spring
-from modelling.equations.derivative import differentiate
-from modelling.model.components import Shaft
+from modelling.effects.effect import EquationBuilder, Motion, ShaftLaw, Spring
+from modelling.errors import InputError
+from modelling.system import Shaft
+
+# --- Derivatives of many alike expressions, each shape differentiated once.
+
+
+def differentiate(expression: sm.Expr, symbol: sm.Symbol) -> sm.Expr:
+    """∂expression/∂symbol, found once for all expressions that differ in their symbols' names only."""
+    if symbol not in expression.free_symbols:
+        return sm.Integer(0)
+    names = sorted(expression.free_symbols, key=str)
+    plain = {name: _placeholder(i) for i, name in enumerate(names)}
+    back = {stand_in: name for name, stand_in in plain.items()}
+    return _plain_diff(expression.xreplace(plain), plain[symbol]).xreplace(back)
+
+
+@functools.cache
+def _placeholder(number: int) -> sm.Symbol:
+    return sm.Symbol(f"_{number:04d}", real=True)
+
+
+@functools.lru_cache(maxsize=4096)
+def _plain_diff(expression: sm.Expr, symbol: sm.Symbol) -> sm.Expr:
+    return sm.diff(expression, symbol)
+
+
+# --- Shaft law
 
 CONTACT_TIME = "simulation.contact_time"  # s over which the damping of a closing lash sets in
 _TWIST = sm.Dummy("twist", real=True)

@@ -9,12 +9,61 @@ whose value depends on the unit.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
+import casadi
 import numpy as np
+import scipy
 
-from modelling.common.errors import InputError
+from modelling.errors import InputError
+from modelling.fidelity.delay import Delay, delay
+
+# --- Checks of the signals that a fidelity is calculated from.
+
+STEP_DEVIATION = 0.01  # of a step: time stamps that deviate less count as equally spaced
+
+
+def check_time(time: np.ndarray, where: str = "time") -> float:
+    """The step in s of an equally spaced, increasing time axis (t,).
+
+    Raises
+    ------
+    InputError
+        Fewer than two values, a value that is not finite, or steps that differ by more than ``STEP_DEVIATION``.
+    """
+    time = np.asarray(time, dtype=float)
+    if time.ndim != 1 or len(time) < 2 or not np.all(np.isfinite(time)):
+        raise InputError(where, "is no list of at least two finite times", "give times in s")
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    if not step > 0 or np.max(np.abs(np.diff(time) - step)) > STEP_DEVIATION * step:
+        raise InputError(where, "does not increase in equal steps", "resample both recordings to one step")
+    return step
+
+
+def check_pair(reference: np.ndarray, test: np.ndarray, count: int | None, where: str) -> None:
+    """Check reference and test signal, both (t,) with t = ``count`` where that is known.
+
+    Raises
+    ------
+    InputError
+        Unequal lengths, or a sample that is not finite.
+    """
+    if reference.ndim != 1 or reference.shape != test.shape or (count is not None and len(reference) != count):
+        expected = "" if count is None else f", time has {count}"
+        raise InputError(
+            where, f"reference has {reference.size} samples, test {test.size}{expected}", "give equally many"
+        )
+    for name, signal in (("reference", reference), ("test", test)):
+        if not np.all(np.isfinite(signal)):
+            index = int(np.flatnonzero(~np.isfinite(signal))[0])
+            raise InputError(
+                where, f"sample {index + 1} of the {name} is {signal[index]}", "every sample must be finite"
+            )
+
+
+# --- Measures
 
 ARITHMETICS = ("definition", "published")
 NRMSE_FORMS = ("definition", "literal")
@@ -134,3 +183,510 @@ def representativeness(
             "representativeness", "times must not be negative and their total must be positive", "correct them"
         )
     return math.fsum(t / total * k * c for t, k, c in zip(times, shapes, reliabilities, strict=True))
+
+
+# --- What an XiL fidelity consists of: signals, their partial fidelities, sensors, and the total.
+
+DYNAMIC_DOMAINS = ("system_dynamics", "residual_vehicle_model")
+MEASUREMENT_DOMAIN = "measurement_uncertainty"
+
+
+@dataclass(frozen=True)
+class FidelityMethod:
+    """How a fidelity is calculated.
+
+    Attributes
+    ----------
+    f_max : float
+        Largest relevant frequency of the manoeuvre, Hz (Eq. 20).
+    arithmetic, nrmse_form : str
+        See :mod:`modelling.fidelity.measures`.
+    longest_delay : float, optional
+        Largest delay that is looked for, s; by default a quarter of the recording.
+
+    Raises
+    ------
+    InputError
+        If ``f_max`` is not positive, or a form is not known.
+    """
+
+    f_max: float
+    arithmetic: str = "definition"
+    nrmse_form: str = "definition"
+    longest_delay: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.f_max) and self.f_max > 0):
+            raise InputError("f_max", f"{self.f_max!r} is not possible", "give a frequency above 0 in Hz")
+        for name, value, known in (
+            ("arithmetic", self.arithmetic, ARITHMETICS),
+            ("nrmse", self.nrmse_form, NRMSE_FORMS),
+        ):
+            if value not in known:
+                raise InputError(name, f"'{value}' is not known", f"choose {' | '.join(known)}")
+
+
+@dataclass(frozen=True)
+class SignalPair:
+    """Reference and test signal in the same SI unit, with what is known of the test bed's sensor.
+
+    Attributes
+    ----------
+    reference, test : ndarray (t,)
+    expanded_uncertainty : float, optional
+        U of the test bed's sensor, in the unit of the signals.
+    coverage_factor : float
+        k of U.
+    degrees_of_freedom : float
+        Of U.
+    noise : tuple of float, optional
+        Standard deviation of the white noise of one sample of reference and test; by default estimated from the part
+        of the spectrum above f_max.
+    """
+
+    reference: np.ndarray
+    test: np.ndarray
+    expanded_uncertainty: float | None = None
+    coverage_factor: float = 2.0
+    degrees_of_freedom: float = math.inf
+    noise: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class SignalFidelity:
+    """R_NRMSE and R_τ of one signal of a dynamic domain.
+
+    Attributes
+    ----------
+    name : str
+    nrmse, delay_fidelity : float
+        R_NRMSE (Eq. 18) and R_τ (Eq. 19).
+    delay : Delay
+        The delay (s) that R_τ follows from.
+    nrmse_uncertainty : float
+        Standard uncertainty of a stated R_NRMSE; 0 where signals are there.
+    pair : SignalPair, optional
+        The signals, unless the values were stated.
+    mean_square, width : float
+        Mean square deviation and range of the reference, SI; NaN where the values were stated.
+    """
+
+    name: str
+    nrmse: float
+    delay: Delay
+    delay_fidelity: float
+    nrmse_uncertainty: float = 0.0
+    pair: SignalPair | None = None
+    mean_square: float = math.nan
+    width: float = math.nan
+
+
+@dataclass(frozen=True)
+class SensorUncertainty:
+    """One signal of the measurement domain: U/range (Eq. 23) and the degrees of freedom of U."""
+
+    name: str
+    ratio: float
+    degrees_of_freedom: float = math.inf
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """R_XiL with its parts.
+
+    Attributes
+    ----------
+    total : float
+        R_XiL.
+    domains, weights : dict of str to float
+        Fidelity and weight of each domain.
+    signals : dict of str to tuple of SignalFidelity
+        By dynamic domain.
+    sensors : tuple of SensorUncertainty
+    method : FidelityMethod
+    step : float, optional
+        Sampling step, s; None where all values were stated.
+    notes : tuple of str
+        What was corrected in the recordings.
+    """
+
+    total: float
+    domains: dict[str, float]
+    weights: dict[str, float]
+    signals: dict[str, tuple[SignalFidelity, ...]]
+    sensors: tuple[SensorUncertainty, ...]
+    method: FidelityMethod
+    step: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def f_max(self) -> float:
+        """Largest relevant frequency, Hz."""
+        return self.method.f_max
+
+
+# --- The XiL fidelity of one test bed on one manoeuvre: of each signal, of each domain, in total.
+
+
+# Seven parameters: the signals, and the paper's own settings by keyword, most with a default.
+def fidelity_of_signals(
+    time: np.ndarray,
+    system_dynamics: Mapping[str, SignalPair],
+    residual_vehicle_model: Mapping[str, SignalPair] | None = None,
+    *,
+    f_max: float,
+    weights: Mapping[str, float] | None = None,
+    nrmse: str = "definition",
+    longest_delay: float | None = None,
+) -> Fidelity:
+    """R_SD, R_RVM, R_MU and R_XiL (Eqs. 14–23) of simultaneous reference and test signals.
+
+    Parameters
+    ----------
+    time : ndarray (t,)
+        s, at equal steps; only differences count.
+    system_dynamics, residual_vehicle_model : mapping of str to SignalPair
+        Each signal (t,). Pairs with an ``expanded_uncertainty`` make up R_MU.
+    f_max, nrmse, longest_delay
+        See :class:`FidelityMethod`.
+    weights : mapping of str to float, optional
+        By domain, for exactly the domains there are; by default the paper's 0.4, 0.4, 0.2.
+
+    Raises
+    ------
+    InputError
+        Unequal lengths, NaN, a constant reference, weights that do not sum to one or do not fit the domains.
+    """
+    step = check_time(time)
+    method = FidelityMethod(f_max, nrmse_form=nrmse, longest_delay=longest_delay)
+    pairs = dict(zip(DYNAMIC_DOMAINS, (system_dynamics, residual_vehicle_model or {}), strict=True))
+    for domain, members in pairs.items():
+        for name, pair in members.items():
+            check_pair(np.asarray(pair.reference), np.asarray(pair.test), len(time), f"{domain}.{name}")
+    signals = {
+        domain: tuple(assess_signal(name, pair, step, method, domain) for name, pair in members.items())
+        for domain, members in pairs.items()
+        if members
+    }
+    sensors = tuple(
+        SensorUncertainty(signal.name, signal.pair.expanded_uncertainty / signal.width, signal.pair.degrees_of_freedom)
+        for members in signals.values()
+        for signal in members
+        if signal.pair is not None and signal.pair.expanded_uncertainty is not None
+    )
+    return assemble(signals, sensors, weights, method, step)
+
+
+def assemble(
+    signals: dict[str, tuple[SignalFidelity, ...]],
+    sensors: tuple[SensorUncertainty, ...],
+    weights: Mapping[str, float] | None,
+    method: FidelityMethod,
+    step: float | None = None,
+    where: str = "fidelity",
+) -> Fidelity:
+    """R_XiL (Eqs. 14, 16) from the fidelities of signals by domain and from the sensors; ``step`` is in s.
+
+    Raises
+    ------
+    InputError
+        If the weights do not sum to one, or do not name exactly the domains there are.
+    """
+    domains = {
+        name: dynamics_fidelity(
+            [signal.nrmse for signal in members],
+            [signal.delay_fidelity for signal in members],
+            method.arithmetic,
+            where,
+        )
+        for name, members in signals.items()
+    }
+    if sensors:
+        domains[MEASUREMENT_DOMAIN] = measurement_fidelity(
+            [sensor.ratio for sensor in sensors], method.arithmetic, where
+        )
+    weights = dict(WEIGHTS if weights is None else weights)
+    if set(weights) != set(domains):
+        raise InputError(
+            f"{where}: weights",
+            f"they name {', '.join(weights)}, but there are values for {', '.join(domains) or 'nothing'}",
+            "give a weight to each domain that has signals, no other",
+        )
+    check_weights(weights, f"{where}: weights")
+    return Fidelity(total_fidelity(domains, weights), domains, weights, signals, sensors, method, step)
+
+
+def assess_signal(
+    name: str, pair: SignalPair, step: float, method: FidelityMethod, where: str = "signal"
+) -> SignalFidelity:
+    """R_NRMSE (Eq. 18) and R_τ (Eq. 19) of one pair of signals (t,) with a step in s.
+
+    Where the delay is undetermined, R_τ is that of the smallest delay that explains the signals as well as any, and 0
+    where no delay does.
+
+    Raises
+    ------
+    InputError
+        Unequal lengths, a sample that is not finite, a constant reference.
+    """
+    where = f"{where}.{name}"
+    reference, test = (np.asarray(signal, dtype=float) for signal in (pair.reference, pair.test))
+    check_pair(reference, test, None, where)
+    width = signal_range(reference, where)
+    mean_square = float(np.mean((reference - test) ** 2))
+    estimate = delay(reference, test, step, method.longest_delay)
+    r_tau = 0.0 if estimate.nearest is None else float(delay_fidelity(estimate.nearest, method.f_max))
+    r_nrmse = nrmse_fidelity_of(mean_square, width, method.nrmse_form)
+    return SignalFidelity(name, r_nrmse, estimate, r_tau, 0.0, pair, mean_square, width)
+
+
+# --- The uncertainty of R_XiL itself, by Monte Carlo over signal noise, delays and U.
+#
+# Without it the fidelities of two test beds cannot be compared. Each draw is one repetition of the measurement:
+#
+# - The mean square deviation of a signal under white noise of standard deviation σ in each of its t samples is σ²/t
+# times
+#   a noncentral χ² with t degrees of freedom, exactly. The noncentrality is the deviation without noise.
+# - The sensor's U is mostly systematic: one offset with u = U/k for each draw and signal, the same for all its samples.
+# - The extremes of the reference carry the noise of one sample each.
+# - Delays are normal with their standard uncertainty. Where the delay is undetermined, R_τ is drawn uniformly between 0
+#   and the value for the smallest delay that fits. That value is the best case and the one stated, so the interval
+#   reaches from a lower bound up to it.
+# - U itself scatters as a standard deviation with its degrees of freedom, as χ.
+
+SMALLEST_WIDTH = 0.1  # of the reference's range: draws of the range do not fall below it
+SHORTEST_SPECTRUM = 32  # samples below which no noise is estimated
+FEWEST_LINES = 8  # spectral lines above the band that a noise estimate needs
+
+
+@dataclass(frozen=True)
+class DrawnValue:
+    """Mean, standard uncertainty and coverage interval of a drawn fidelity, 0 … 1."""
+
+    mean: float
+    standard_uncertainty: float
+    interval: tuple[float, float]
+    coverage: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``fidelity.json`` holds it."""
+        return asdict(self) | {"interval": list(self.interval)}
+
+
+@dataclass(frozen=True)
+class FidelityDistribution:
+    """Draws (b,) of R_XiL and of each domain.
+
+    ``upper_ends`` holds the stated value of the total and of each domain that has a signal with an undetermined delay:
+    the best case.
+    """
+
+    total: np.ndarray
+    domains: dict[str, np.ndarray]
+    coverage: float
+    upper_ends: dict[str, float]
+
+    def summary(self) -> dict[str, DrawnValue]:
+        """Mean, standard uncertainty and shortest interval of ``"total"`` and of each domain."""
+        return {
+            name: _summary(draws, self.coverage, self.upper_ends.get(name))
+            for name, draws in (("total", self.total), *self.domains.items())
+        }
+
+
+def fidelity_distribution(
+    fidelity: Fidelity, draws: int = 20_000, seed: int = 1, coverage: float = 0.95
+) -> FidelityDistribution:
+    """Distribution of R_XiL and its domains over ``draws`` repetitions of the measurement."""
+    generator = np.random.default_rng(seed)
+    published = fidelity.method.arithmetic == "published"
+    squares: dict[str, np.ndarray] = {}
+    for domain, members in fidelity.signals.items():
+        values = [_signal_draws(signal, fidelity, generator, draws) for signal in members]
+        divisor = PUBLISHED_DIVISOR if published else 2 * len(members)
+        squares[domain] = np.sum([nrmse**2 + tau**2 for nrmse, tau in values], axis=0) / divisor
+    if fidelity.sensors:
+        ratios = np.array([_ratio_draws(sensor, generator, draws) for sensor in fidelity.sensors])
+        divisor = PUBLISHED_DIVISOR if published else len(ratios)
+        squares[MEASUREMENT_DOMAIN] = np.maximum(0.0, 1 - np.sqrt(np.sum(ratios**2, axis=0) / divisor)) ** 2
+    total = np.sum([fidelity.weights[name] * square for name, square in squares.items()], axis=0)
+    undetermined = [
+        name for name, members in fidelity.signals.items() if any(signal.delay.value is None for signal in members)
+    ]
+    upper_ends = {name: fidelity.domains[name] for name in undetermined}
+    if undetermined:
+        upper_ends["total"] = fidelity.total
+    return FidelityDistribution(
+        np.sqrt(total), {name: np.sqrt(square) for name, square in squares.items()}, coverage, upper_ends
+    )
+
+
+def probability_better(first: FidelityDistribution, second: FidelityDistribution) -> float:
+    """Probability that the first test bed's fidelity is above the second's; independent draws of equal number."""
+    return float(np.mean(first.total > second.total))
+
+
+def noise_of(pair: SignalPair, step: float, f_max: float) -> tuple[float, float]:
+    """Standard deviation of a sample's noise in reference and test: as stated, or estimated from above f_max.
+
+    The estimate takes the spectrum above twice f_max as white noise; 0 where the recording does not reach there.
+    """
+    if pair.noise is not None:
+        return pair.noise
+    return _noise_above(pair.reference, step, 2 * f_max), _noise_above(pair.test, step, 2 * f_max)
+
+
+def _noise_above(signal: np.ndarray, step: float, frequency: float) -> float:
+    """Standard deviation of white noise with the signal's mean power above a frequency in Hz."""
+    if len(signal) < SHORTEST_SPECTRUM:
+        return 0.0
+    window = scipy.signal.windows.hann(len(signal), sym=False)
+    power = np.abs(np.fft.rfft(scipy.signal.detrend(signal) * window)) ** 2 / np.sum(window**2)
+    above = np.fft.rfftfreq(len(signal), step) > frequency
+    return math.sqrt(float(np.mean(power[above]))) if np.count_nonzero(above) > FEWEST_LINES else 0.0
+
+
+def _signal_draws(
+    signal: SignalFidelity, fidelity: Fidelity, generator: np.random.Generator, draws: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draws (b,) of R_NRMSE and R_τ of a signal."""
+    if signal.pair is None or fidelity.step is None:
+        nrmse = np.clip(signal.nrmse + signal.nrmse_uncertainty * generator.standard_normal(draws), 0, 1)
+    else:
+        nrmse = _nrmse_draws(signal, signal.pair, fidelity, generator, draws)
+    return nrmse, _delay_draws(signal, fidelity.f_max, generator, draws)
+
+
+def _nrmse_draws(
+    signal: SignalFidelity, pair: SignalPair, fidelity: Fidelity, generator: np.random.Generator, draws: int
+) -> np.ndarray:
+    noise = noise_of(pair, fidelity.step or 0.0, fidelity.f_max)
+    variance, count = noise[0] ** 2 + noise[1] ** 2, len(pair.reference)
+    deviation = float(np.mean(np.asarray(pair.test) - np.asarray(pair.reference)))
+    u = 0.0 if pair.expanded_uncertainty is None else pair.expanded_uncertainty / pair.coverage_factor
+    offset = u * generator.standard_normal(draws)
+    noiseless = max(signal.mean_square - variance, 0.0)
+    mean_square = noiseless + np.maximum(2 * deviation * offset + offset**2, -noiseless)
+    if variance > 0:
+        mean_square = variance / count * generator.noncentral_chisquare(count, count * mean_square / variance)
+    width = signal.width + math.sqrt(2) * noise[0] * generator.standard_normal(draws)
+    width = np.maximum(width, SMALLEST_WIDTH * signal.width)
+    if fidelity.method.nrmse_form == "literal":
+        return np.clip(1 - np.sqrt(mean_square / width), 0, 1)
+    return np.clip(1 - np.sqrt(mean_square) / width, 0, 1)
+
+
+def _delay_draws(signal: SignalFidelity, f_max: float, generator: np.random.Generator, draws: int) -> np.ndarray:
+    delay = signal.delay
+    if delay.value is None:
+        return signal.delay_fidelity * generator.random(draws)
+    if not delay.standard_uncertainty:
+        return np.full(draws, signal.delay_fidelity)
+    return delay_fidelity(delay.value + delay.standard_uncertainty * generator.standard_normal(draws), f_max)
+
+
+def _ratio_draws(sensor: SensorUncertainty, generator: np.random.Generator, draws: int) -> np.ndarray:
+    if math.isinf(sensor.degrees_of_freedom):
+        return np.full(draws, sensor.ratio)
+    return sensor.ratio * np.sqrt(generator.chisquare(sensor.degrees_of_freedom, draws) / sensor.degrees_of_freedom)
+
+
+def _summary(draws: np.ndarray, coverage: float, upper_end: float | None) -> DrawnValue:
+    """Summary of draws (b,); with an upper end, the interval reaches from the lower quantile up to it."""
+    ordered = np.sort(draws)
+    inside = min(round(coverage * len(ordered)), len(ordered) - 1)
+    if upper_end is None:
+        start = int(np.argmin(ordered[inside:] - ordered[: len(ordered) - inside]))
+        interval = float(ordered[start]), float(ordered[start + inside])
+    else:
+        interval = float(ordered[-1 - inside]), max(float(ordered[-1]), upper_end)
+    return DrawnValue(float(draws.mean()), float(draws.std()), interval, coverage)
+
+
+# --- R_XiL as an objective: differentiable in the test signals, so that an optimiser can follow its gradient.
+#
+# The delay is not taken from a correlation peak but projected. To first order a delayed reference deviates by −τ·dr/dt,
+# so τ = −⟨d, dr/dt⟩/(g·⟨dr/dt, dr/dt⟩) with d = test − reference and g the test's gain. That is exact for small delays
+# and differentiable everywhere; :func:`modelling.fidelity.measures.fidelity_of_signals` verifies the result. Works on
+# NumPy
+# arrays and on CasADi expressions.
+
+# Roundings of roots, far below any difference that matters in a fidelity, large enough for finite gradients:
+RMSE_ROUNDING = 1e-9  # of the range: the root at a perfect match, whose gradient would be infinite
+CUT_ROUNDING = 1e-7  # square of R_NRMSE's rounding at the cut at 0
+DELAY_ROUNDING = 1e-18  # s²: |τ| at 0
+GAIN_ROUNDING = 1e-6  # square of the gain below which a delay is not divided by it any more
+
+
+class SmoothFidelity:
+    """1 − R² of one dynamic domain (Eqs. 17, 21) for stated references; add the domains with their weights.
+
+    Parameters
+    ----------
+    time : ndarray (t,)
+        s, at equal steps.
+    references : mapping of str to ndarray (t,)
+    f_max : float
+        Hz, for χ of Eq. 20.
+
+    Raises
+    ------
+    InputError
+        If the time steps are unequal, a reference has another length, a value that is not finite, or no range.
+    """
+
+    def __init__(self, time: np.ndarray, references: Mapping[str, np.ndarray], f_max: float):
+        step = check_time(time)
+        self.chi = chi(f_max)
+        self.references = {name: np.asarray(signal, dtype=float) for name, signal in references.items()}
+        for name, signal in self.references.items():
+            if signal.shape != np.shape(time) or not np.all(np.isfinite(signal)):
+                raise InputError(
+                    name,
+                    f"reference has {signal.size} samples, time {np.size(time)}, or values that are not finite",
+                    "give as many finite samples as times",
+                )
+        self.widths = {name: signal_range(signal, name) for name, signal in self.references.items()}
+        self.rates = {name: self._rate(signal, step) for name, signal in self.references.items()}
+
+    @staticmethod
+    def _rate(signal: np.ndarray, step: float) -> np.ndarray:
+        """Time derivative (t,) without its mean."""
+        rate = np.gradient(signal, step)
+        return rate - rate.mean()
+
+    def delay(self, name: str, test: Any) -> Any:
+        """First-order delay in s of a test signal (t,); its gain against the reference is divided out."""
+        rate, centred = self.rates[name], self.references[name] - self.references[name].mean()
+        gain = _dot(centred, test) / float(centred @ centred)
+        projected = -_dot(rate, test - self.references[name]) / float(rate @ rate)
+        return projected * gain / (gain * gain + GAIN_ROUNDING)
+
+    def loss(self, tests: Mapping[str, Any]) -> Any:
+        """1 − R² for test signals (t,) by name: NumPy arrays, or CasADi columns of t entries."""
+        total: Any = 0.0
+        for name, reference in self.references.items():
+            deviation = (tests[name] - reference) / self.widths[name]
+            rmse = ((_dot(deviation, deviation) / len(reference)) + RMSE_ROUNDING**2) ** 0.5
+            nrmse = _cut_at_zero(1 - rmse)
+            delay = self.delay(name, tests[name])
+            tau = 1 - 2 / math.pi * _arctan(self.chi * (delay * delay + DELAY_ROUNDING) ** 1.5)
+            total = total + nrmse * nrmse + tau * tau
+        return 1 - total / (2 * len(self.references))
+
+
+def _cut_at_zero(value: Any) -> Any:
+    """The cut at 0 of Eq. 18, rounded: beyond the range no deviation is better than another."""
+    return (value + (value * value + CUT_ROUNDING) ** 0.5) / 2
+
+
+def _dot(first: Any, second: Any) -> Any:
+    if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
+        return first @ second
+    return casadi.dot(first, second)
+
+
+def _arctan(value: Any) -> Any:
+    if isinstance(value, float):
+        return np.arctan(value)
+    return casadi.atan(value)

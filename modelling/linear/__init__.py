@@ -1,1 +1,1 @@
-"""The model linearised: mass and spring elements, state space, frequency responses, steady motion."""
+"""Linearisation, steady motion and state space."""

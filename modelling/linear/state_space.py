@@ -2,14 +2,230 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
-from modelling.common.errors import InputError, unknown
+from modelling.display import Displayed, labelled
+from modelling.errors import InputError, unknown
 from modelling.linear.elements import elements
-from modelling.linear.linearise import deflated, linearise
-from modelling.model.system import System
+from modelling.linear.linearise import Linear, deflated, linearise
+from modelling.system import System
+
+# --- A linear system from sample to sample, exactly: inputs that are held, and inputs that grow evenly.
+
+
+@dataclass(frozen=True)
+class Discretised:
+    """What one step does: x⁺ = transition·x + held·u + ramp·(u⁺ − u) for inputs that vary linearly over it.
+
+    Attributes
+    ----------
+    transition : ndarray (x, x)
+    held, ramp : ndarray (x, u)
+        Of inputs at 1 all the time, and of inputs that grow evenly from 0 to 1.
+    """
+
+    transition: np.ndarray
+    held: np.ndarray
+    ramp: np.ndarray
+
+
+def discretise(A: np.ndarray, B: np.ndarray, step: float) -> Discretised:
+    """Exact solution of ẋ = A (x, x)·x + B (x, u)·u over a step, s, by one matrix exponential (Van Loan, 1978)."""
+    n, m = B.shape
+    block = np.zeros((n + 2 * m, n + 2 * m))
+    block[:n, :n], block[:n, n : n + m], block[n : n + m, n + m :] = A * step, B * step, np.eye(m)
+    over = expm(block)[:n]
+    return Discretised(over[:, :n], over[:, n : n + m], over[:, n + m :])
+
+
+# --- A linear motion from sample to sample over a long time, without a step of Python for every sample.
+
+
+def propagated(transition: np.ndarray, added: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """States (t, n) of x⁺ = transition·x + added from ``start`` (n,), the first of them the start.
+
+    About √t blocks are stepped side by side from 0; what the start of each block adds comes from powers of the
+    transition, so that the result is that of stepping but for rounding. A motion that grows beyond what a float holds
+    ends in values that are not finite.
+
+    Parameters
+    ----------
+    transition : ndarray (n, n)
+    added : ndarray (t, n)
+        What acts between a sample and the next, in the unit of the states; the last row is not used.
+    """
+    count, n = added.shape
+    length = int(np.ceil(np.sqrt(count)))
+    blocks = -(-count // length)
+    inside = np.zeros((length + 1, blocks, n))
+    forcing = np.zeros((blocks * length, n))
+    forcing[:count] = added
+    powers = np.empty((length + 1, n, n))
+    powers[0] = np.eye(n)
+    starts = np.empty((blocks, n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for j, push in enumerate(forcing.reshape(blocks, length, n).swapaxes(0, 1)):
+            inside[j + 1] = inside[j] @ transition.T + push
+            powers[j + 1] = transition @ powers[j]
+        x = start
+        for i in range(blocks):
+            starts[i] = x
+            x = powers[length] @ x + inside[length, i]
+        states = inside[:length] + starts @ powers[:length].swapaxes(1, 2)
+    return states.swapaxes(0, 1).reshape(-1, n)[:count]
+
+
+def linear_motion(A: np.ndarray, B: np.ndarray, inputs: np.ndarray, step: float) -> np.ndarray:
+    """States (t, n) of ẋ = A (n, n)·x + B (n, m)·u from rest, u (t, m) linear between samples of ``step``, s."""
+    discrete = discretise(A, B, step)
+    following = np.concatenate([inputs[1:], inputs[-1:]])
+    added = inputs @ (discrete.held - discrete.ramp).T + following @ discrete.ramp.T
+    return propagated(discrete.transition, added, np.zeros(len(A)))
+
+
+# --- Frequency responses between any input and sensor, with exact delays.
+
+_CHUNK = 4_000_000  # complex numbers solved for at once: 64 MB
+
+
+@dataclass(frozen=True)
+class Response(Displayed):
+    """Complex frequency responses.
+
+    Attributes
+    ----------
+    frequencies : ndarray (f,)
+        Hz.
+    sensors, inputs : tuple of str (y,), (u,)
+    values : ndarray (f, y, u), complex
+        SI unit of the sensor per N·m.
+    """
+
+    frequencies: np.ndarray
+    sensors: tuple[str, ...]
+    inputs: tuple[str, ...]
+    values: np.ndarray
+
+    def __getitem__(self, pair: tuple[str, str]) -> np.ndarray:
+        """Response (f,) of a sensor to an input, ``response[sensor, input]``.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown.
+        """
+        sensor, source = pair
+        return self.values[:, _index_of(sensor, self.sensors), _index_of(source, self.inputs)]
+
+    def to_dict(self) -> dict[str, dict[str, np.ndarray]]:
+        """``{sensor: {input: (f,)}}``."""
+        return {sensor: {source: self[sensor, source] for source in self.inputs} for sensor in self.sensors}
+
+    def to_xarray(self) -> Any:
+        """The responses over frequency, sensor and input (xarray Dataset, complex).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return labelled(
+            {"response": (["frequency", "sensor", "input"], self.values, "")},
+            {
+                "frequency": (self.frequencies, "Hz"),
+                "sensor": (list(self.sensors), ""),
+                "input": (list(self.inputs), ""),
+            },
+        )
+
+
+def response(
+    system: System | Linear,
+    frequencies: np.ndarray,
+    sensors: Sequence[str] | None = None,
+    inputs: Sequence[str] | None = None,
+    values: Mapping[str, float] | None = None,
+) -> Response:
+    """Frequency responses H(f) = [C·(jωI − A)⁻¹·B + D]·exp(−jω(input delay + sensor delay)).
+
+    Parameters
+    ----------
+    system : System or Linear
+        A system is linearised at rest with lash closed; for another point give
+        :func:`modelling.linear.linearise` or :func:`modelling.linear.linearise.operating_point`.
+    frequencies : array (f,)
+        Hz.
+    sensors, inputs : sequences of str, optional
+        All if not given.
+    values : mapping, optional
+        Parameters that differ from the system's, by name, SI; only with a system.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, a frequency is not finite, or it is a pole (0 Hz of a free drivetrain).
+    """
+    linear = system if isinstance(system, Linear) else linearise(system, values)
+    f = np.asarray(frequencies, float)
+    if f.ndim != 1 or not np.isfinite(f).all():
+        raise InputError("frequencies", "no list of finite numbers", "give them in Hz, shape (f,)")
+    model = linear.model
+    sensors, inputs = (
+        tuple(model.sensors if sensors is None else sensors),
+        tuple(model.inputs if inputs is None else inputs),
+    )
+    rows = [_index_of(name, model.sensors) for name in sensors]
+    columns = [_index_of(name, model.inputs) for name in inputs]
+    s = 2j * np.pi * f
+    transfer = _transfer(linear, s, rows, columns)
+    delay = linear.sensor_delays[rows][:, None] + linear.input_delays[columns]
+    return Response(f, sensors, inputs, transfer * np.exp(-s[:, None, None] * delay))
+
+
+def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
+    """C·(sI − A)⁻¹·B + D (f, y, u), the free angles integrated on their own: exact down to the rigid-body poles."""
+    n = linear.model.n
+    rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
+    A, lift, free = rest.A, rest.lift, rest.free_angles
+    B = lift.T @ linear.B[:, columns]
+    C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
+    angles = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds
+    angles[np.abs(angles) < 1e-12 * np.linalg.norm(C[:, :n], axis=1)[:, None]] = 0.0
+    of_states, of_angles = C @ lift, angles @ free.T @ lift[n : 2 * n]
+    integrates = np.abs(of_angles).any()
+    if integrates and np.any(s == 0):
+        raise InputError("frequencies", "at 0 Hz the angle of a free drivetrain has no response", "start above 0 Hz")
+    out = np.empty((len(s), len(rows), len(columns)), complex)
+    size = A.shape[0]
+    step = max(1, _CHUNK // max(size * size, 1))
+    for start in range(0, len(s), step):
+        part = s[start : start + step, None, None]
+        try:
+            states = np.linalg.solve(part * np.eye(size) - A, np.broadcast_to(B, (len(part), *B.shape)))
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "frequencies", "one is a pole of the undamped system", "leave it out, 0 Hz at first"
+            ) from None
+        out[start : start + step] = of_states @ states + D
+        if integrates:
+            out[start : start + step] += of_angles @ states / part
+    if not np.isfinite(out).all():
+        raise InputError("frequencies", "the response is not finite at one of them", "leave it out, 0 Hz at first")
+    return out
+
+
+def _index_of(name: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise unknown(name, list(names), "response")
+    return list(names).index(name)
+
+
+# --- State space
 
 ROUNDING = 1e-9  # of a sensor's largest coefficient: what it reads of a free angle by rounding alone
 

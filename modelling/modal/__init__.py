@@ -1,1 +1,1 @@
-"""Modes of a drivetrain: undamped and damped, symmetry, sensitivities, tracking, values reduced to one shaft."""
+"""Modes, energy shares and sensitivities (Eqs. 1–8)."""

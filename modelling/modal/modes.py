@@ -2,20 +2,242 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import Model, compiled
-from modelling.linear.elements import Elements, check_size, elements
-from modelling.linear.reference_motion import is_linear, reference_motion, reference_states
-from modelling.linear.sparse_elements import SparseElements, sparse_elements
-from modelling.modal.large import lowest
+from modelling.equations.casadi_code import Model, compiled
+from modelling.errors import InputError
+from modelling.linear.elements import (
+    Elements,
+    SparseElements,
+    check_size,
+    elements,
+    null_space,
+    sparse_elements,
+    unit_rows,
+)
+from modelling.linear.linearise import Linear, deflated, linearise
+from modelling.linear.steady_motion import is_linear, reference_motion, reference_states
 from modelling.modal.result import Modes
-from modelling.modal.symmetry import images, labels, split
-from modelling.model.system import System
+from modelling.system import System, mirror_images
+
+# --- Left/right symmetry: what mirrors what, how symmetric a shape is, and how repeated modes are split by it.
+
+SYMMETRY_THRESHOLD = 0.9  # correlation of a shape with its mirror image from which it is called (anti)symmetric
+
+
+def images(system: System, components: Sequence[str]) -> np.ndarray | None:
+    """Index (k,) of the mirror image of every component; itself where it has none. None without mirror pairs."""
+    if not system.mirror:
+        return None
+    index = {name: i for i, name in enumerate(components)}
+    images = mirror_images(components, system)
+    return np.array([index.get(image, i) for i, image in enumerate(images)])
+
+
+def correlation(turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Correlation of shapes with their mirror images, weighted by inertia: 1 symmetric, −1 antisymmetric.
+
+    Parameters
+    ----------
+    turns : ndarray (..., k, m)
+        Amplitude of every mass.
+    J : ndarray (..., k)
+    image : ndarray (k,)
+    """
+    weight = (J + J[..., image])[..., None] / 2
+    norm = np.sum(weight * np.abs(turns) ** 2, axis=-2)
+    return np.sum(weight * (np.conj(turns) * turns[..., image, :]).real, axis=-2) / np.maximum(norm, 1e-300)
+
+
+def labels(turns: np.ndarray, J: np.ndarray, image: np.ndarray | None) -> np.ndarray:
+    """``symmetric``, ``antisymmetric`` or ``none`` for every shape, (..., m); arguments as in :func:`correlation`."""
+    if image is None:
+        return np.full(turns.shape[:-2] + turns.shape[-1:], "none", dtype="<U13")
+    symmetry = correlation(turns, J, image)
+    return np.where(
+        symmetry > SYMMETRY_THRESHOLD, "symmetric", np.where(symmetry < -SYMMETRY_THRESHOLD, "antisymmetric", "none")
+    )
+
+
+def split(shapes: np.ndarray, turns: np.ndarray, J: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Shapes (n, c) of one repeated mode, rotated so that symmetric ones come first and antisymmetric ones last.
+
+    Any combination of the shapes of a repeated mode is a shape; this picks the one that symmetry knows.
+    ``turns`` (k, n), ``J`` and ``image`` (k,).
+    """
+    moved = turns @ shapes
+    swapped = moved.T @ (((J + J[image]) / 2)[:, None] * moved[image])
+    _, rotation = np.linalg.eigh((swapped + swapped.T) / 2)
+    return shapes @ rotation[:, ::-1]
+
+
+# --- Damped modes: eigenvalues of the linear model, rigid motions taken out before they can blur.
+
+ZERO_EIGENVALUE = 1e-9  # of the largest eigenvalue: what is smaller is rounding
+
+
+def damped_modes(
+    system: System,
+    values: Mapping[str, float] | None = None,
+    state: np.ndarray | None = None,
+    inputs: np.ndarray | None = None,
+) -> Modes:
+    """Damped modes about a state (default the operating point, or rest with lash just closed), delays left out.
+
+    A pair of complex eigenvalues λ is one mode of frequency |λ|/2π and damping ratio −Re λ/|λ|. A real eigenvalue
+    other than a rigid one is a mode of its own, with damping ratio 1 (−1 if it grows) and the corner frequency |λ|/2π.
+    Every rigid-body mode stands once, at exactly 0.0 Hz with damping ratio 0; its eigenvalue is the rate at which drag
+    slows it. Eigenvalues that only integrate an angle or keep a stored friction are no modes.
+
+    Raises
+    ------
+    InputError
+        As :func:`modelling.linear.linearise`.
+    """
+    return damped_modes_of(linearise(system, values, state, inputs))
+
+
+def damped_modes_of(linear: Linear) -> Modes:
+    """Damped modes of a linear model, see :func:`damped_modes`."""
+    model, n = linear.model, linear.model.n
+    parts = elements(model, linear.p[None], linear.x0)
+    eigenvalues, vectors = _damped_eigen(linear, parts)
+    speed = vectors[n : 2 * n]
+    rigid = _rigid(eigenvalues, speed, parts)
+    size = np.abs(eigenvalues)
+    keep = np.flatnonzero(rigid | (size > ZERO_EIGENVALUE * size.max(initial=0.0)))
+    keep = keep[np.lexsort((size[keep], ~rigid[keep]))]
+    eigenvalues, vectors, speed, rigid = eigenvalues[keep], vectors[:, keep], speed[:, keep], rigid[keep]
+    eigenvalues[np.abs(eigenvalues) <= ZERO_EIGENVALUE * size.max(initial=0.0)] = 0.0
+
+    peak = speed[np.argmax(np.abs(speed), axis=0), range(len(keep))]
+    peak = np.where(np.abs(peak) > 1e-12 * np.abs(vectors).max(axis=0), peak, 1.0)  # a lag moves nothing
+    vectors, speed = vectors / peak, speed / peak
+    turns = parts.mass_transformation @ speed
+    kinetic, mass = _normalised(parts.J[0][:, None] * np.abs(turns) ** 2)
+    deflections = parts.deflection_jacobian @ vectors
+    potential, stiffness = _normalised(parts.stiffness[0][:, None] * np.abs(deflections) ** 2 * ~rigid)
+    frequencies = np.where(rigid, 0.0, np.abs(eigenvalues) / (2 * np.pi))
+    ratios = np.where(rigid, 0.0, -eigenvalues.real / np.where(rigid, 1.0, np.abs(eigenvalues)))
+    # deflections belong to unit speeds; |λ|² takes them to unit angles
+    stiffness = stiffness * np.abs(eigenvalues) ** 2
+    symmetries = labels(turns, parts.J[0], images(model.system, parts.masses))
+    return Modes(
+        frequencies, ratios, symmetries, speed, mass, stiffness, kinetic.T, potential.T, turns,
+        parts.masses, parts.springs, tuple(model.coordinates), eigenvalues,
+    )  # fmt: skip
+
+
+def _damped_eigen(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out."""
+    rest = deflated(linear, parts)
+    eigenvalues, vectors = np.linalg.eig(rest.A)
+    upper = eigenvalues.imag >= 0
+    return eigenvalues[upper].astype(complex), (rest.lift @ vectors[:, upper]).astype(complex)
+
+
+def _rigid(eigenvalues: np.ndarray, speed: np.ndarray, parts: Elements) -> np.ndarray:
+    """Which eigenvalues (m,) are those of rigid-body modes: as many real ones as there are, the most rigid first."""
+    count = int(parts.rigid()[0])
+    stiff = parts.spring_transformation[parts.stiffness[0] != 0]
+    basis = null_space(unit_rows(stiff)) if len(stiff) else np.eye(speed.shape[0])
+    mass = parts.mass_matrix()[0]
+    momentum = basis.T @ mass @ speed
+    part = np.sum(np.conj(momentum) * np.linalg.solve(basis.T @ mass @ basis, momentum), axis=0).real
+    whole = np.sum(np.conj(speed) * (mass @ speed), axis=0).real
+    share = np.where(eigenvalues.imag == 0, part / np.maximum(whole, 1e-300), 0.0)
+    share[whole <= 1e-24 * whole.max(initial=0.0)] = 0.0
+    chosen = np.zeros(len(share), bool)
+    ranked = np.argsort(-share)[:count]
+    chosen[ranked[share[ranked] > 0.5]] = True
+    return chosen
+
+
+def _normalised(energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    total = energy.sum(axis=0)
+    return energy / np.where(total > 0, total, 1.0), total
+
+
+# --- The lowest modes of a model of many degrees of freedom, by a sparse eigensolver, and a count that none is missing.
+
+SHIFT = 1e-9  # of the largest ω²: below every elastic mode of a chain of some thousand inertias
+LARGEST_REPEATED = 1500  # degrees of freedom for which dense matrices are tried
+SPARE = 10  # modes more than asked for, so that the last ones asked for have converged
+
+
+def lowest(parts: SparseElements, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest ω² (1, m) and mass-normalised shapes (1, n, m) of K·v = ω²·M·v.
+
+    Lanczos iterations with (K + shift·M)⁻¹, whose factors are as sparse as the drivetrain (ARPACK). The signs of the
+    pivots of K − s·M count the modes below s (Sylvester's law of inertia), so a mode that was missed is noticed.
+
+    Raises
+    ------
+    InputError
+        If an inertia is not positive, the stiffness is negative, or modes are repeated too often.
+    """
+    if np.any(parts.J <= 0):
+        raise InputError("", f"the inertia of {parts.masses[int(np.argmin(parts.J[0]))]} is not positive", "J > 0")
+    mass, stiffness = parts.mass_matrix(), parts.stiffness_matrix()
+    n = mass.shape[0]
+    largest = float(np.max(abs(stiffness).sum(axis=1) / mass.diagonal(), initial=0.0))
+    shift = SHIFT * largest if largest else 1.0
+    if np.any(parts.stiffness < 0) and _below(stiffness, mass, -1e-11 * largest):
+        raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
+    inverse = _factors(stiffness + shift * mass)
+    solve = scipy.sparse.linalg.LinearOperator((n, n), inverse.solve, dtype=float)
+    start = np.random.default_rng(0).standard_normal(n)
+    for spare in (SPARE, 4 * SPARE):
+        size = min(count + spare, n - 2)
+        squares, shapes = scipy.sparse.linalg.eigsh(
+            stiffness, size, mass, sigma=-shift, OPinv=solve, v0=start, ncv=min(n, 3 * size)
+        )
+        order = np.argsort(squares)
+        squares, shapes = squares[order], shapes[:, order]
+        if _complete(stiffness, mass, squares, count):
+            return squares[None, :count], shapes[None, :, :count]
+    return _dense(stiffness, mass, count)
+
+
+def _dense(
+    stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same by dense matrices, for modes repeated so often that Lanczos iterations miss some: slow, but all."""
+    if stiffness.shape[0] > LARGEST_REPEATED:
+        raise InputError("inertias", "many equal branches give the same mode too often", "join equal branches to one")
+    squares, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1))
+    return squares[None], shapes[None]
+
+
+def _complete(stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, squares: np.ndarray, count: int) -> bool:
+    """Whether all modes up to the widest gap after the ones asked for are among ω² (m,), in order."""
+    gaps = np.diff(squares[count - 1 :])
+    if not gaps.max(initial=0.0) > 1e-8 * squares[-1]:
+        return False  # the last of them is repeated, or none is left to compare with
+    last = count - 1 + int(np.argmax(gaps))
+    return _below(stiffness, mass, (squares[last] + squares[last + 1]) / 2) == last + 1
+
+
+def _below(stiffness: scipy.sparse.csc_array, mass: scipy.sparse.csc_array, square: float) -> int:
+    """Number of modes with ω² below ``square``."""
+    return int(np.sum(_factors(stiffness - square * mass).U.diagonal() < 0))
+
+
+def _factors(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
+    """LU factors with pivots from the diagonal, in an order that keeps them sparse."""
+    return scipy.sparse.linalg.splu(
+        scipy.sparse.csc_matrix(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+# --- Modes
 
 LARGEST_WITH_ALL_MODES = 300  # degrees of freedom; the work for all modes grows with their cube
 LOWEST_MODES = 100  # found of larger models
@@ -184,4 +406,83 @@ def _shares(
         springs=parts.springs,
         coordinates=coordinates,
         eigenvalues=1j * omega,
+    )
+
+
+# --- Values reduced to the shaft of a reference inertia, as the paper reports them (2.3): J/i², c/i².
+
+
+def speed_ratios(system: System, values: Mapping[str, float] | None = None) -> dict[str, float]:
+    """speed(reference)/speed(component) of every inertia and of the second end of every shaft, no shaft twisting.
+
+    Where shafts leave several ways to turn (an open differential), that with the least kinetic energy counts: both
+    sides alike.
+
+    Raises
+    ------
+    InputError
+        If the system names no reference, or the reference cannot turn without twisting a shaft.
+    """
+    model = compiled(system)
+    parts = elements(model, model.vector(values)[None])
+    if not system.reference:
+        raise InputError("reference", "the model names none", 'write reference = "NAME" of an inertia at the top')
+    reference = parts.masses.index(f"inertias.{system.reference}")
+    motion = _rigid_motion(parts, parts.mass_transformation[reference])
+    speeds = dict(zip(parts.masses, parts.mass_transformation @ motion, strict=True))
+    ratios = {name: 1 / speed for name, speed in speeds.items() if abs(speed) > 1e-12}
+    for shaft in system.shafts:
+        end = ratios.get(f"inertias.{shaft.between[1]}")
+        if end is not None:
+            ratios[f"shafts.{shaft.name}"] = end
+    return ratios
+
+
+def _rigid_motion(parts: Elements, reference: np.ndarray) -> np.ndarray:
+    """Coordinates' speeds (n,) at reference speed 1, no twist, least kinetic energy."""
+    mass = parts.mass_matrix()[0]
+    basis = (
+        null_space(unit_rows(parts.spring_transformation)) if len(parts.spring_transformation) else np.eye(len(mass))
+    )
+    direction = basis.T @ reference
+    energy = basis.T @ mass @ basis
+    if not np.linalg.norm(direction) > 1e-9 * np.linalg.norm(reference):
+        raise InputError("reference", "it cannot turn without twisting a shaft", "name another inertia")
+    motion = np.linalg.solve(energy, direction)
+    return basis @ (motion / (direction @ motion))
+
+
+def reduced_values(system: System, values: Mapping[str, float] | None = None) -> dict[str, float]:
+    """J, drag, stiffness and damping of every component at the reference shaft, by parameter name, SI.
+
+    Raises
+    ------
+    InputError
+        As :func:`speed_ratios`.
+    """
+    ratios = speed_ratios(system, values)
+    model = compiled(system)
+    p = dict(zip(model.parameters, model.vector(values), strict=True))
+    at_reference = {}
+    for name, value in p.items():
+        place, _, key = name.rpartition(".")
+        if key in ("J", "drag", "stiffness", "damping") and place in ratios and place.count(".") == 1:
+            at_reference[name] = float(value / ratios[place] ** 2)
+    return at_reference
+
+
+def reduced(modes: Modes, ratios: Mapping[str, float]) -> Modes:
+    """The same modes with amplitudes, modal mass and modal stiffness at the reference shaft; largest amplitude 1.
+
+    ``ratios`` are those of :func:`speed_ratios`; frequencies and energy shares stay as they are.
+    """
+    at_reference = modes.mass_amplitudes * np.array([ratios.get(name, 1.0) for name in modes.masses])[:, None]
+    peak = at_reference[np.argmax(np.abs(at_reference), axis=0), range(len(modes))]
+    size = np.abs(peak) ** 2
+    return dataclasses.replace(
+        modes,
+        shapes=modes.shapes / peak,
+        mass_amplitudes=at_reference / peak,
+        modal_mass=modes.modal_mass / size,
+        modal_stiffness=modes.modal_stiffness / size,
     )

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from modelling.common import display
-from modelling.common.display import Displayed, labelled
+from modelling import display
+from modelling.display import Displayed, labelled
 
 
 @dataclass(frozen=True)

@@ -8,22 +8,37 @@ first sample the inputs held their first value.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi
 
 import numpy as np
 
-from modelling.common.errors import InputError, unknown
-from modelling.equations.assembly import STICK_SPEED
-from modelling.equations.compiled import Model, compiled
-from modelling.model.system import System
-from modelling.simulation import step_control
-from modelling.simulation.integrator.task import Trajectories, make_task
-from modelling.simulation.recorded_inputs import Inputs, checked
-from modelling.simulation.result import Sensitivity, Simulation, raise_if_failed
-from modelling.simulation.sharper_friction import MOST_RUNS, sharp_enough
-from modelling.simulation.start import Start, start_state
-from modelling.simulation.step_control import TOLERANCE, Controlled, InitialValueProblem
-from modelling.simulation.stepping import Stepping
-from modelling.simulation.stick_speed import stick_speed
+from modelling.equations.casadi_code import Model, compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.errors import InputError, unknown
+from modelling.linear.elements import elements, rest_state
+from modelling.recordings.recording import Recording, long_gaps
+from modelling.simulation.start import Inputs, Start, checked, start_state, stick_speed
+from modelling.simulation.stepping import (
+    MOST_RUNS,
+    TOLERANCE,
+    Controlled,
+    InitialValueProblem,
+    Sensitivity,
+    Simulation,
+    SimulationError,
+    Stepping,
+    explicit_stepping,
+    first_run,
+    raise_if_failed,
+    run,
+    run_to_tolerance,
+    sharp_enough,
+)
+from modelling.simulation.task import Trajectories, make_task
+from modelling.system import System
+
+# --- Simulate
 
 
 def simulate(
@@ -172,11 +187,11 @@ def sensitivities(
     if p.shape != (len(model.parameters),):
         raise InputError("parameters", f"shape {p.shape}", f"({len(model.parameters)},) is needed")
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    stepping = Stepping(steps_per_second) if steps_per_second else step_control.explicit_stepping(problem, compile)
+    stepping = Stepping(steps_per_second) if steps_per_second else explicit_stepping(problem, compile)
     task = make_task(
         model, time, u, p[None], problem.start, stepping.steps_per_second, list(names), refinement=stepping.refinement
     )
-    done = step_control.run(task, compile, states=False)
+    done = run(task, compile, states=False)
     raise_if_failed(done.failed, time, model.states)
     return Sensitivity(time, done.readings[0], done.derivatives[0], list(model.sensors), list(names))
 
@@ -205,7 +220,7 @@ def with_stick_speed(
         return p
     time, u = checked(model, time, inputs)
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
-    states = step_control.first_run(problem, compile).trajectories.states[0]
+    states = first_run(problem, compile).trajectories.states[0]
     p[model.parameters.index(STICK_SPEED)] = stick_speed(model, p, states, 1 / float(np.median(np.diff(time))))
     return p
 
@@ -220,8 +235,222 @@ def _controlled(
     if steps_per_second is None:
         if not 0 < tolerance < 1:
             raise InputError("tolerance", f"{tolerance:g} is not possible", "give a share of the range, e.g. 1e-4")
-        return step_control.run_to_tolerance(problem, tolerance, compile)
+        return run_to_tolerance(problem, tolerance, compile)
     stepping = Stepping(steps_per_second)
     done: Trajectories = problem.run(stepping, compile, states)
     raise_if_failed(done.failed, problem.time, problem.model.states)
     return Controlled(done, stepping, np.full(len(problem.model.sensors), np.nan))
+
+
+# --- The start state that the beginning of a recording shows.
+
+WINDOWS = (0.06, 0.25)  # s; over the short one, which comes first, even a lash hardly misleads
+LEAST_SAMPLES = 8  # of a window, however seldom they are taken
+MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
+ROUNDS = 6  # of Gauss-Newton
+SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
+WORTHWHILE = 1e-6  # relative decrease of the misfit
+
+
+def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[str, float]:
+    """Angles and speeds (rad, rad/s, by state name) from which the model fits the first quarter second best.
+
+    Gauss-Newton on all recorded sensors, each weighted by its uncertainty; what the sensors do not determine stays near
+    rest. Lash is tried open and on either flank. A model that is wrong there shifts the start.
+
+    Parameters
+    ----------
+    p : ndarray (p,)
+        See :func:`modelling.simulation.simulate.with_stick_speed`.
+    """
+    names = model.states[: 2 * model.n]
+    closed = np.atleast_2d(rest_state(model, p))[0][: len(names)]
+    if not recording.sensors(model.system):
+        return dict.fromkeys(names, 0.0)
+    turning = _measured_speeds(model, recording, p)
+    candidates: list[tuple[float, np.ndarray]] = []
+    for side in (0.0, 1.0, -1.0) if closed.any() else (0.0,):
+        start, misfit = side * closed + turning, np.inf
+        for seconds in WINDOWS:
+            start, misfit = _fitted(_window(model, recording, p, seconds, start), start)
+        candidates.append((misfit, start))
+    best = min(candidates, key=lambda candidate: candidate[0])[1]
+    return dict(zip(names, best.tolist(), strict=True))
+
+
+def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
+    """Angles 0 and the speeds (2n,) that were measured first, what was not measured moving with them."""
+    parts = elements(model, p[None])
+    turns, twists = (
+        rows[0] if rows.ndim == 3 else rows for rows in (parts.mass_transformation, parts.spring_transformation)
+    )
+    rows, speeds = [], []
+    for sensor in model.system.sensors:
+        if sensor.measures == "speed" and sensor.name in recording.channels:
+            measured = recording[sensor.name]
+            rows.append(turns[parts.masses.index(f"inertias.{sensor.of}")])
+            speeds.append(np.median(measured[np.isfinite(measured)][:MEDIAN_OF]))
+    if not rows:
+        return np.zeros(2 * model.n)
+    weight = 1e3  # the measured speeds before the untwisted motion
+    together = np.vstack([twists.reshape(-1, model.n), weight * np.array(rows)])
+    values = np.concatenate([np.zeros(len(together) - len(rows)), weight * np.array(speeds)])
+    return np.concatenate([np.zeros(model.n), np.linalg.lstsq(together, values)[0]])
+
+
+@dataclass(frozen=True)
+class _StartWindow:
+    """The beginning of a recording: its samples, which of the model's sensors (k) were measured, and how exactly.
+
+    ``measured`` (t, k), ``uncertainty`` (k,); explicit steps at ``steps_per_second``.
+    """
+
+    model: Model
+    p: np.ndarray
+    time: np.ndarray
+    inputs: np.ndarray
+    columns: list[int]
+    measured: np.ndarray
+    uncertainty: np.ndarray
+    steps_per_second: float
+
+    def residual(self, readings: np.ndarray) -> np.ndarray:
+        """(simulated − measured)/uncertainty (r,) where something was measured."""
+        scaled = (readings[:, self.columns] - self.measured) / self.uncertainty
+        return scaled.ravel()[np.isfinite(self.measured).ravel()]
+
+    def misfit(self, start: np.ndarray) -> float:
+        """Sum of squares for a start (2n,); infinite where the motion diverges."""
+        try:
+            readings = simulate_batch(
+                self.model, self.time, self.inputs, self.p[None], self._named(start),
+                steps_per_second=self.steps_per_second,
+            )[0]  # fmt: skip
+        except SimulationError:
+            return np.inf
+        return float(np.sum(self.residual(readings) ** 2))
+
+    def linearised(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (r,) and its derivatives (r, 2n) by the start."""
+        named = self._named(start)
+        done = sensitivities(
+            self.model, self.time, self.inputs, self.p, list(named), named, steps_per_second=self.steps_per_second
+        )
+        there = np.isfinite(self.measured).ravel()
+        by_start = done.jacobian[:, self.columns] / self.uncertainty[:, None]
+        return self.residual(done.readings), by_start.reshape(-1, len(named))[there]
+
+    def _named(self, start: np.ndarray) -> dict[str, float]:
+        return dict(zip(self.model.states[: len(start)], start.tolist(), strict=True))
+
+
+def _window(model: Model, recording: Recording, p: np.ndarray, seconds: float, start: np.ndarray) -> _StartWindow:
+    sensors = [part for part in model.system.sensors if part.name in recording.channels]
+    # Sensors may begin later than the inputs do: counted from the first reading, simulated from the first row.
+    first = min(int(np.argmax(np.isfinite(recording[part.name]))) for part in sensors)
+    last = recording.time[min(first + LEAST_SAMPLES, len(recording.time) - 1)]
+    early = recording.cut(recording.time[0], max(recording.time[first] + seconds, last))  # without its end
+    inputs = early.inputs(model.system)
+    named = dict(zip(model.states[: len(start)], start.tolist(), strict=True))
+    state = start_state(model, p, inputs[0], named)
+    problem = InitialValueProblem(model, early.time, inputs, p[None], state[None])
+    return _StartWindow(
+        model,
+        p,
+        early.time,
+        inputs,
+        [model.sensors.index(part.name) for part in sensors],
+        np.stack([early[part.name] for part in sensors], axis=1),
+        np.array([part.uncertainty or _share_of_range(recording[part.name]) for part in sensors]),
+        explicit_stepping(problem).mean_rate(early.time),
+    )
+
+
+def _fitted(window: _StartWindow, start: np.ndarray) -> tuple[np.ndarray, float]:
+    """Start (2n,) with the least misfit found from a start, and that misfit."""
+    best = window.misfit(start)
+    for _ in range(ROUNDS if np.isfinite(best) else 0):
+        residual, by_start = window.linearised(start)
+        size = np.maximum(np.linalg.norm(by_start, axis=0), 1e-300)
+        step = -np.linalg.lstsq(by_start / size, residual, rcond=1e-6)[0] / size
+        trials = ((start + share * step) for share in (1.0, 0.3, 0.1))
+        better = next(((trial, now) for trial in trials if (now := window.misfit(trial)) < best), None)
+        if better is None:
+            break
+        gain, (start, best) = best - better[1], better
+        if gain < WORTHWHILE * best:
+            break
+    return start, best
+
+
+def _share_of_range(values: np.ndarray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values)) * SHARE_OF_RANGE or 1.0
+
+
+# --- Speeds without a unit that fit the model in 1/min and not in rad/s.
+
+PER_MINUTE = 2 * pi / 60  # rad/s
+FITS, FAR_OFF = 0.25, 0.5  # misfit over the standard deviation: of a model about right; where the unit may be wrong
+CLEARLY = 3.0  # times better in 1/min
+SPEED_UNIT_TOLERANCE = 1e-2  # of the simulations here
+
+
+def check_speed_units(model: System | Model, recording: Recording) -> None:
+    """Check that the speeds for which the file states no unit can be in rad/s.
+
+    The model is simulated on the recorded inputs of the longest part without a long gap, begun as recorded: once with
+    the speeds as they stand, and if they are far off, once more with them as 1/min.
+
+    Raises
+    ------
+    InputError
+        If they fit the model in 1/min only; says what to write.
+    """
+    names = [
+        sensor.name
+        for sensor in (model if isinstance(model, System) else model.system).sensors
+        if sensor.measures == "speed" and recording.units.get(sensor.name) == "" and sensor.name in recording.channels
+    ]
+    if not names:
+        return
+    model = compiled(model) if isinstance(model, System) else model
+    recording = _longest_part(recording)
+    as_read = min(_misfits(model, recording, names))
+    if as_read <= FAR_OFF:
+        return
+    scaled = {name: values * (PER_MINUTE if name in names else 1.0) for name, values in recording.channels.items()}
+    if max(_misfits(model, replace(recording, channels=scaled), names)) < min(FITS, as_read / CLEARLY):
+        raise InputError(
+            f"{recording.source}: {', '.join(names)}",
+            "no unit is stated, and the values fit the model in 1/min only, not in rad/s",
+            f'state the unit, for example {names[0]} = {{ channel = "{names[0]}", unit = "1/min" }} in a channel file',
+        )
+
+
+def _longest_part(recording: Recording) -> Recording:
+    """The longest part between gaps too long to bridge: over a gap, which may last for years, inputs are unknown."""
+    gaps = long_gaps(recording.time)
+    if not gaps:
+        return recording
+    begins = [float(recording.time[0]), *(end for _, end in gaps)]
+    ends = [*(begin for begin, _ in gaps), float(recording.time[-1])]
+    begin, end = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
+    return recording.cut(begin, np.nextafter(end, np.inf)) if end > begin else recording
+
+
+def _misfits(model: Model, recording: Recording, names: list[str]) -> list[float]:
+    """Root mean squares of simulated minus recorded speeds over the standard deviations; infinite if nothing moves."""
+    inputs = recording.inputs(model.system)
+    try:
+        p = with_stick_speed(model, recording.time, inputs, model.p0)
+        start = recorded_start(model, recording, p)
+        done = simulate(model, recording.time, inputs, start=start, sensors=names, tolerance=SPEED_UNIT_TOLERANCE)
+    except SimulationError:
+        return [np.inf] * len(names)
+    misfits = []
+    for name in names:
+        there = np.isfinite(recording[name])
+        spread = float(np.std(recording[name][there])) if there.any() else 0.0
+        error = float(np.sqrt(np.mean((done[name] - recording[name])[there] ** 2))) if there.any() else 0.0
+        misfits.append(error / spread if spread else np.inf)
+    return misfits

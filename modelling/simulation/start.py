@@ -6,10 +6,54 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from modelling.common.errors import InputError, listed, unknown
-from modelling.effects.kind import SECOND_STATE
-from modelling.equations.compiled import Model
+from modelling.effects.effect import SECOND_STATE, Motion
+from modelling.equations.casadi_code import Model
+from modelling.equations.lagrange import STICK_SPEED, Assembly
+from modelling.errors import InputError, listed, unknown
 from modelling.linear.steady_motion import steady_motion
+from modelling.simulation.stepping import STABLE_STEP, rates_at_rest, steps_per_second
+
+# --- Inputs of a simulation, checked and brought into arrays.
+
+Inputs = Mapping[str, np.ndarray] | np.ndarray
+
+
+def checked(model: Model, time: np.ndarray, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Time (t,) in s and inputs (t, u) in N·m, contiguous and checked.
+
+    Raises
+    ------
+    InputError
+        If time does not rise, an input is missing or of another length, or a value is not finite.
+    """
+    time = np.ascontiguousarray(time, dtype=float)
+    if time.ndim != 1 or len(time) < 2:
+        raise InputError("time", f"shape {time.shape}", "at least two samples are needed")
+    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+        raise InputError("time", "is not finite or does not rise", "give rising times in s")
+    u = _columns(model, time, inputs) if isinstance(inputs, Mapping) else np.asarray(inputs, dtype=float)
+    if u.shape != (len(time), len(model.inputs)):
+        raise InputError("inputs", f"shape {u.shape}", f"(t, u) = ({len(time)}, {len(model.inputs)}) is needed")
+    if not np.isfinite(u).all():
+        sample, column = np.argwhere(~np.isfinite(u))[0]
+        raise InputError(
+            f"inputs.{model.inputs[column]}", f"is not finite at {time[sample]:g} s", "fill or cut the gap"
+        )
+    return time, np.ascontiguousarray(u)
+
+
+def _columns(model: Model, time: np.ndarray, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    for name in model.inputs:
+        if name not in inputs:
+            raise unknown(name, list(inputs), f"inputs.{name}")
+    columns = [np.asarray(inputs[name], dtype=float) for name in model.inputs]
+    for name, column in zip(model.inputs, columns, strict=True):
+        if column.shape != time.shape:
+            raise InputError(f"inputs.{name}", f"shape {column.shape}", f"one value a sample is needed: {time.shape}")
+    return np.stack(columns, axis=1) if columns else np.empty((len(time), 0))
+
+
+# --- Start
 
 Start = None | str | np.ndarray | Mapping[str, float]
 
@@ -90,3 +134,61 @@ def steady(model: Model, p: np.ndarray, u: np.ndarray, speeds: Mapping[str, floa
             "start", "there is no steady motion under the first inputs", "start at rest or give the speeds"
         )
     return motion.state
+
+
+# --- How sharp dry friction is: the speed over which its sign changes.
+
+SHARPEST, BLUNTEST = 2e-5, 5e-4  # stick speed over the range of the speeds that stick
+MOVES = 1e-6  # of the largest range: an inertia that moves less stands still
+NO_FRICTION = 1e12  # rad/s, a stick speed at which friction is too flat to be fast
+
+
+def stick_speed(model: Model, p: np.ndarray, states: np.ndarray, rate: float) -> float:
+    """Stick speed for dry friction, rad/s: as sharp as costs no further steps, within bounds of the speeds' range.
+
+    A sticking inertia creeps with up to about twice that speed where the law says it stands.
+
+    Parameters
+    ----------
+    p : ndarray (p,)
+    states : ndarray (t, x)
+        A simulated motion; it gives the range of the speeds.
+    rate : float
+        Samples a second, at which steps are taken anyway.
+    """
+    at = model.parameters.index(STICK_SPEED)
+    ranges = np.ptp(_sticking_speeds(model, p, states), axis=0)
+    ranges = ranges[ranges > MOVES * ranges.max(initial=0.0)]
+    if not ranges.size:
+        return float(p[at])
+    smallest = float(ranges.min())
+    without, blunt = p.copy(), p.copy()
+    without[at], blunt[at] = NO_FRICTION, BLUNTEST * smallest
+    gradient = rates_at_rest(model, blunt[None]).any * blunt[at]  # 1/s times rad/s: the rate is inverse to the speed
+    free = STABLE_STEP * max(rate, steps_per_second(model, without[None]))
+    return float(np.clip(gradient / free, SHARPEST * smallest, BLUNTEST * smallest))
+
+
+def _sticking_speeds(model: Model, p: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Speeds (t, k) of the inertias that carry dry friction."""
+    a = model.equations.assembly
+    values = a.with_abbreviations(dict(zip(a.parameters, p, strict=True)))
+    speeds = []
+    for effect in model.system.effects:
+        if effect.law.sticks:
+            share = _sliding_motion(a, effect.at).coefficients
+            speeds.append(
+                sum(
+                    float(c.subs({s: values[str(s)] for s in c.free_symbols})) * states[:, model.n + i]
+                    for i, c in share.items()
+                )
+            )
+    return np.stack(speeds, axis=1) if speeds else np.empty((len(states), 0))
+
+
+def _sliding_motion(assembly: Assembly, at: str) -> Motion:
+    """The motion that dry friction at a place opposes: that of the inertia, or of a shaft's or gear's second end."""
+    table, name = at.split(".")
+    if table == "gears":
+        name = next(gear.between[1] for gear in assembly.system.gears if gear.name == name)
+    return assembly.shafts[name].second if table == "shafts" else assembly.motions[name]

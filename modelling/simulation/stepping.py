@@ -2,11 +2,243 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from modelling.simulation.integrator.task import Trajectories, fewest_steps
+from modelling.display import Displayed, labelled
+from modelling.equations.casadi_code import Model
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.errors import InputError
+from modelling.simulation import interpreted
+from modelling.simulation.compiled import run_compiled
+from modelling.simulation.task import IntegrationTask, Trajectories, fewest_steps, make_task
+
+# --- What a simulation returns, and the error it raises.
+
+
+class SimulationError(InputError):
+    """A state that is not finite, or steps too many to take: one line that says when and which."""
+
+
+@dataclass(frozen=True)
+class Simulation(Displayed):
+    """Readings and states over time, all SI.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+        s, as given.
+    readings : dict of str to ndarray (t,)
+        By sensor, with all that the sensors' effects do to them.
+    states : ndarray (t, x)
+        Angles, speeds and further states, without the sensors' delays.
+    state_names : list of str, length x
+    units : dict of str to str
+        SI unit of every reading.
+    steps_per_second, stick_speed : float
+        What the integration used; ``stick_speed`` (rad/s) is NaN where nothing sticks.
+    implicit : bool
+        Whether the steps were implicit ones, for a stiff model.
+    integration_error : dict of str to float
+        Estimated largest error of every reading that comes from the steps, as a share of its range; NaN where the steps
+        were prescribed.
+    """
+
+    time: np.ndarray
+    readings: dict[str, np.ndarray]
+    states: np.ndarray = field(repr=False)
+    state_names: list[str]
+    units: dict[str, str]
+    steps_per_second: float
+    stick_speed: float
+    implicit: bool
+    integration_error: dict[str, float]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A reading or a state by name, (t,)."""
+        return self.readings[name] if name in self.readings else self.states[:, self.state_names.index(name)]
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Time and readings as plain lists."""
+        return {"time": self.time.tolist()} | {name: value.tolist() for name, value in self.readings.items()}
+
+    def to_xarray(self) -> Any:
+        """The readings over time (xarray Dataset).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        readings = {name: (["time"], value, self.units[name]) for name, value in self.readings.items()}
+        return labelled(readings, {"time": (self.time, "s")})
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Readings and their derivatives.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+    readings : ndarray (t, y)
+    jacobian : ndarray (t, y, s)
+        ∂reading/∂(parameter or start state ``names[s]``), SI.
+    sensors, names : list of str
+    """
+
+    time: np.ndarray
+    readings: np.ndarray
+    jacobian: np.ndarray = field(repr=False)
+    sensors: list[str]
+    names: list[str]
+
+
+def raise_if_failed(failed: np.ndarray, time: np.ndarray, states: Sequence[str]) -> None:
+    """Raise ``SimulationError`` for the first row of ``failed`` (b, 2) that tells of a failure.
+
+    A row holds sample and state, −1 where all went well; ``time`` (t,) in s.
+    """
+    rows = np.flatnonzero(failed[:, 0] >= 0)
+    if rows.size:
+        sample, state = failed[rows[0]]
+        which = f" (parameter set {rows[0]})" if len(failed) > 1 else ""
+        raise SimulationError(
+            "simulation",
+            f"{states[state]} is not finite at {time[sample]:g} s{which}",
+            "check parameters, start and inputs, or take more steps_per_second",
+        )
+
+
+# --- How fast a model can move, from the eigenvalues of its linearisation, and the steps that follow from it.
+
+STABLE_STEP = 2.0  # |λ|·h of a fast decay; explicit Runge-Kutta of order four is stable up to 2.78
+ACCURATE_STEP = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase error a radian
+FREE_CONTACT_STEP = 0.2  # ω·h of the vibration of two inertias on the spring of a lash alone
+WELL_DAMPED = 0.7  # −Re λ/|λ| from which on an eigenvalue decays before it vibrates
+MAX_STEPS_PER_SECOND = 2e6
+PROBED_STATES = 48  # along a motion
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Fastest rates of a model, 1/s.
+
+    Attributes
+    ----------
+    any : float
+        Largest magnitude of all eigenvalues.
+    vibration : float
+        The same of those that vibrate before they decay.
+    contact : float
+        Angular frequency of two inertias on the spring of a lash alone, 0 without lash.
+    """
+
+    any: float
+    vibration: float
+    contact: float
+
+    def __or__(self, other: Rates) -> Rates:
+        return Rates(max(self.any, other.any), max(self.vibration, other.vibration), max(self.contact, other.contact))
+
+
+def steps_per_second(model: Model, p: np.ndarray) -> float:
+    """Explicit steps a second that are stable and accurate about rest, over parameter sets (b, p).
+
+    For what steps at a rate fixed in advance (FMU, controlled rig); :mod:`modelling.simulation.stepping` measures
+    the error instead.
+
+    Raises
+    ------
+    SimulationError
+        If more than :data:`MAX_STEPS_PER_SECOND` would be needed, or an eigenvalue is not finite.
+    """
+    rates = rates_at_rest(model, p)
+    needed = max(rates.any / STABLE_STEP, rates.vibration / ACCURATE_STEP, rates.contact / FREE_CONTACT_STEP, 1.0)
+    if not needed <= MAX_STEPS_PER_SECOND:
+        raise too_fast(rates.any, needed)
+    return float(needed)
+
+
+def too_fast(rate: float, needed: float) -> SimulationError:
+    """The error for a model with an eigenvalue too fast to step through."""
+    return SimulationError(
+        "simulation", f"the fastest eigenvalue, {rate:.3g} 1/s, needs {needed:.3g} steps a second",
+        f"at most {MAX_STEPS_PER_SECOND:g} are taken: look for a very small inertia, time constant or coefficient",
+    )  # fmt: skip
+
+
+def rates_at_rest(model: Model, p: np.ndarray) -> Rates:
+    """Rates about rest over parameter sets (b, p), with every lash closed and dry friction at its steepest.
+
+    Raises
+    ------
+    SimulationError
+        If an eigenvalue is not finite.
+    """
+    gaps = [model.parameters.index(name) for name in model.system.free_plays.values()]
+    closed = p.copy()
+    closed[:, gaps] = 0.0
+    by_gap = np.stack([closed] * (1 + len(gaps)))  # all closed, then one after the other wide open
+    by_gap[1 + np.arange(len(gaps)), :, gaps] = 1e9
+    rows = np.concatenate(np.repeat(by_gap, 2, axis=0))  # each for a twist in both directions
+    probe = 1e-9 * np.cos(np.arange(model.n) * 1.7)  # no two coordinates alike: every lash is closed
+    x = np.zeros((len(model.states), len(rows)))
+    x[: model.n] = np.concatenate([np.tile(probe, (len(p), 1)), np.tile(-probe, (len(p), 1))] * len(by_gap)).T
+    A, *opened = np.split(_state_matrices(model, x, np.zeros((len(model.inputs), len(rows))), rows.T), len(by_gap))
+    contact = 0.0
+    for other in opened:
+        change = A - other
+        square = -np.trace(change[:, model.n : 2 * model.n, : model.n], axis1=1, axis2=2)  # stiffness over inertia
+        contact = max(contact, float(np.sqrt(square.max(initial=0.0))))
+    alike = (A[: len(p)] == A[len(p) :]).all()  # most laws are the same in both directions
+    return _rates(A[: len(p)] if alike else A, contact)
+
+
+def rates_along(model: Model, p: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> Rates:
+    """Rates at some points of a motion, states (t, x) and inputs (t, u), for one parameter set (p,).
+
+    Raises
+    ------
+    SimulationError
+        If an eigenvalue is not finite.
+    """
+    finite = np.flatnonzero(np.isfinite(states).all(axis=1))
+    # evenly spread, and where the motion is fastest
+    spread = finite[np.linspace(0, len(finite) - 1, min(len(finite), PROBED_STATES)).astype(int)]
+    speeds = states[finite][:, model.n : 2 * model.n]
+    chosen = np.unique(np.concatenate([spread, finite[_extremes(speeds - speeds.mean(axis=1, keepdims=True))]]))
+    p_columns = np.repeat(p[None], len(chosen), axis=0).T
+    return _rates(_state_matrices(model, states[chosen].T, inputs[chosen].T, p_columns), 0.0)
+
+
+def _extremes(values: np.ndarray) -> np.ndarray:
+    """Rows (≤ 2k,) at which the columns (t, k) are largest and smallest."""
+    return np.concatenate([values.argmax(axis=0), values.argmin(axis=0)]) if values.size else np.empty(0, int)
+
+
+def _rates(A: np.ndarray, contact: float) -> Rates:
+    values = np.linalg.eigvals(A).ravel()
+    size = np.abs(values)
+    vibrating = size[-values.real < WELL_DAMPED * size]
+    return Rates(float(size.max(initial=0.0)), float(vibrating.max(initial=0.0)), contact)
+
+
+def _state_matrices(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """A (k, x, x) at several points, given by columns."""
+    n, k = x.shape
+    A = np.array(model.jacobians.map(k)(x, u, p, np.zeros((1, k)))[0].full()) if n else np.empty((0, 0))
+    if not np.isfinite(A).all():
+        raise SimulationError(
+            "simulation", "the linearised model is not finite", "check parameter values and start state"
+        )
+    return A.reshape(n, k, n).transpose(1, 0, 2)
+
+
+# --- Stepping
 
 OUTLIERS_IN = 32  # samples, of which one may miss a jump of torque: it lies on either side of it
 NO_RANGE = 1e-6  # of a reading's size: a range below that is rounding
@@ -88,3 +320,286 @@ def _outliers_lowered(values: np.ndarray) -> np.ndarray:
     windows = values[:, :, :whole].reshape(*values.shape[:2], -1, OUTLIERS_IN)
     lowered = np.minimum(windows, np.partition(windows, -2, axis=3)[..., -2:-1])
     return np.concatenate([lowered.reshape(*values.shape[:2], whole), values[:, :, whole:]], axis=2)
+
+
+# --- Steps as small as a stated tolerance needs.
+#
+# A run gives its local errors, sample by sample. The steps are divided where these are largest, until they add up to no
+# more than the tolerance, or until two runs show that: the readings' differences say how much error the steps that were
+# divided had caused, and the local errors how much of it is left. A model is stepped implicitly where its fastest
+# decay,
+# which nothing shows, would need far smaller explicit steps than what vibrates. Vibrations are always resolved: an
+# implicit method would damp them.
+
+TOLERANCE = 1e-4  # of each reading's range
+VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with
+IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to 10 measured
+FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
+FASTEST = 8 * MAX_STEPS_PER_SECOND  # mean steps a second of a refined run: some seconds of processor time a second
+CALMER = 4  # refinement where a state is not finite
+SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
+CALIBRATED_SHARE = 1 / 16  # of the local errors that are left before two runs show what they do: halved steps
+AIM = 0.5  # of the tolerance
+ROUNDS = 12
+NOTHING_GAINED = 1e6  # times the difference of two runs: the error where divided steps have no smaller local errors
+MOST_AT_ONCE = 16  # division of an interval's steps from one run to the next
+MANY_MORE = 4  # times the steps: worth looking whether implicit ones are better
+
+
+@dataclass(frozen=True)
+class InitialValueProblem:
+    """What is simulated: a model on inputs (t, u) for parameters (b, p) from start states (b, x)."""
+
+    model: Model
+    time: np.ndarray
+    inputs: np.ndarray
+    p: np.ndarray
+    start: np.ndarray
+
+    def run(
+        self,
+        stepping: Stepping,
+        compiled: bool | None = None,
+        states: bool = True,
+        readings: bool = True,
+        errors: bool = False,
+    ) -> Trajectories:  # what is integrated is fixed; how, and what is wanted of it, are different things
+        """Integrate with given steps; without a compiler, or if ``compiled`` is False, in the virtual machine."""
+        task = make_task(
+            self.model, self.time, self.inputs, self.p, self.start, stepping.steps_per_second,
+            implicit=stepping.implicit, refinement=stepping.refinement,
+        )  # fmt: skip
+        return run(task, compiled, states, readings, errors)
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """A run within tolerance: its steps, and the estimated error (y,) of each reading over its range."""
+
+    trajectories: Trajectories
+    stepping: Stepping
+    error: np.ndarray
+
+
+def run(
+    task: IntegrationTask,
+    compiled: bool | None = None,
+    states: bool = True,
+    readings: bool = True,
+    errors: bool = False,
+) -> Trajectories:
+    """A task by the compiled integrator, or by the virtual machine where there is no compiler or it is not wanted."""
+    done = run_compiled(task, states, readings, errors=errors) if compiled is not False else None
+    return done if done is not None else interpreted.run(task, states, readings, errors)
+
+
+@dataclass(frozen=True)
+class FirstRun:
+    """A finite run with steps that follow from the eigenvalues, and those."""
+
+    trajectories: Trajectories
+    stepping: Stepping
+    rates: Rates
+
+
+def first_run(problem: InitialValueProblem, compiled: bool | None) -> FirstRun:
+    """Choose steps from the eigenvalues at rest, and along the motion where those do not do; run with them.
+
+    Raises
+    ------
+    SimulationError
+        If a state is not finite however small the steps, or an eigenvalue is too fast for any.
+    """
+    rates = rates_at_rest(problem.model, problem.p)
+    stepping = suited(rates, problem.time)
+    if not stepping.implicit and explicit_steps(rates) > MAX_STEPS_PER_SECOND:
+        raise too_fast(rates.any, explicit_steps(rates))
+    used, done = _finite_run(problem, stepping, compiled)
+    first = FirstRun(done, used, rates)
+    return first if used is stepping and not used.implicit else along_the_motion(problem, first, compiled)
+
+
+def along_the_motion(problem: InitialValueProblem, first: FirstRun, compiled: bool | None) -> FirstRun:
+    """A first run with the steps that the eigenvalues along its motion ask for."""
+    model, time, rates = problem.model, problem.time, first.rates
+    if not any(effect.law.state_dependent for effect in model.system.effects):
+        return first
+    for p, motion in zip(problem.p, first.trajectories.states, strict=True):
+        rates |= rates_along(model, p, motion, problem.inputs)
+    better = suited(rates, time)
+    if better.implicit != first.stepping.implicit or better.count(time) > first.stepping.count(time):
+        stepping, done = _finite_run(problem, better, compiled)
+        return FirstRun(done, stepping, rates)
+    return replace(first, rates=rates)
+
+
+def explicit_steps(rates: Rates) -> float:
+    """Explicit steps a second that are stable and follow every vibration."""
+    return max(rates.any / STABLE_STEP, rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
+
+
+def suited(rates: Rates, time: np.ndarray) -> Stepping:
+    """Implicit steps where far fewer follow every vibration than explicit ones need to be stable; else explicit.
+
+    Explicit ones are even in number from sample to sample; ``time`` (t,) in s.
+    """
+    explicit = explicit_steps(rates)
+    accurate = max(rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
+    if explicit > IMPLICIT_COST * max(accurate, 1 / float(np.median(np.diff(time)))):
+        return Stepping(min(accurate, MAX_STEPS_PER_SECOND), implicit=True)
+    return Stepping(min(explicit, MAX_STEPS_PER_SECOND) / 2, refinement=2)
+
+
+def _finite_run(
+    problem: InitialValueProblem, stepping: Stepping, compiled: bool | None
+) -> tuple[Stepping, Trajectories]:
+    """A run that stays finite, with finer steps or implicit ones where it does not at first.
+
+    A motion that stops being finite at the same moment with finer steps runs away by itself: no step helps.
+    """
+    before = None
+    while True:
+        for each in (stepping, replace(stepping, implicit=True))[: 1 if stepping.implicit else 2]:
+            done = problem.run(each, compiled, errors=True)
+            if (done.failed[:, 0] < 0).all():
+                return each, done
+        moment = int(done.failed[done.failed[:, 0] >= 0, 0].min())
+        stepping = stepping.finer(CALMER)
+        runs_away = before is not None and abs(moment - before) <= max(SAME_MOMENT, SAME_MOMENT_RELATIVE * moment)
+        if runs_away or stepping.mean_rate(problem.time) > MAX_STEPS_PER_SECOND:
+            raise_if_failed(done.failed, problem.time, problem.model.states)
+        before = moment
+
+
+def run_to_tolerance(
+    problem: InitialValueProblem, tolerance: float = TOLERANCE, compiled: bool | None = None
+) -> Controlled:
+    """Simulate with steps divided until every reading's estimated error is at most ``tolerance`` of its range.
+
+    Where that takes more than :data:`FINEST` times the first steps, or more than :data:`FASTEST` steps a second, the
+    finest run is returned, with its error. Where a torque may jump, two runs have to agree; else the sum of the local
+    errors may do.
+
+    Raises
+    ------
+    SimulationError
+        See :func:`first_run`.
+    """
+    model, time = problem.model, problem.time
+    rough = any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
+    order = KINKED_ORDER if rough else SMOOTH_ORDER
+    first, local = _fitting_first_run(problem, tolerance, order, rough, compiled)
+    stepping, done = first.stepping, first.trajectories
+    most = min(FINEST * stepping.count(time), max(FASTEST * float(np.ptp(time)), stepping.count(time)))
+    error = np.full(max(1, len(model.sensors)), np.inf if rough and local.any() else local.sum())
+    allowed = _first_allowed(local, tolerance)
+    for _ in range(ROUNDS):
+        if error.max() <= tolerance:
+            break
+        finer = stepping.finer(np.minimum(divisions(local, allowed, order), MOST_AT_ONCE))
+        if finer.count(time) > most and np.isfinite(error).all():
+            break
+        fine = problem.run(finer, compiled, errors=True)
+        raise_if_failed(fine.failed, time, model.states)
+        left = local_errors(fine, model.n, rough)
+        before, after = float(local.sum()), float(left.sum())
+        share = max(after / (before - after), CALIBRATED_SHARE) if after < before else NOTHING_GAINED
+        error = difference(done, fine, rough) * share
+        if not rough:
+            error = np.minimum(error, after)
+        stepping, done, local = finer, fine, left
+        allowed = after * float(np.clip(AIM * tolerance / max(error.max(), 1e-300), CALIBRATED_SHARE, 0.5))
+    return Controlled(done, stepping, error)
+
+
+def _first_allowed(local: np.ndarray, tolerance: float) -> float:
+    """What the local errors (t-1,) of a first run may add up to in the second one."""
+    return max(AIM * tolerance, CALIBRATED_SHARE * float(local.sum()))
+
+
+def _fitting_first_run(
+    problem: InitialValueProblem, tolerance: float, order: int, rough: bool, compiled: bool | None
+) -> tuple[FirstRun, np.ndarray]:
+    """The first run, explicit or implicit as takes less time with the steps of the second one; its local errors."""
+    time, first = problem.time, first_run(problem, compiled)
+
+    def errors_and_steps(done: FirstRun) -> tuple[np.ndarray, float]:
+        errors = local_errors(done.trajectories, problem.model.n, rough)
+        finer = done.stepping.finer(divisions(errors, _first_allowed(errors, tolerance), order))
+        return errors, finer.count(time)
+
+    local, steps = errors_and_steps(first)
+    if not first.stepping.implicit and steps > MANY_MORE * first.stepping.count(time):
+        first = along_the_motion(problem, first, compiled)
+        local, steps = errors_and_steps(first)
+    explicit = explicit_steps(first.rates)
+    fewer = first.stepping.implicit and explicit * float(np.ptp(time)) < IMPLICIT_COST * steps
+    if fewer and explicit < MAX_STEPS_PER_SECOND:
+        stepping, done = _finite_run(problem, Stepping(explicit / 2, refinement=2), compiled)
+        first = FirstRun(done, stepping, first.rates)
+        local, _ = errors_and_steps(first)
+    return first, local
+
+
+def explicit_stepping(problem: InitialValueProblem, compiled: bool | None = None) -> Stepping:
+    """Explicit steps that keep the default tolerance and are stable, for what has no implicit form."""
+    stepping = run_to_tolerance(problem, compiled=compiled).stepping
+    if not stepping.implicit:
+        return stepping
+    stable = explicit_steps(rates_at_rest(problem.model, problem.p))
+    if stable > MAX_STEPS_PER_SECOND:
+        raise too_fast(stable * STABLE_STEP, stable)
+    return Stepping(max(stable, stepping.mean_rate(problem.time)))
+
+
+# --- Dry friction sharp enough: what its regularisation changes is part of the error that a simulation controls.
+
+SHARPER = 5.0  # times sharper from run to run; what still changes then is this less one times the error that is left
+MOST_RUNS = 5
+STEPS_SHARE = 0.1  # of the tolerance, for the steps: a transition that a whole step skips hides in their error estimate
+
+
+def sharp_enough(
+    problem: InitialValueProblem,
+    blunt: Controlled,
+    tolerance: float,
+    compiled: bool | None,
+    most_runs: int,
+) -> tuple[Controlled, float]:
+    """The run with a stick speed so small that it changes no reading by more than the tolerance, and that speed, rad/s.
+
+    The error of the regularised law is proportional to its stick speed, so it is read off two runs. Where a sharper
+    law comes no nearer (a torque that jumps between two samples; a motion that depends on it without end), the last run
+    that did is taken, and its error says so.
+
+    Parameters
+    ----------
+    problem : InitialValueProblem
+        Of one parameter set.
+    blunt : Controlled
+        Its run.
+    tolerance : float
+        Share of each reading's range.
+    most_runs : int
+        0: the law stays as it is. Without dry friction it does anyway, and there is no stick speed (NaN).
+    """
+    if STICK_SPEED not in problem.model.parameters:
+        return blunt, float("nan")
+    at = problem.model.parameters.index(STICK_SPEED)
+    best, before = blunt, np.inf
+    for _ in range(most_runs):
+        p = problem.p.copy()
+        p[0, at] /= SHARPER
+        try:
+            sharper = run_to_tolerance(replace(problem, p=p), STEPS_SHARE * tolerance, compiled)
+        except SimulationError:
+            break
+        change = difference(best.trajectories, sharper.trajectories, rough=True)
+        if change.max(initial=0.0) >= before:
+            break
+        before = float(change.max(initial=0.0))
+        left = change / (SHARPER - 1)
+        best, problem = replace(sharper, error=np.maximum(sharper.error, left)), replace(problem, p=p)
+        if left.max(initial=0.0) <= tolerance:
+            break
+    return best, float(problem.p[0, at])

@@ -15,9 +15,10 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching.commands import available, explore
-from modelling.common.errors import InputError
-from modelling.writing.output import strict_json
+from matching import commands as explore
+from matching.commands import available
+from modelling.errors import InputError
+from modelling.writing import strict_json
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 VEHICLE = EXAMPLES / "road_to_rig" / "vehicle.toml"
@@ -54,7 +55,7 @@ def test_a_recording_with_a_gap_is_not_simulated_across_it(recording, tmp_path):
 
 def test_the_explorer_writes_where_its_command_does():
     parser = argparse.ArgumentParser()
-    explore.add_arguments(parser)
+    explore.add_explore_arguments(parser)
     assert inspect.signature(rm.explore).parameters["out"].default == parser.get_default("out")
 
 
@@ -175,7 +176,7 @@ def test_a_damped_mode_swings_out_of_step():
 
 
 def test_figures_keep_to_the_colours_of_the_house():
-    from matching.report.common import style
+    from matching.report import common as style
 
     responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
     curves = responses.plot().axes[0].lines

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from matching.bed_test.result import COVERAGE_FACTOR, FunctionCurves
-from matching.report.bed_test.figures import LARGEST_BAND, responses
+from matching.bed.verify import COVERAGE_FACTOR, FunctionCurves
+from matching.report.bed import LARGEST_BAND, responses
 
 
 def test_the_band_is_the_uncertainty_and_no_wider_than_is_drawn():

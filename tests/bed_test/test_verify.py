@@ -17,16 +17,14 @@ from kept_words import same_numbers, same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
-from matching.bed_test.growing import snapshots
-from matching.bed_test.judge import judge
-from matching.bed_test.recorded import read_recordings
+from matching.bed.verify import judge, read_recordings, snapshots
 from matching.cli import main
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import error_figures
-from modelling.bed.structures import STRUCTURES
-from modelling.common.errors import InputError
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from matching.match.responses import error_figures
+from modelling.bed.controllers import STRUCTURES
+from modelling.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 FINE = 4  # steps a sample: torques change within a sample, as they do on a bed
@@ -210,7 +208,7 @@ def test_a_growing_recording_is_judged_as_soon_as_it_can_be(case, record, tmp_pa
     growing, folder = tmp_path / "running.csv", tmp_path / "case"
     growing.write_bytes(whole[: len(whole) // 8])  # ends within a line
     monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: growing.write_bytes(whole)))
-    monkeypatch.setattr("matching.fmu.export_source.tuned_case", lambda _: SimpleNamespace(tuned=case))
+    monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     words = ["verify", str(folder), str(growing), "--follow", "5", "--out", str(tmp_path / "out"), "--json"]
     assert main(words) == 0
     printed, said = capsys.readouterr()
@@ -293,7 +291,7 @@ def test_the_answer_is_that_of_the_files_as_they_are_in_the_end(case, record, tm
     growing.write_bytes(whole)
     clock = Clock(lambda: growing.write_bytes(whole[: len(whole) // 8]))
     monkeypatch.setattr("matching.bed_test.growing.time", clock)
-    monkeypatch.setattr("matching.fmu.export_source.tuned_case", lambda _: SimpleNamespace(tuned=case))
+    monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     assert main(["verify", str(folder), str(growing), "--follow", "5", "--out", str(tmp_path / "out")]) == 2
     printed, said = capsys.readouterr()
     assert printed == ""
@@ -308,7 +306,7 @@ def test_what_was_never_judged_is_not_said_to_have_an_answer(case, record, tmp_p
     growing = tmp_path / "running.csv"
     growing.write_bytes(record("good", noise=0.02).read_bytes()[:3000])
     monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: None))
-    monkeypatch.setattr("matching.fmu.export_source.tuned_case", lambda _: SimpleNamespace(tuned=case))
+    monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     assert main(["verify", str(tmp_path), str(growing), "--follow", "5", "--out", str(tmp_path / "out")]) == 2
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith(f"rigmatch: {growing}: lasts ")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
-from matching.frequency.beds.tuner import Tuner, tuner
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
-from matching.frequency.search.result import MatchResult
-from matching.frequency.tuning.rounds import TuningEffort
+from matching.match.attempt import question_of
+from matching.match.case import Case
+from matching.match.case_file import load_case
+from matching.match.match import match_with_observer
+from matching.match.result import MatchResult
+from matching.match.tune_observer import Tuner, TuningEffort, tuner
 
 
 @pytest.fixture(scope="session")

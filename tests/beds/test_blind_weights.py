@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.beds.design_point import Judged
-from matching.frequency.tuning import opened, tune
-from matching.frequency.tuning.rounds import TuningEffort
-from matching.frequency.tuning.tune import tuned_weights
+from matching.match import tune_observer as opened
+from matching.match import tune_observer as tune
+from matching.match.beds import Judged
+from matching.match.tune_observer import TuningEffort, tuned_weights
 
 NAMES = ("command_weight", "torque_drift")
 

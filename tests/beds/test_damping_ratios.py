@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.frequency.beds.closed_loop import damping, damping_ratios
+from matching.match.beds import damping, damping_ratios
 
 STEP = 1e-3
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
 
-from matching.commands.match import BEDS_OF_FEEDBACK
-from matching.frequency.beds.requirements import LARGEST_ROLLED_OFF
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
-from matching.report.match.text import content, summary
+from matching.commands import BEDS_OF_FEEDBACK
+from matching.match.beds import LARGEST_ROLLED_OFF
+from matching.match.case_file import load_case
+from matching.match.match import match
+from matching.report.match import content, summary
 
 CASES = 60
 SHORTER_DEAD_TIME = re.compile(r"solved with ([\d.]+) ms, every target is met")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
-from matching.frequency.tuning.rounds import TuningEffort
+from matching.match.attempt import question_of
+from matching.match.case_file import load_case
+from matching.match.match import match_with_observer
+from matching.match.tune_observer import TuningEffort
 
 pytestmark = pytest.mark.long
 EFFORT = TuningEffort(drawn=2, rounds=1, steps=1, fresh=4)

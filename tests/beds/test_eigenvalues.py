@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.frequency.beds import eigenvalues as room
+from matching.match import beds as room
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 50])

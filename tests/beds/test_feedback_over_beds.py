@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from small_bed import CASE, FEEDBACK_GAINS, write
 
-from matching.frequency.beds.tuner import DAMPING_RESERVE
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.independent.beds_check import Judge
-from matching.frequency.independent.loop_check import check_loop
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.search.match import match
-from matching.frequency.verification.feedback_gains import drawn_beds, feedback_tuner
-from matching.report.match.text import summary
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import Judge, check_loop
+from matching.match.loop import control_law, parts_of
+from matching.match.match import match
+from matching.match.robustness import drawn_beds, feedback_tuner
+from matching.match.tune_observer import DAMPING_RESERVE
+from matching.report.match import summary
 
 
 @pytest.fixture(scope="module")

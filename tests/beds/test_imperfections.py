@@ -4,15 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from matching.frequency.in_time.imperfection import (
-    EVERYTHING_DRAWN,
-    EVERYTHING_STATED,
-    Imperfection,
-    flawed,
-    imperfections,
-)
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
+from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, flawed, imperfections
+from modelling.system import Effect, Quantity
 
 NOTHING = Imperfection("")
 

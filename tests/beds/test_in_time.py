@@ -8,22 +8,32 @@ import pytest
 from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.uncertainty import of_system
-from matching.frequency.in_time.closed_loop import BedMotion, BedRun, acting, bed_motions, vehicle_motions
-from matching.frequency.in_time.imperfection import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, imperfections
-from matching.frequency.in_time.nonlinear_beds import _refine_friction
-from matching.frequency.in_time.open_lash import lash_runs, open_lash
-from matching.frequency.in_time.sensing import ANGLE_OF_A_COUNT, PoorSensors
-from matching.frequency.in_time.table import truth_in_time, truth_of
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.search.match import match
-from modelling.equations.assembly import STICK_SPEED
-from modelling.equations.compiled import compiled
-from modelling.model.components import Effect, Sensor
-from modelling.model.quantity import Quantity
-from modelling.simulation.plan import STABLE_STEP
+from matching.match.case import of_system
+from matching.match.case_file import load_case
+from matching.match.in_time import (
+    ANGLE_OF_A_COUNT,
+    EVERYTHING_DRAWN,
+    EVERYTHING_STATED,
+    BedMotion,
+    BedRun,
+    Imperfection,
+    PoorSensors,
+    _refine_friction,
+    acting,
+    bed_motions,
+    imperfections,
+    lash_runs,
+    open_lash,
+    truth_in_time,
+    truth_of,
+    vehicle_motions,
+)
+from matching.match.loop import control_law, parts_of
+from matching.match.match import match
+from modelling.equations.casadi_code import compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.simulation.stepping import STABLE_STEP
+from modelling.system import Effect, Quantity, Sensor
 
 SENSORS = ("motor_speed", "side_torque")
 GAINS = ("dynamometers.", "sensors.")

@@ -5,25 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.beds.bed import bed_of
-from matching.frequency.beds.closed_loop import action, bed_set, closed_matrices, damping, errors, sampled_beds
-from matching.frequency.beds.figures import loop_figures, planned
-from matching.frequency.beds.requirements import requirements
-from matching.frequency.case.uncertainty import Box, Uncertain
-from matching.frequency.independent.beds_check import Judge, check_beds
-from matching.frequency.independent.loop_check import check_loop
-from matching.frequency.independent.worst_bed import largest_error, worst_bed
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.poles import sampled_poles
-from matching.frequency.response.responses import ComparedBed
-from modelling.bed.observer.design import design
-from modelling.bed.observer.model import observer_model
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures import STRUCTURES
+from matching.match.beds import (
+    action,
+    bed_of,
+    bed_set,
+    closed_matrices,
+    damping,
+    errors,
+    loop_figures,
+    planned,
+    requirements,
+    sampled_beds,
+)
+from matching.match.case import Box, Uncertain
+from matching.match.continuous_loop import sampled_poles
+from matching.match.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
+from matching.match.loop import control_law, parts_of
+from matching.match.responses import ComparedBed
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.observer import design, observer_model
+from modelling.bed.vehicle import cut
 from modelling.controller.law import law_of_observer
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

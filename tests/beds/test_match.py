@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from result_keys import same_keys
 
-from matching.frequency.beds.closed_loop import action, bed_set
-from matching.frequency.beds.closed_loop import responses as controlled
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.search.errors import estimator_bound
-from matching.frequency.search.match import match
-from matching.frequency.verification.observed import controller_of
-from matching.frequency.verification.robust_limits import not_kept, noted
-from matching.frequency.verification.simulation import matched_motion
-from matching.report.match.text import content, summary
-from modelling.bed.structures import STRUCTURES
+from matching.match.adapters import estimator_bound
+from matching.match.beds import action, bed_set
+from matching.match.beds import responses as controlled
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.robustness import not_kept, noted
+from matching.match.verify import controller_of, matched_motion
+from matching.report.match import content, summary
+from modelling.bed.controllers import STRUCTURES
 
 
 @pytest.fixture

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from matching.frequency.beds.closed_loop import closed_matrices, sampled_beds, shared_poles
-from modelling.bed.observer.design import (
+from matching.match.beds import closed_matrices, sampled_beds, shared_poles
+from modelling.bed.observer import (
     FORGETTING_PER_SAMPLE,
     FREE_COMMAND_WEIGHT,
     NOW,
+    STATE_NOISE,
     STATE_WEIGHT,
     design,
+    observer_model,
     regulator,
 )
-from modelling.bed.observer.filter import STATE_NOISE
-from modelling.bed.observer.model import observer_model
 
 STAY = 1 - FORGETTING_PER_SAMPLE
 

@@ -6,18 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.beds.requirements import Requirements
-from matching.frequency.beds.softened import SHARES, softened
-from matching.frequency.beds.tuner import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE, tuner
-from matching.frequency.case.load import load_case
-from matching.frequency.independent.beds_check import BedsCheck, Judge, check_beds
-from matching.frequency.independent.opened_shafts import dampings_opened
-from matching.frequency.tuning import opened, tune
-from matching.frequency.tuning.opened import least_stable_opened
-from matching.frequency.tuning.rounds import TuningEffort
-from matching.frequency.tuning.tune import tuned_weights
-from matching.frequency.verification.observed import RobustVerification
-from matching.frequency.verification.robust_limits import noted
+from matching.match import tune_observer as opened
+from matching.match import tune_observer as tune
+from matching.match.beds import SHARES, Requirements, softened
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
+from matching.match.robustness import noted
+from matching.match.tune_observer import (
+    DAMPING_RESERVE,
+    LARGEST_ROOM,
+    STABLE_SHARE,
+    TuningEffort,
+    least_stable_opened,
+    tuned_weights,
+    tuner,
+)
+from matching.match.verify import RobustVerification
 from modelling.controller.law import law_of_observer
 
 REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from beds.test_blind_weights import Search
 
-from matching.frequency.beds.design_point import Judged
-from matching.frequency.tuning import rounds as module
-from matching.frequency.tuning.rounds import TuningEffort, end_at, rounds
+from matching.match import tune_observer as module
+from matching.match.beds import Judged
+from matching.match.tune_observer import TuningEffort, end_at, rounds
 
 
 @pytest.mark.parametrize("most", [1, 3, 100])

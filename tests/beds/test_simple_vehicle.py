@@ -10,21 +10,18 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.frequency.in_time.table import TruthInTime
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
-from matching.frequency.search.match import with_simple_vehicle
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
-from matching.frequency.tuning.rounds import TuningEffort
-from matching.report.match.page import context
-from modelling.bed.residual_vehicle import cut
-from modelling.common.errors import InputError
-from modelling.linear.reference_motion import speeds_of, torques_of
+from matching.match.attempt import question_of
+from matching.match.case_file import case_files, load_case
+from matching.match.in_time import TruthInTime
+from matching.match.loop import control_law, parts_of
+from matching.match.match import match_with_observer, with_simple_vehicle
+from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
+from matching.match.tune_observer import TuningEffort
+from matching.report.match import context
+from modelling.bed.vehicle import cut
+from modelling.errors import InputError
 from modelling.linear.state_space import state_space
+from modelling.linear.steady_motion import speeds_of, torques_of
 
 RIGID_BODY = """
 [inertias.wheel]

@@ -5,10 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from matching.frequency.case.tuned import apply
-from matching.frequency.case.uncertainty import read_uncertainty, uncertainty_table
-from matching.frequency.studies.tolerance import tolerance
-from modelling.common.errors import InputError
+from matching.match.case import apply, read_uncertainty, uncertainty_table
+from matching.match.tolerance import tolerance
+from modelling.errors import InputError
 
 
 def widths(case, table):

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.beds.closed_loop import closed_matrices, damping, sampled_beds
-from matching.frequency.beds.tuner import DAMPING_RESERVE, STABLE_SHARE
-from matching.frequency.tuning.rounds import TuningEffort, TuningEnd
-from matching.frequency.tuning.tune import add_scenarios
-from matching.frequency.tuning.worst import worst_positions
+from matching.match.beds import closed_matrices, damping, sampled_beds
+from matching.match.tune_observer import (
+    DAMPING_RESERVE,
+    STABLE_SHARE,
+    TuningEffort,
+    TuningEnd,
+    add_scenarios,
+    worst_positions,
+)
 
 NOWHERE_HZ = 1e6  # a loop that need not roll off: every mode needs all of the damping that is asked for here
 

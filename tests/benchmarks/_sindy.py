@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
-from modelling.measurement.recording import Recording
-from modelling.model.system import System
+from modelling.recordings.recording import Recording
+from modelling.system import System
 
 WINDOW = 31  # samples of the smoothing, order 3
 GAPS = (0.1, 0.3, 0.6)  # of the twist's range

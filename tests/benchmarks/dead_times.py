@@ -13,12 +13,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.errors import errors_with_bounds
-from matching.frequency.search.match import match
-from modelling.bed.structures import STRUCTURES
+from matching.match.adapters import errors_with_bounds
+from matching.match.case import Case
+from matching.match.case_file import load_case
+from matching.match.match import match
+from matching.match.responses import error_figures
+from modelling.bed.controllers import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 DEAD_TIMES = (0.0005, 0.001, 0.003, 0.005, 0.008)  # s

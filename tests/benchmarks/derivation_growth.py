@@ -6,9 +6,9 @@ import time
 import sympy as sm
 import sympy.physics.mechanics as me
 
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
+from modelling.system import System
 from tests.benchmarks.row import peer_runs, row
 
 LENGTHS = (10, 30, 100, 300)

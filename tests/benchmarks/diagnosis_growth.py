@@ -17,13 +17,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from matching.diagnosis.candidates import screening
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.verdict.result import Diagnosis
+from matching.diagnosis import screening
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.result import Diagnosis
 from modelling.effects import EFFECTS
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
+from modelling.system import System
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
 

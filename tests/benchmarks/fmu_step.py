@@ -27,7 +27,7 @@ def main() -> int:
     if not possible():
         print("FMU steps are not timed: needs a C compiler and the GNU C library")
         return 0
-    from matching.fmu.export_source import read_export_source
+    from matching.export import read_export_source
     from modelling.fmu.export import fmu
 
     with tempfile.TemporaryDirectory() as work:

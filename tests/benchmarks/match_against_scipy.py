@@ -32,18 +32,30 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
-from matching.frequency.case.load import load_case
-from matching.frequency.programme.build import EIGENVALUE_WEIGHT
-from matching.frequency.programme.closed_loop import _expressions
-from matching.frequency.programme.margin_grid import SLOTS, margin_points
-from matching.frequency.programme.problem import Problem, eigenpairs
-from matching.frequency.programme.scaling import scaled, unscaled
-from matching.frequency.programme.terms import MEET
-from matching.frequency.solver import ends as solving
-from matching.frequency.solver.ends import check, run_from
-from matching.frequency.solver.solve import AGREEING_STARTS, ONE_AGREES_OF, solve
-from matching.frequency.solver.starts import numbered_start
-from matching.frequency.solver.task import AGREEMENT, Solution, TuningTask
+from matching.match import solve as solving
+from matching.match.case_file import load_case
+from matching.match.programme import (
+    EIGENVALUE_WEIGHT,
+    MEET,
+    SLOTS,
+    Problem,
+    _expressions,
+    eigenpairs,
+    margin_points,
+    scaled,
+    unscaled,
+)
+from matching.match.solve import (
+    AGREEING_STARTS,
+    AGREEMENT,
+    ONE_AGREES_OF,
+    Solution,
+    TuningTask,
+    check,
+    numbered_start,
+    run_from,
+    solve,
+)
 from tests.benchmarks.numpy_loop import NumpyLoop
 from tests.benchmarks.row import peer_runs, row
 from tests.match.programme import programme_of

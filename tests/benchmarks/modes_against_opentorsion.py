@@ -15,8 +15,8 @@ import numpy as np
 
 from modelling.modal.modes import modes_batch
 from modelling.modal.result import Modes
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from modelling.model_file import from_dict
+from modelling.system import System
 from tests.benchmarks.row import row
 
 SHARED = Path(__file__).parents[3] / "shared" / "bench"

@@ -8,10 +8,10 @@ dynamometers. It is checked against the programme's own functions in the benchma
 import casadi as ca
 import numpy as np
 
-from matching.frequency.case.case import Case, Move
-from matching.frequency.programme.feedback_loop import sensor_sign
-from modelling.bed.structures.pi import LEAD_POLE_OVER_ZERO
-from modelling.equations.compiled import Model, compiled
+from matching.match.case import Case, Move
+from matching.match.programme import sensor_sign
+from modelling.bed.controllers import LEAD_POLE_OVER_ZERO
+from modelling.equations.casadi_code import Model, compiled
 
 
 class Body:

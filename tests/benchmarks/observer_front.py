@@ -9,11 +9,11 @@ import argparse
 import time
 from dataclasses import replace
 
-from matching.frequency.case.case import Case
-from matching.frequency.independent.beds_check import quantile
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
-from matching.frequency.tuning.rounds import TuningEffort
+from matching.match.attempt import question_of
+from matching.match.case import Case
+from matching.match.dynamic_stiffness import quantile
+from matching.match.match import match_with_observer
+from matching.match.tune_observer import TuningEffort
 from tests.benchmarks.observer_table import case_of
 
 POINTS = {

@@ -15,22 +15,22 @@ from unittest import mock
 
 import numpy as np
 
-import matching.frequency.tuning.tune as tuning
-from matching.frequency.beds.tuner import tuner
-from matching.frequency.case.case import Case
-from matching.frequency.in_time.closed_loop import BedRun, bed_motions, vehicle_motions
-from matching.frequency.in_time.imperfection import (
+from matching.match import tune_observer as tuning
+from matching.match.case import Case
+from matching.match.in_time import (
     DRAWN_BEDS,
     EVERYTHING_DRAWN,
     EVERYTHING_STATED,
+    WATCHED_S,
+    BedRun,
     Imperfection,
+    bed_motions,
     imperfections,
+    vehicle_motions,
 )
-from matching.frequency.in_time.table import WATCHED_S
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.tuning.opened import with_opened
-from matching.frequency.verification.reading import manoeuvre_torques
+from matching.match.loop import control_law, parts_of
+from matching.match.tune_observer import tuner, with_opened
+from matching.match.verify import manoeuvre_torques
 from tests.benchmarks.observer_table import case_of, changed
 
 ALLOWED = 0.025  # that was asked for measured torques on the bed whose values are stated

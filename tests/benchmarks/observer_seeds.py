@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from matching.frequency.beds.closed_loop import bed_set
-from matching.frequency.beds.figures import BED_POINTS, bed_figures
-from matching.frequency.beds.tuner import tuner
-from matching.frequency.case.case import Case
-from matching.frequency.case.uncertainty import Box
-from matching.frequency.tuning.tune import tuned_weights
+from matching.match.beds import BED_POINTS, bed_figures, bed_set
+from matching.match.case import Box, Case
+from matching.match.tune_observer import tuned_weights, tuner
 from tests.benchmarks.observer_table import case_of
 
 FRESH_SEED = 1234

@@ -12,12 +12,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.frequency.independent.beds_check import quantile
-from matching.frequency.search.observed import match_with_observer
-from matching.frequency.search.question import question_of
-from matching.frequency.tuning.rounds import TuningEffort
+from matching.match.attempt import question_of
+from matching.match.case import Case
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import quantile
+from matching.match.match import match_with_observer
+from matching.match.tune_observer import TuningEffort
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
 ROWS = ["1", "3", "3g", "3s", "5", "8", "12"]

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import rigmatch as rm
-from matching.frequency.case.case import Case
+from matching.match.case import Case
 
 FOLDER = Path(__file__).parents[2] / "examples" / "road_to_rig"
 BEDS = 200  # fresh ones that judge a variant

@@ -18,13 +18,11 @@ from beds.drawn_cases import draw
 from beds.plant_loop import air_gap, behind_lag, plant_model
 from plant.engine import simulate
 
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.frequency.case.uncertainty import of_system
-from modelling.common.errors import InputError
-from modelling.controller.exported import ExportedController
-from modelling.controller.settings import EMULATION, NO_LIMIT, TORQUE_GONE
+from matching.export import exported_controller
+from matching.match.case import Case, of_system
+from matching.match.case_file import load_case
+from modelling.controller.law import EMULATION, NO_LIMIT, TORQUE_GONE, ExportedController
+from modelling.errors import InputError
 
 FINE = 2  # parts of a sample
 SEED = 4242  # of beds and noise; no design draws from it

@@ -21,10 +21,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
-from matching.frequency.solver import solve as searching
-from matching.frequency.solver.given_point import given_end
-from matching.frequency.solver.task import AGREEMENT, Solution, TuningTask
+from matching.match import solve as searching
+from matching.match.case_file import load_case
+from matching.match.solve import AGREEMENT, Solution, TuningTask, given_end
 from tests.match import drawn
 from tests.match.programme import programme_of
 

@@ -20,10 +20,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from modelling.equations.compiled import Model, compiled
+from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.shaft_law import CONTACT_TIME
-from modelling.model.files import from_dict
-from modelling.simulation.integrator.c_compiler import compiler
+from modelling.model_file import from_dict
+from modelling.simulation.compiled import compiler
 from modelling.simulation.simulate import sensitivities, simulate_batch
 from tests.benchmarks.row import peer_runs
 
@@ -119,7 +119,7 @@ def main() -> dict[str, float]:
     """Measure, print, return the ratios."""
     model = compiled(from_dict(tomllib.loads(CHAIN), "benchmark"))
     time, u = motion()
-    from modelling.simulation.plan import steps_per_second
+    from modelling.simulation.stepping import steps_per_second
 
     steps = steps_per_second(model, model.p0[None])
     p = model.p0[None]

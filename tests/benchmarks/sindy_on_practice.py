@@ -8,9 +8,9 @@ import json
 import time
 from pathlib import Path
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
+from matching.diagnosis.diagnose import diagnose
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
 from tests.benchmarks.row import peer_runs
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import time
 
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
 from modelling.modal.modes import modes
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from modelling.model_file import from_dict
+from modelling.system import System
 
 SIZES = (375, 750, 1500, 3000)
 LARGEST_EXPONENT = 1.3  # asked for

@@ -10,9 +10,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from matching.arguments import count, progress, scale_out
-from matching.executors import executor_of
-from modelling.common.errors import InputError
+from matching.progress import count, progress, scale_out
+from matching.worker_pool import executor_of
+from modelling.errors import InputError
 from tests.campaign.run import Campaign, run
 
 RENEWED = 20  # recordings a process; then new ones, which gives memory back

@@ -15,26 +15,18 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 
 import numpy as np
 
-from matching.bed_test.judge import judge
-from matching.bed_test.recorded import read_recordings
-from matching.commissioning.circle import Circle, CommissionOrder, plan_speed
-from matching.commissioning.fmu_bed import FmuBed, FmuController
-from matching.commissioning.runs import proof_recording
-from matching.commissioning.sensor_faults import with_faults
-from matching.excitation.plan import ExcitationOrder
-from matching.excitation.proof import plan_proof
-from matching.fmu.controller import exported_controller
-from matching.fmu.export_source import tuned_case
-from matching.frequency.case.case import Case
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.frequency.case.uncertainty import Box
-from matching.records import append, rows
-from modelling.bed.residual_vehicle import cut
-from modelling.common.errors import InputError
-from modelling.measurement.read import read_signals
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
+from matching.bed.commission import Circle, CommissionOrder, plan_speed
+from matching.bed.excite import ExcitationOrder, plan_proof
+from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording, with_faults
+from matching.bed.verify import judge, read_recordings
+from matching.export import exported_controller, tuned_case
+from matching.match.case import Box, Case
+from matching.match.case_file import case_files, load_case
+from matching.studies import append, rows
+from modelling.bed.vehicle import cut
+from modelling.errors import InputError
+from modelling.recordings.read import read_signals
+from modelling.system import Effect, Quantity
 from tests.campaign.beds_score import report
 from tests.campaign.drawn_bed import DrawnBed, draw_bed, write_case
 

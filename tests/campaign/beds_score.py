@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.report.common.style import figure, styled
+from matching.report.common import figure, styled
 
 BETTER, NEAR, NAMED = 3.0, 1.5, 0.9  # the median error falls by so much, ends so near to the truth, so many are named
 

@@ -16,8 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from matching.records import whole_lines
-from matching.studies import finished
+from matching.studies import finished, whole_lines
 from tests.campaign.work import Prepared, diagnosed, prepared
 
 

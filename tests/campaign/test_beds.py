@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from matching.frequency.case.load import load_case
+from matching.match.case_file import load_case
 from tests.campaign.beds import truth_case
 from tests.campaign.beds_score import line, summary
 from tests.campaign.drawn_bed import HELD, draw_bed, write_case

@@ -56,9 +56,9 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     """Make a case, diagnose it, keep what is scored."""
     from plant.calibrate import OutOfReach
 
-    from matching.diagnosis.diagnosis import diagnose
-    from modelling.measurement.read import read_recording
-    from modelling.model.files import load
+    from matching.diagnosis.diagnose import diagnose
+    from modelling.model_file import load
+    from modelling.recordings.read import read_recording
     from tests.campaign.score import where
 
     order = given.orders[number]

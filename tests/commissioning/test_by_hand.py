@@ -2,8 +2,8 @@
 
 import pytest
 
-from matching.commissioning.by_hand import ByHand, HandedRecording, Waiting, keep_recording, kept_recording
-from modelling.common.errors import InputError
+from matching.bed.simulated_bed import ByHand, HandedRecording, Waiting, keep_recording, kept_recording
+from modelling.errors import InputError
 
 
 class Clock:

@@ -12,10 +12,10 @@ from result_keys import same_keys
 from small_bed import CASE, write
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 
+from matching.bed import commission as circle
+from matching.bed import excite as proof
 from matching.cli import main
-from matching.commissioning import circle
-from matching.excitation import proof
-from modelling.common.errors import InputError
+from modelling.errors import InputError
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
 LIMITS = """
@@ -38,7 +38,7 @@ dynamometer_speed = 120
 @pytest.fixture(scope="module", autouse=True)
 def short_runs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(proof, "SHORTEST", 5.0)
+        patch.setattr(proof, "SHORTEST_PROOF", 5.0)
         yield
 
 

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 from result_keys import same_keys
 
-from matching.bed_test.errors import Figures, judged
-from matching.bed_test.local_rational import MeasuredResponse
-from matching.bed_test.prediction import drawn_vehicles
+from matching.bed.identify import recorded_vehicle
+from matching.bed.simulated_bed import with_quantities
+from matching.bed.verify import Figures, MeasuredResponse, drawn_vehicles, judged
 from matching.cli import main
-from matching.commissioning.ranges import with_quantities
-from matching.commissioning.vehicle import recorded_vehicle
-from matching.frequency.beds.bed import vehicle_response
-from matching.frequency.case.load import load_case
-from matching.frequency.case.uncertainty import Box, Uncertain
-from modelling.common.errors import InputError
-from modelling.model.quantity import Quantity
+from matching.match.beds import vehicle_response
+from matching.match.case import Box, Uncertain
+from matching.match.case_file import load_case
+from modelling.errors import InputError
+from modelling.system import Quantity
 
 FOLDER = Path(__file__).parents[2] / "examples" / "from_recordings"
 TRUTH = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))

@@ -2,9 +2,8 @@
 
 from types import SimpleNamespace
 
-from matching.commissioning import circle
-from matching.commissioning.circle import Circle, CommissionOrder
-from matching.commissioning.rounds import Round
+from matching.bed import commission as circle
+from matching.bed.commission import Circle, CommissionOrder, Round
 
 
 def test_every_round_but_the_last_is_judged_again_against_the_last_vehicle(tmp_path, monkeypatch):

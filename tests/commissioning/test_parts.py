@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 from small_bed import write
 
-from matching.commissioning import circle as module
-from matching.commissioning.bed_system import bed_system, names_in_system
-from matching.commissioning.circle import Circle, CommissionOrder
-from matching.commissioning.fmu_bed import held_as_linear
-from matching.commissioning.from_recordings import bed_from_recordings
-from matching.commissioning.identified import COVERAGE, LEAST_SHARE, identified_case
-from matching.commissioning.runs import SETTLING_SECONDS, excited_recording, proof_recording
-from matching.commissioning.stages import RECORD, Stages
-from matching.diagnosis.fitting.uncertainty import Estimate
-from matching.excitation.proof import Proof
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.report.commissioning.text import round_lines
-from modelling.common.errors import InputError
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
+from matching.bed import commission as module
+from matching.bed.commission import RECORD, Circle, CommissionOrder, Stages
+from matching.bed.excite import Proof
+from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
+from matching.bed.simulated_bed import (
+    SETTLING_SECONDS,
+    bed_system,
+    excited_recording,
+    held_as_linear,
+    names_in_system,
+    proof_recording,
+)
+from matching.diagnosis.statistics import Estimate
+from matching.match.case_file import case_files, load_case
+from matching.report.bed import round_lines
+from modelling.errors import InputError
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,24 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching.commissioning.identified import COVERAGE, LEAST_DELAY, LEAST_SHARE, _of_faults, narrowed
-from matching.commissioning.ranges import FIT_RANGE_RATIO
-from matching.commissioning.vehicle import KNOWN, _half_range, _moved, recorded_vehicle
-from matching.diagnosis.fitting.uncertainty import Estimate
-from matching.frequency.case.case import Move
-from matching.frequency.case.load import load_case
-from matching.frequency.case.uncertainty import LARGEST_SHARE, Box, Uncertain
-from matching.report.commissioning.page import gain, page
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
+from matching.bed.identify import (
+    COVERAGE,
+    KNOWN,
+    LEAST_DELAY,
+    LEAST_SHARE,
+    _half_range,
+    _moved,
+    _of_faults,
+    narrowed,
+    recorded_vehicle,
+)
+from matching.bed.simulated_bed import FIT_RANGE_RATIO
+from matching.diagnosis.statistics import Estimate
+from matching.match.case import LARGEST_SHARE, Box, Move, Uncertain
+from matching.match.case_file import load_case
+from matching.report.bed import commissioning_page as page
+from matching.report.bed import gain
+from modelling.system import Effect, Quantity
 
 FOLDER = Path(__file__).parents[2] / "examples" / "from_recordings"
 

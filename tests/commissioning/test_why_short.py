@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from small_bed import write
 
-from matching.commissioning import why_short as module
-from matching.commissioning.bed_system import bed_system, names_in_system
-from matching.diagnosis.fitting.uncertainty import Estimate
-from matching.frequency.case.load import load_case
-from matching.report.bed_test.text import why
+from matching.bed import commission as module
+from matching.bed.simulated_bed import bed_system, names_in_system
+from matching.diagnosis.statistics import Estimate
+from matching.match.case_file import load_case
+from matching.report.bed import why
 
 SHORT = SimpleNamespace(status="short")
 COMMANDED = "time [s],dyno,motor_torque,motor_speed,side_torque,flange_torque,rotor_speed"

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import Fit
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import Fit
 
 
 @dataclass

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.data.weighting import Weighting
-from matching.diagnosis.fitting.fit import Fit, solve
-from matching.diagnosis.fitting.holdout import RestOfRecordings, holdout_residuals
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.start_states import first_state, sensors_with_zero
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from matching.diagnosis.data import FitData, Segment, Weighting
+from matching.diagnosis.fit import Fit, base_problem, first_state, sensors_with_zero, solve
+from matching.diagnosis.holdout import RestOfRecordings, holdout_residuals
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
+from modelling.system import System
 
 NOISE, ZERO, STIFFNESS, DAMPING = 1e-3, -6.85, 100.0, 0.2
 INERTIAS, DRAG = (0.1, 0.2), 0.05

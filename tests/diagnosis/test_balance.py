@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from matching.diagnosis.candidates.balance import linear_model, torque_balance
-from matching.diagnosis.candidates.smoother import stationary_smoother
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from modelling.model.files import from_dict
+from matching.diagnosis.causes import linear_model, torque_balance
+from matching.diagnosis.data import FitData, Segment, stationary_smoother
+from matching.diagnosis.fit import base_problem, solve
+from modelling.model_file import from_dict
 
 J1, J2, K, C, RATIO = 0.2, 1.5, 300.0, 0.8, 4.0
 DRIVE = from_dict({
@@ -71,7 +69,7 @@ def test_unknown_torques_are_stationary_with_a_fifth_of_the_scale(monkeypatch) -
         asked.append(matrices)
         return stationary_smoother(*matrices)
 
-    monkeypatch.setattr("matching.diagnosis.candidates.balance.stationary_smoother", smoother)
+    monkeypatch.setattr("matching.diagnosis.causes.stationary_smoother", smoother)
     time = np.arange(100) * 1e-3
     data = FitData((Segment(time, np.zeros((100, 1)), np.zeros((100, 3)), "made"),), np.array([1e-3, 2e-3, 3e-3]))
     value = {name: quantity.value for name, quantity in DRIVE.parameters.items()}

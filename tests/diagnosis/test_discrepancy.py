@@ -7,17 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.holdout import OtherRecordings
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.search.hypothesis import Hypothesis
-from matching.diagnosis.search.unseen_data import UnseenData
-from matching.diagnosis.verdict.discrepancy import _curve, discrepancy_curves
-from matching.diagnosis.verdict.kept_table import kept_table
-from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
-from modelling.model.files import dumps, from_dict
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.holdout import OtherRecordings
+from matching.diagnosis.result import _curve, discrepancy_curves, kept_table
+from matching.diagnosis.selection import Hypothesis, UnseenData
+from matching.report.diagnosis import discrepancy_figure
+from modelling.model_file import dumps, from_dict
 
 NOISE, AMPLITUDE, PERIOD = 0.002, 0.02, 2.0  # rad, N·m, rad
 TIME = np.arange(3000) * 2e-3

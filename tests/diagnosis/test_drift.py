@@ -9,12 +9,12 @@ from plant.explicit import scene_of, write_recording
 from plant.hidden import SPOKEN, Hidden
 from plant.marks import needs_compiler
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fitting.problem import base_problem
-from modelling.measurement.read import read_recording
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.fit import base_problem
 from modelling.modal.modes import modes
-from modelling.model.files import from_dict, load
+from modelling.model_file import from_dict, load
+from modelling.recordings.read import read_recording
 from modelling.simulation.simulate import simulate
 
 

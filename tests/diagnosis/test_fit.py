@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.finite_differences import jacobian
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.start_states import angles_without_reading
-from matching.diagnosis.fitting.uncertainty import estimates
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import angles_without_reading, base_problem, jacobian, solve
+from matching.diagnosis.statistics import estimates
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02
 

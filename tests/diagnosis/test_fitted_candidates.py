@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from diagnosis.linear import KnownProblem, fit_at
 
-from matching.diagnosis.candidates.cause import Cause, ExtendedModel
-from matching.diagnosis.search.hypothesis import Hypothesis, with_balanced_sensors
-from matching.diagnosis.search.refinement import in_local_minimum
-from matching.diagnosis.verdict.fitted_candidates import fitted_candidates
+from matching.diagnosis.causes import Cause, ExtendedModel
+from matching.diagnosis.search import in_local_minimum
+from matching.diagnosis.selection import Hypothesis, with_balanced_sensors
+from matching.diagnosis.verdict import fitted_candidates
 
 NAME = "sensors.s.sensor_offset.offset"
 
@@ -68,8 +68,8 @@ def test_what_cannot_be_meant_is_said_before_what_unseen_data_say(impossible: st
 def test_sensors_are_weighted_anew_only_where_they_are_weighted_at_all(monkeypatch) -> None:
     one = hypothesis(4.0)
     again = hypothesis(5.0).fit
-    monkeypatch.setattr("matching.diagnosis.search.hypothesis.iteratively_reweighted", lambda fit: again)
-    monkeypatch.setattr("matching.diagnosis.search.hypothesis.pooled_error", lambda fit: 1.0)
+    monkeypatch.setattr("matching.diagnosis.selection.iteratively_reweighted", lambda fit: again)
+    monkeypatch.setattr("matching.diagnosis.selection.pooled_error", lambda fit: 1.0)
     for weighting, expected in ((None, one.fit), (object(), again)):
         monkeypatch.setattr(one.fit.problem, "weighting", weighting, raising=False)
         assert with_balanced_sensors(one).fit is expected

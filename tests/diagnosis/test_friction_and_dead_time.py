@@ -5,16 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.candidates.refit import fit_extended
-from matching.diagnosis.data.preparation import prepare_data
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.search.hypothesis import Hypothesis
-from matching.diagnosis.search.refinement import with_possible_causes
-from modelling.effects.stribeck_friction import StribeckFriction
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import prepare_data
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.screening import fit_extended
+from matching.diagnosis.search import with_possible_causes
+from matching.diagnosis.selection import Hypothesis
+from modelling.effects.friction_and_compliance import StribeckFriction
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, FRICTION, DELAY, NOISE = 0.4, 0.3, 0.7, 0.022, 0.02
 STEP, EVERY, SECONDS = 4e-4, 10, 10.0

@@ -6,20 +6,18 @@ import numpy as np
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.candidates.refit import fit_extended
-from matching.diagnosis.data.holdout_split import split_holdout
-from matching.diagnosis.data.preparation import prepare_data
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fitting.fit import Fit, solve
-from matching.diagnosis.fitting.friction_regularisation import FINAL_STEPS, with_sharper_friction
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.uncertainty import estimates
-from matching.diagnosis.search.hypothesis import Hypothesis, at_noise
-from matching.diagnosis.search.refinement import with_sharpest_friction
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
-from modelling.model.system import System
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import prepare_data
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.fit import FINAL_STEPS, Fit, base_problem, solve, with_sharper_friction
+from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.screening import fit_extended
+from matching.diagnosis.search import with_sharpest_friction
+from matching.diagnosis.selection import Hypothesis, at_noise
+from matching.diagnosis.statistics import estimates
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
+from modelling.system import System
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
 
 pytestmark = needs_compiler

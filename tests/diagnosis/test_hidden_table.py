@@ -12,10 +12,10 @@ from plant.sensing import add_noise
 from plant.systems import two_mass
 from plant.writing import model_text, recording_text
 
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.verdict.result import Diagnosis
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.result import Diagnosis
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 pytestmark = needs_compiler
 STEP, SAMPLES = 4e-3, 1500  # s

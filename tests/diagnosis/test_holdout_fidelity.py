@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from matching.diagnosis.data import holdout_fidelity
-from matching.diagnosis.data.holdout_fidelity import DRIVABILITY_HZ, fidelity
-from matching.diagnosis.data.holdout_residuals import ModelResiduals, holdout_data
-from matching.diagnosis.data.segments import Segment
-from modelling.fidelity.assess import assess_signal
-from modelling.model.files import from_dict
+from matching.diagnosis import holdout as holdout_fidelity
+from matching.diagnosis.data import Segment
+from matching.diagnosis.holdout import DRIVABILITY_HZ, ModelResiduals, fidelity, holdout_data
+from modelling.fidelity.measures import assess_signal
+from modelling.model_file import from_dict
 
 SYSTEM = from_dict({
     "inertias": {"a": {"J": 1.0}},

@@ -12,17 +12,16 @@ from plant.marks import needs_compiler
 from plant.systems import Drive
 from scipy.signal import lfilter
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.data.preparation import prepare_data
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.search.hypothesis import Hypothesis
-from matching.diagnosis.search.instruments import instrumented_fit
-from matching.diagnosis.verdict.closed_loop import closed_loop_notes
-from modelling.common.errors import InputError
-from modelling.measurement.read import read_recording
-from modelling.measurement.recording import Recording
-from modelling.model.files import dumps, from_dict
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import prepare_data
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.search import instrumented_fit
+from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.verdict import closed_loop_notes
+from modelling.errors import InputError
+from modelling.model_file import dumps, from_dict
+from modelling.recordings.read import read_recording
+from modelling.recordings.recording import Recording
 
 STEP, SAMPLES = 2e-3, 10_000  # s
 J, DRAG, GAIN = 0.5, 0.4, 6.0  # kg·m², N·m·s/rad, N·m·s/rad

@@ -9,14 +9,13 @@ from plant.explicit import scene_of, write_recording
 from plant.hidden import Hidden
 from plant.marks import needs_compiler
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.problem import base_problem
-from modelling.effects.recorded_late import LATE_SIGN
-from modelling.measurement.read import read_recording
-from modelling.model.files import dumps, from_dict, load
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.fit import Fit, base_problem
+from modelling.effects.sensors_and_actuators import LATE_SIGN
+from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_recording
 
 LATE = 0.465  # s, more than half of the slowest mode's period
 SPEEDS = ("motor_speed", "load_speed")

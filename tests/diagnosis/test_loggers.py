@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.loggers import joined, read_loggers, with_clocks
-from modelling.common.errors import InputError
-from modelling.measurement.recording import Recording
-from modelling.measurement.write import csv_text
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import csv_text
+from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import simulate
 
 NOISE = {"motor_speed": 0.02, "load_speed": 0.02}

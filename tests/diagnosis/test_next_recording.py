@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.search.hypothesis import Hypothesis
-from matching.diagnosis.verdict.next_recording import ProposedManoeuvre, propose_manoeuvre, waveforms
-from modelling.model.files import from_dict
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import Fit, base_problem
+from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.verdict import ProposedManoeuvre, propose_manoeuvre, waveforms
+from modelling.model_file import from_dict
 
 NOISE, LARGEST = 0.02, 3.0
 STEP = 2e-3

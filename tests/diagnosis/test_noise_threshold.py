@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, gumbel_r
 
-from matching.diagnosis.candidates.noise_threshold import DRAWS, PASSED_BY_NOISE, NoiseDraws, best_of
+from matching.diagnosis.screening import DRAWS, PASSED_BY_NOISE, NoiseDraws, best_of
 
 
 def draws(decreases: list[np.ndarray], samples: int = 8) -> NoiseDraws:

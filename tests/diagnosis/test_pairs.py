@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.screening import ScreenedCandidate
-from matching.diagnosis.search import pairs
-from matching.diagnosis.search.pairs import ScreenedPair, fitted_pairs, screened_pairs
-from modelling.effects.first_guess import Guess
+from matching.diagnosis import search as pairs
+from matching.diagnosis.screening import ScreenedCandidate
+from matching.diagnosis.search import ScreenedPair, fitted_pairs, screened_pairs
+from modelling.effects.effect import Guess
 
 SIGNATURES = {"first": [1.0, 0.1, 0.0, 0.0], "second": [1.0, -0.1, 0.0, 0.0], "third": [0.0, 0.0, 1.0, 0.0]}
 

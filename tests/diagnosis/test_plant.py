@@ -8,11 +8,11 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.verdict.result import Diagnosis
-from modelling.common.tables import read_toml
-from modelling.measurement.read import read_recording
-from modelling.model.files import dumps, from_dict, load
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.result import Diagnosis
+from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_recording
+from modelling.toml import read_toml
 
 pytestmark = needs_compiler
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
+from matching.diagnosis.diagnose import diagnose
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
 pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")

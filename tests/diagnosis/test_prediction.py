@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import Fit, solve
-from matching.diagnosis.fitting.holdout import HoldoutRun, RestOfRecordings, holdout_residuals, simulate_other
-from matching.diagnosis.fitting.polish import polished
-from matching.diagnosis.fitting.prediction import prediction
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.uncertainty import covariance
-from modelling.model.files import from_dict
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import Fit, base_problem, polished, solve
+from matching.diagnosis.holdout import HoldoutRun, RestOfRecordings, holdout_residuals, simulate_other
+from matching.diagnosis.statistics import covariance, prediction
+from modelling.model_file import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02
 SEEN = 60  # samples, which tell the drag badly

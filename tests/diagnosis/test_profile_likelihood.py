@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from diagnosis.linear import KnownProblem, fit_at
 
-from matching.diagnosis.candidates.cause import Cause
-from matching.diagnosis.fitting.uncertainty import Estimate
-from matching.diagnosis.search.profile_likelihood import equivalent_fits, widened
+from matching.diagnosis.causes import Cause
+from matching.diagnosis.selection import equivalent_fits, widened
+from matching.diagnosis.statistics import Estimate
 
 CAUSE = Cause("compliance", "shafts.link", ("stiffness",))
 NAME = "shafts.link.compliance.stiffness"

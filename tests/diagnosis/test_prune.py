@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from matching.diagnosis.search import prune
+from matching.diagnosis import search as prune
 
 
 def test_when_the_time_is_over_every_cause_stands_without_rivals(monkeypatch) -> None:

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis import diagnosis
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.holdout import RestartedRest, RestOfRecordings
+from matching.diagnosis import diagnose as diagnosis
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.holdout import RestartedRest, RestOfRecordings
 
 TIME = np.arange(40) * 0.01
 WHOLE = FitData((Segment(TIME, np.zeros((40, 0)), np.zeros((40, 1))),), np.ones(1))

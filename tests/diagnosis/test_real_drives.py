@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.measurement.read import read_recording
-from modelling.measurement.recording import Recording
-from modelling.model.files import load
+from matching.diagnosis.diagnose import diagnose
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
+from modelling.recordings.recording import Recording
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 EMPS, BENCH = DATA / "emps", DATA / "two_mass_bench"

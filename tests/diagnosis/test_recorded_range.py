@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.candidates.motion import simulated_motion
-from matching.diagnosis.candidates.recorded import TORQUE_MARGIN, recorded_range
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from modelling.model.files import from_dict
+from matching.diagnosis.causes import TORQUE_MARGIN, ExtendedModel, recorded_range, simulated_motion
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import base_problem, solve
+from modelling.model_file import from_dict
 
 SPEED, TORQUE, DRAG, DURATION = 12.0, 5.4, 0.45, 4.0
 NAME = "inertias.rotor.coulomb_friction.torque"

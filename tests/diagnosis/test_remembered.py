@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.search import remembered
-from matching.diagnosis.search.remembered import RememberedHoldout
+from matching.diagnosis import search as remembered
+from matching.diagnosis.search import RememberedHoldout
 
 
 class Counted:

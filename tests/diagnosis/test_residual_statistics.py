@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.diagnosis.fitting.residual_statistics import effective_share, whiteness
+from matching.diagnosis.statistics import effective_share, whiteness
 
 
 def test_white_noise_is_found_white() -> None:

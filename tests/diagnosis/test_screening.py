@@ -5,20 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.balance import torque_balance
-from matching.diagnosis.candidates.noise_threshold import NoiseDraws, best_of
-from matching.diagnosis.candidates.screening import ScreenedCandidate, Screening
-from matching.diagnosis.candidates.torque_response import without_effects
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.batch_simulation import simulate_readings
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from modelling.common.errors import InputError
+from matching.diagnosis.causes import torque_balance
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import base_problem, simulate_readings, solve
+from matching.diagnosis.screening import NoiseDraws, ScreenedCandidate, Screening, best_of, without_effects
 from modelling.effects import EFFECTS
-from modelling.equations.compiled import compiled
-from modelling.model.components import Effect
-from modelling.model.files import from_dict
-from modelling.model.quantity import Quantity
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

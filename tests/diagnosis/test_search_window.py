@@ -8,17 +8,14 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis import identify_causes
-from matching.diagnosis.data.holdout_split import split_holdout
-from matching.diagnosis.data.preparation import prepare_data
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.diagnosis import diagnose
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.holdout import OtherRecordings
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.search import search_window
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
+from matching.diagnosis import diagnose as identify_causes
+from matching.diagnosis import search as search_window
+from matching.diagnosis.data import FitData, Segment, prepare_data
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.holdout import OtherRecordings, split_holdout
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 pytestmark = needs_compiler
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.sensor_noise import SMALLEST, SMALLEST_SHARE, noise_from_scatter
+from matching.diagnosis.data import SMALLEST, SMALLEST_SHARE, noise_from_scatter
 
 
 def test_white_noise_on_a_smooth_signal_with_jumps_and_gaps():

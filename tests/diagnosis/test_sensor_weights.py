@@ -5,17 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis import identify_causes as module
-from matching.diagnosis.candidates.cause import ExtendedModel
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.data.weighting import LARGEST_MEMORY
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.reweighting import balanced_fit, innovation_power, iteratively_reweighted
-from matching.diagnosis.search import hypothesis as hypotheses
-from matching.diagnosis.search.greedy_search import _Screenings as screenings
-from matching.diagnosis.search.hypothesis import Hypothesis, with_balanced_sensors
-from modelling.model.files import from_dict
+from matching.diagnosis import diagnose as module
+from matching.diagnosis import selection as hypotheses
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
+from matching.diagnosis.fit import balanced_fit, base_problem, innovation_power, iteratively_reweighted, solve
+from matching.diagnosis.search import _Screenings as screenings
+from matching.diagnosis.selection import Hypothesis, with_balanced_sensors
+from modelling.model_file import from_dict
 
 
 def fit(error: float, sensors: int = 2, name: str = "noise") -> SimpleNamespace:

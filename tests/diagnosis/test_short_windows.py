@@ -6,19 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.short_windows import _pairs, window_uncertainties
-from matching.diagnosis.data.holdout_split import split_holdout
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting import holdout
-from matching.diagnosis.fitting.batch_simulation import fastest_rate
-from matching.diagnosis.fitting.fit import Fit, solve
-from matching.diagnosis.fitting.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.uncertainty import estimates
-from matching.diagnosis.search import refinement
-from matching.diagnosis.search.hypothesis import Hypothesis
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from matching.diagnosis import holdout
+from matching.diagnosis import search as refinement
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import Fit, base_problem, fastest_rate, solve
+from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
+from matching.diagnosis.screening import _pairs, window_uncertainties
+from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.statistics import estimates
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
 
 TIME = np.arange(400) * 5e-3
 OFFSET = {"value": 0, "lower": -1, "upper": 1}  # N·m

@@ -6,10 +6,10 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.diagnosis import diagnose
+from matching.diagnosis.diagnose import diagnose
 from modelling.effects import EFFECTS
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict, load
+from modelling.model_file import from_dict, load
+from modelling.recordings.read import read_recording
 
 DRIVE = {
     "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},

@@ -5,14 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.batch_simulation import simulate_readings
-from matching.diagnosis.fitting.fit import Fit
-from matching.diagnosis.fitting.holdout import holdout_residuals, rms_by_sensor, simulate_other
-from matching.diagnosis.fitting.problem import base_problem
-from matching.diagnosis.fitting.start_states import angles_without_reading, first_state, flank_shifts
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import (
+    Fit,
+    angles_without_reading,
+    base_problem,
+    first_state,
+    flank_shifts,
+    simulate_readings,
+)
+from matching.diagnosis.holdout import holdout_residuals, rms_by_sensor, simulate_other
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
 
 GAP = 0.05
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.common import time_limit
-from modelling.common.time_limit import limited, time_is_over
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
+from matching.diagnosis.diagnose import diagnose
+from modelling import interruption as time_limit
+from modelling.interruption import limited, time_is_over
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, NOISE, LATE = 0.2, 0.5, 0.02, 0.03
 MODEL = {

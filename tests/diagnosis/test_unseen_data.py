@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.search.unseen_data import BLOCKS, UnseenData, UnseenError
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.selection import BLOCKS, UnseenData, UnseenError
 
 SAMPLES = 64
 NOISE = np.array([0.5, 0.1, 0.2])

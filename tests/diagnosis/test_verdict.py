@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis import diagnosis
-from matching.diagnosis.diagnosis import EXPLAINED_HOLDOUT_RATIO as RATIO
+from matching.diagnosis import diagnose as diagnosis
+from matching.diagnosis.diagnose import EXPLAINED_HOLDOUT_RATIO as RATIO
 
 NAN = float("nan")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.diagnosis.data.weighting import Weighting, weighting_of
-from matching.diagnosis.fitting.reweighting import power_left
+from matching.diagnosis.data import Weighting, weighting_of
+from matching.diagnosis.fit import power_left
 
 
 def test_memory_and_scale_of_a_known_process() -> None:

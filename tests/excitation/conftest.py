@@ -3,8 +3,8 @@
 import pytest
 from small_bed import CASE, write
 
-from matching.excitation.plan import ExcitationOrder, plan_excitation
-from matching.frequency.case.load import load_case
+from matching.bed.excite import ExcitationOrder, plan_excitation
+from matching.match.case_file import load_case
 
 LIMITS = """
 [limits]

@@ -5,8 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from matching.excitation.plan import ExcitationOrder, plan_excitation
-from matching.frequency.case.load import load_case
+from matching.bed.excite import ExcitationOrder, plan_excitation
+from matching.match.case_file import load_case
 from tests.excitation.drawn_rigs import Rig, draw
 
 ORDER = ExcitationOrder(duration=6.0, beds=2)

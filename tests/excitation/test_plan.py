@@ -11,16 +11,23 @@ from kept_words import same_numbers, same_words
 from result_keys import same_keys
 from scipy.linalg import expm
 
+from matching.bed.excite import (
+    PRIOR,
+    ExcitedBeds,
+    SpeedHold,
+    chirp,
+    error_weights,
+    information,
+    multisine,
+    optimal_powers,
+    recorded_bed,
+    steps,
+)
 from matching.cli import main
-from matching.excitation.information import PRIOR, information, optimal_powers
-from matching.excitation.motion import ExcitedBeds, SpeedHold
-from matching.excitation.recorded_bed import recorded_bed
-from matching.excitation.sensitivity import error_weights
-from matching.excitation.signals import chirp, multisine, steps
-from matching.fmu.controller import exported_controller
-from matching.frequency.beds.closed_loop import action
-from matching.frequency.loop.law_action import law_action
-from modelling.bed.residual_vehicle import cut
+from matching.export import exported_controller
+from matching.match.beds import action
+from matching.match.loop import law_action
+from modelling.bed.vehicle import cut
 
 FREE = SpeedHold(np.zeros(1), np.zeros(1))
 

@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.excitation import proof as module
-from matching.excitation.controlled import controlled_beds
-from matching.excitation.proof import FREE, VISIBLE_VARIANCE, _visible, plan_proof
-from matching.excitation.recorded_bed import recorded_bed
-from matching.fmu.controller import exported_controller
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.observed import ObservedBed
-from modelling.bed.residual_vehicle import cut
-from modelling.common.errors import InputError
+from matching.bed import excite as module
+from matching.bed.excite import FREE, VISIBLE_VARIANCE, _visible, controlled_beds, plan_proof, recorded_bed
+from matching.export import exported_controller
+from matching.match.loop import parts_of
+from matching.match.responses import ObservedBed
+from modelling.bed.vehicle import cut
+from modelling.errors import InputError
 
 SPEED = 30.0  # rad/s
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.excitation.signals import chirp, fade, multisine, steps
+from matching.bed.excite import chirp, fade, multisine, steps
 
 STEP = 1e-3
 

@@ -4,9 +4,8 @@ import pytest
 
 pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
 
-from matching.explore.files.document import Document
-from matching.explore.files.model_document import ModelDocument
-from modelling.common.errors import InputError
+from matching.explore.files import Document, ModelDocument
+from modelling.errors import InputError
 
 TEXT = """\
 # A drive on a bench.

@@ -5,10 +5,8 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 import rigmatch as rm
-from matching.report.drawing.drivetrain import drawing
-from matching.report.drawing.picture import Label, picture
-from matching.report.drawing.svg import Marks, drivetrain_svg
-from modelling.model.files import from_dict
+from matching.report.drivetrain import Label, Marks, drawing, drivetrain_svg, picture
+from modelling.model_file import from_dict
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -9,9 +9,9 @@ import pytest
 from structure.imports import ROOT
 
 import rigmatch as rm
-from matching.commands.explore import run
-from matching.frequency.case.load import load_case
-from modelling.common.errors import InputError
+from matching.commands import run_explore as run
+from matching.match.case_file import load_case
+from modelling.errors import InputError
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # the words of Panel 2 need Panel 1.9
@@ -41,8 +41,8 @@ def test_a_wrong_file_is_one_line(tmp_path):
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     pytest.importorskip("panel")
-    from matching.explore.files.workspace import opened
-    from matching.explore.page.server import page
+    from matching.explore.files import opened
+    from matching.explore.page import page
 
     model = ROOT / "examples" / "diagnosis" / "model.toml"
     _, bar, content = page(opened([model], tmp_path))
@@ -59,8 +59,8 @@ def test_a_tab_that_is_not_there_yet_says_so_and_is_not_put_over_another(tmp_pat
     from bokeh.document import Document
     from panel.io.state import set_curdoc
 
-    from matching.explore.files.workspace import opened
-    from matching.explore.page.server import page
+    from matching.explore.files import opened
+    from matching.explore.page import page
 
     document = Document()
     with set_curdoc(document):
@@ -86,9 +86,9 @@ def test_a_tab_that_is_not_there_yet_says_so_and_is_not_put_over_another(tmp_pat
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path):
     pytest.importorskip("panel")
-    from matching.explore.files.workspace import opened, starter
-    from matching.explore.page.drivetrain import DrivetrainTab
-    from matching.explore.page.match import MatchTab
+    from matching.explore.files import opened, starter
+    from matching.explore.modes import DrivetrainTab
+    from matching.explore.page import MatchTab
 
     workspace = opened([starter(tmp_path)], tmp_path)
     tab = DrivetrainTab(workspace, lambda: None)
@@ -104,7 +104,7 @@ def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path
 
 def test_an_interrupt_is_the_programs_whatever_the_server_makes_of_it(tmp_path, monkeypatch):
     pytest.importorskip("panel")
-    from matching.explore.page import server
+    from matching.explore import page as server
 
     def serve(page, out, port):
         """As Panel does: an interrupt ends the loop, and nobody hears of it."""
@@ -124,8 +124,8 @@ def test_an_interrupt_is_the_programs_whatever_the_server_makes_of_it(tmp_path, 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_a_value_that_a_slider_tries_is_kept_for_all_tabs(tmp_path):
     pytest.importorskip("panel")
-    from matching.explore.files.workspace import opened
-    from matching.explore.page.modes import ModesTab
+    from matching.explore.files import opened
+    from matching.explore.modes import ModesTab
 
     workspace = opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path)
     tab, told = ModesTab(workspace), []
@@ -143,8 +143,8 @@ def test_a_value_that_a_slider_tries_is_kept_for_all_tabs(tmp_path):
 
 
 def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
-    from matching.explore.files.model_document import ModelDocument
-    from matching.explore.what_if import WhatIf
+    from matching.explore.common import WhatIf
+    from matching.explore.files import ModelDocument
 
     path = tmp_path / "rig.toml"
     path.write_text(
@@ -165,10 +165,9 @@ def test_a_budget_in_the_explorer_shows_its_result_and_is_saved_with_what_was_en
     pytest.importorskip("panel")
     from matplotlib.figure import Figure
 
-    from matching.explore.equivalents import Equivalent
-    from matching.explore.files.forms import fields
-    from matching.explore.files.workspace import opened
-    from matching.explore.page.validity import EditedTable
+    from matching.explore.common import Equivalent
+    from matching.explore.files import fields, opened
+    from matching.explore.page import EditedTable
 
     path = tmp_path / "budget.toml"
     path.write_text('[measurand]\nname = "Z"\nformula = "R"\n[inputs.R]\nunit = "ohm"\nvalue = 1.0\nhalf_width = 0.1\n')
@@ -193,8 +192,8 @@ def test_the_name_of_a_column_is_no_formula(tmp_path):
     pytest.importorskip("panel")
     from bokeh.models import PlainText
 
-    from matching.explore.files.workspace import opened
-    from matching.explore.page.measurement import MeasurementTab
+    from matching.explore.files import opened
+    from matching.explore.measurement import MeasurementTab
 
     hostile = r"$$\href{x}{y}$$ <img src=x>"
     recording = tmp_path / "log.csv"
@@ -208,8 +207,8 @@ def test_the_name_of_a_column_is_no_formula(tmp_path):
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_a_slider_that_is_moved_outside_a_server_shows_its_value_at_once(tmp_path):
     pytest.importorskip("panel")
-    from matching.explore.files.workspace import opened, starter
-    from matching.explore.page.modes import ModesTab
+    from matching.explore.files import opened, starter
+    from matching.explore.modes import ModesTab
 
     tab = ModesTab(opened([starter(tmp_path)], tmp_path / "out"))
     low, high = tab.slider.start, tab.slider.end

@@ -11,19 +11,27 @@ pytest.importorskip("tomlkit", reason="the packages of the explorer are not inst
 
 from structure.imports import ROOT
 
-from matching.explore.files.as_shown import case_tables, write_case, write_model
-from matching.explore.files.case_form import CaseForm, write_case_at
-from matching.explore.files.document import Document
-from matching.explore.files.forms import fields
-from matching.explore.files.workspace import opened
-from matching.explore.map_answers import interpolated_error, nearest_point
-from matching.explore.signals.measurement import opened_measurement, read_as_suggested
-from matching.explore.signals.suggestions import suggestions
-from matching.frequency.case.load import load_case
-from modelling.common.errors import InputError
-from modelling.measurement.channels import read_channels
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict
+from matching.explore.common import (
+    interpolated_error,
+    nearest_point,
+    opened_measurement,
+    read_as_suggested,
+    suggestions,
+)
+from matching.explore.files import (
+    CaseForm,
+    Document,
+    case_tables,
+    fields,
+    opened,
+    write_case,
+    write_case_at,
+    write_model,
+)
+from matching.match.case_file import load_case
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import read_channels, read_recording
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 import pytest
 from structure.imports import ROOT
 
-from matching.explore import equivalents
-from matching.explore.job import Job
+from matching.explore import common as equivalents
+from matching.explore.common import Job
 
 MODEL = str(ROOT / "matching" / "starter" / "vehicle.toml")
 CASE = str(ROOT / "matching" / "starter" / "case.toml")

@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from matching.explore.live import LiveModel, slider_range
-from matching.explore.signals.decimate import envelope
-from matching.explore.signals.measured import measured_curves
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
-from modelling.model.quantity import Quantity
+from matching.explore.common import LiveModel, envelope, measured_curves, slider_range
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
+from modelling.system import Quantity
 
 MOTOR, LOAD, STIFFNESS = 0.1, 1.0, 200.0
 

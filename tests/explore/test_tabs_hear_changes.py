@@ -24,7 +24,7 @@ class Tab:
 @pytest.fixture
 def tabs(monkeypatch):
     """The three tabs once each was opened, and what they heard."""
-    from matching.explore.page import server
+    from matching.explore import page as server
 
     heard, made = [], {}
 

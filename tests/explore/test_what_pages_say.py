@@ -10,15 +10,11 @@ pytest.importorskip("panel")
 from kept_words import same_words
 from structure.imports import ROOT
 
-from matching.explore.files.workspace import opened, starter
-from matching.explore.page import match_result
-from matching.explore.page.map_view import MapView
-from matching.explore.page.match import MatchTab
-from matching.explore.page.measurement import MeasurementTab
-from matching.explore.page.server import _makers
-from matching.explore.page.widgets.drivetrain_view import DrivetrainView
-from matching.explore.page.widgets.slider import Slider
-from matching.explore.page.widgets.tab_bar import TabBar
+from matching.explore import page as match_result
+from matching.explore.common import DrivetrainView, Slider, TabBar
+from matching.explore.files import opened, starter
+from matching.explore.measurement import MeasurementTab
+from matching.explore.page import MapView, MatchTab, _makers
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 OWN_NAME = re.compile(r"[A-Za-z]+\d{5}")  # Panel's, of what has no name

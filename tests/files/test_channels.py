@@ -5,10 +5,9 @@ import pytest
 
 import rigmatch as rm
 from matching.cli import main
-from modelling.common.errors import InputError
-from modelling.measurement.channels import Channel, read_channels
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording
 
 MODEL = """
 [inertias.motor]

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from matching.frequency.case.load_limits import read_limits
-from matching.validity.budget.budget_file import budget_from_tables
-from modelling.common.errors import InputError
-from modelling.measurement.channels import Channel, read_channels
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict
+from matching.match.case import read_limits
+from matching.uncertainty.budget import budget_from_tables
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording
 
 RPM, SPEED, TORQUE = 2 * math.pi / 60, "rad/s", "N*m"
 TAKEN = [

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from modelling.linear.discretise import discretise
+from modelling.linear.state_space import discretise
 
 
 class LinearBed:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import fmpy
 import pytest
 
-from matching.fmu.export_source import read_export_source
+from matching.export import read_export_source
 from modelling.fmu import export
 from modelling.fmu.export import LICENCE, fmu
 

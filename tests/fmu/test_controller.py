@@ -12,18 +12,18 @@ from needs import compiles
 from scipy.signal import cont2discrete, dlsim
 
 from matching.cli import main
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.verification.simulation import matched_motion
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures import STRUCTURES
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from matching.match.verify import matched_motion
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
 from modelling.controller.c_source import c_sources, memory_bytes
-from modelling.controller.settings import FAULTS
-from modelling.fmu.controller import controller_fmu
+from modelling.controller.law import FAULTS
+from modelling.fmu.export import controller_fmu
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
-from modelling.simulation.integrator.c_library import compiler
+from modelling.simulation.compiled import compiler
 
 pytestmark = compiles
 

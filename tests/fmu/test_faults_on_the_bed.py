@@ -11,11 +11,11 @@ from fmu.linear_bed import LinearBed
 from fmu.slave import slave
 from needs import compiles
 
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from modelling.controller.settings import EMULATION, FAULTS, HELD_BELOW_LIMIT, SPEED_HOLD, ZERO_TORQUE
-from modelling.fmu.controller import controller_fmu
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from modelling.controller.law import EMULATION, FAULTS, HELD_BELOW_LIMIT, SPEED_HOLD, ZERO_TORQUE
+from modelling.fmu.export import controller_fmu
 
 pytestmark = compiles
 

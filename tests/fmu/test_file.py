@@ -9,11 +9,9 @@ from fmpy.validation import validate_fmu
 from needs import compiles
 
 from matching.cli import main
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from modelling.fmu.build import binary
-from modelling.fmu.units import exponents
-from modelling.simulation.integrator import c_compiler as build
+from matching.match.case_file import case_files, load_case
+from modelling.fmu.export import binary, exponents
+from modelling.simulation import compiled as build
 
 
 @pytest.fixture(params=["reference_case", "lashed_model"])

@@ -9,16 +9,15 @@ from fmu.slave import slave
 from needs import compiles
 from scipy.signal import cont2discrete
 
-from matching.fmu.export_source import acceleration
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.verification import running_controller, simulation
-from matching.frequency.verification.reading import manoeuvre_torques
-from matching.frequency.verification.ringing import pencil, thinned
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures.pi import LEAD_POLE_OVER_ZERO
+from matching.export import acceleration
+from matching.match import verify as running_controller
+from matching.match import verify as simulation
+from matching.match.case import apply
+from matching.match.case_file import case_files, load_case
+from matching.match.loop import parts_of
+from matching.match.verify import manoeuvre_torques, pencil, thinned
+from modelling.bed.controllers import LEAD_POLE_OVER_ZERO
+from modelling.bed.vehicle import cut
 
 pytestmark = compiles
 

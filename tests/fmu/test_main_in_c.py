@@ -11,12 +11,12 @@ import pytest
 import scipy
 from needs import compiles
 
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from modelling.bed.structures import STRUCTURES
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from modelling.bed.controllers import STRUCTURES
 from modelling.controller.c_source import c_sources
 from modelling.linear.state_space import state_space
-from modelling.simulation.integrator.c_compiler import compiler
+from modelling.simulation.compiled import compiler
 
 pytestmark = compiles
 MAIN = Path(__file__).parents[2] / "examples" / "controller_in_c" / "main.c"

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from plant.marks import needs_compiler
 
-from matching.fmu.controller import exported_controller
-from matching.fmu.deviations import linear_bed
-from matching.fmu.write import write_controller
-from matching.frequency.case.load import load_case
-from modelling.controller.opened_shaft import WATCHED_SAMPLES, ShaftWatch, WatchedShafts, nothing_watched
-from modelling.controller.settings import NO_LIMIT, TORQUE_GONE
+from matching.export import exported_controller, linear_bed, write_controller
+from matching.match.case_file import load_case
+from modelling.controller.law import NO_LIMIT, TORQUE_GONE, WATCHED_SAMPLES, ShaftWatch, WatchedShafts, nothing_watched
 from tests.benchmarks.opened_shafts import Trial, run
 
 SMALLEST, SHARE, SETTLED = 50.0, 0.5, 3  # N·m, of the torque, samples

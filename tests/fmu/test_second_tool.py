@@ -15,10 +15,10 @@ from fmu.slave import slave
 from needs import compiles
 
 from matching.cli import main
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from modelling.controller.settings import FAULTS
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from modelling.controller.law import FAULTS
 
 pytestmark = compiles
 

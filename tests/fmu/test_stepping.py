@@ -6,12 +6,12 @@ import pytest
 from fmu.slave import slave
 from needs import compiles
 
-from matching.fmu.export_source import read_export_source
-from matching.frequency.case.load import load_case
+from matching.export import read_export_source
+from matching.match.case_file import load_case
 from modelling.bed.manoeuvres import TipIn
-from modelling.equations.compiled import compiled
-from modelling.fmu.block import block
-from modelling.model.files import from_dict, load
+from modelling.equations.casadi_code import compiled
+from modelling.fmu.export import block
+from modelling.model_file import from_dict, load
 from modelling.simulation.simulate import simulate
 
 pytestmark = compiles

@@ -5,13 +5,11 @@ from xml.etree import ElementTree as ET
 import pytest
 from needs import compiles
 
-from modelling.fmu.block import block
-from modelling.fmu.build import FLAGS
-from modelling.fmu.description import description
-from modelling.fmu.source import FILES, sources
-from modelling.model.files import from_dict
-from modelling.simulation.integrator import c_compiler, c_library
-from modelling.simulation.integrator.c_compiler import compile_library, compiler
+from modelling.fmu.export import FILES, FLAGS, block, description, sources
+from modelling.model_file import from_dict
+from modelling.simulation import compiled as c_compiler
+from modelling.simulation import compiled as c_library
+from modelling.simulation.compiled import compile_library, compiler
 
 DISC = {"inertias": {"a": {"J": 1.0}}, "inputs": {"torque": {"on": "a"}}}
 TITLES = [

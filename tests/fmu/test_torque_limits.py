@@ -7,11 +7,11 @@ import pytest
 from fmu.slave import slave
 from needs import compiles
 
-from matching.fmu.controller import exported_controller
-from matching.frequency.case.load import load_case
-from modelling.bed.structures import STRUCTURES
-from modelling.bed.torque_curve import TorqueCurve
-from modelling.fmu.controller import controller_fmu
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import TorqueCurve
+from modelling.fmu.export import controller_fmu
 
 pytestmark = compiles
 SPEED_HOLD, POWER = 1, 30e3

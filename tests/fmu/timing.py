@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fmpy
 
-from modelling.simulation.integrator.c_compiler import compiler
+from modelling.simulation.compiled import compiler
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import json
 import tomllib
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
+from matching.match.case_file import load_case
 from tests.fuzz.corpus_runs import seeds_of_runs
 from tests.fuzz.seed import MODEL, RECORDINGS, ROOT, Seed, every_effect, recording
 

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.io import savemat
 
 from matching.api import simulate
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 from tests.fuzz.seed import MODEL, RECORDINGS, ROOT, Seed, every_effect, recording
 
 LOGGED_SECONDS, LOGGED_HZ = 0.8, 250  # of the loggers' and the bed's recordings

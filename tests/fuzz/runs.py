@@ -18,29 +18,24 @@ from pathlib import Path
 
 from matching import studies
 from matching.api import simulate
-from matching.bed_test.judge import judge
-from matching.bed_test.recorded import read_recordings
-from matching.commissioning.by_hand import ByHand
-from matching.commissioning.stages import RECORD, Stages
-from matching.diagnosis.diagnosis import diagnose
+from matching.bed.commission import RECORD, Stages
+from matching.bed.excite import ExcitationOrder, plan_excitation
+from matching.bed.simulated_bed import ByHand
+from matching.bed.verify import judge, read_recordings
+from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.loggers import read_loggers
-from matching.excitation.plan import ExcitationOrder, plan_excitation
-from matching.explore.files.case_form import CaseForm
-from matching.explore.files.workspace import opened
-from matching.explore.signals.measurement import read_as_suggested
-from matching.fmu.export_source import read_export_source
-from matching.frequency.case.load import load_case
-from matching.records import CHECKSUM
-from matching.report.drawing.layout import MOST_INERTIAS
-from modelling.equations import latex
+from matching.explore.common import read_as_suggested
+from matching.explore.files import CaseForm, opened
+from matching.export import read_export_source
+from matching.match.case_file import load_case
+from matching.report.drivetrain import MOST_INERTIAS
+from matching.studies import CHECKSUM
+from modelling.equations import lagrange as latex
 from modelling.equations.lagrange import derive
-from modelling.fmu.description import description
-from modelling.fmu.export import page_of
-from modelling.fmu.source import sources
-from modelling.measurement.channels import read_channels
-from modelling.measurement.read import read_recording
-from modelling.model.files import load
-from modelling.writing.output import strict_json
+from modelling.fmu.export import description, page_of, sources
+from modelling.model_file import load
+from modelling.recordings.read import read_channels, read_recording
+from modelling.writing import strict_json
 
 DRAWN_SHARE = 8  # one model in so many is drawn
 SVG = "data:image/svg+xml;base64,"

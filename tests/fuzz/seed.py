@@ -9,8 +9,8 @@ import numpy as np
 import tomli_w
 
 from modelling.effects import EFFECTS
-from modelling.effects.place import place_in_file
-from modelling.model.files import from_dict
+from modelling.effects.effect import place_in_file
+from modelling.model_file import from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
 FOUND = Path(__file__).parent / "found"

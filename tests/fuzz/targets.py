@@ -18,22 +18,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
-from matching.bed_test.judge import compared_bed
-from matching.cli import BAD_INPUT, FAULT, main
-from matching.fmu.export_source import read_export_source, tuned_case
-from matching.frequency.case.load import load_case
-from matching.frequency.response.response_error import figures_of
-from matching.validity.budget.budget_file import read_budget
-from matching.validity.fidelity.case_file import read_case
-from matching.validity.fidelity.result import xil_fidelity
-from matching.validity.uncertainty.evaluate import evaluate
-from modelling.common.errors import InputError
-from modelling.measurement.channels import read_channels
-from modelling.measurement.read import read_recording
-from modelling.modal.damped_modes import damped_modes
-from modelling.modal.modes import modes
-from modelling.model.files import dumps, from_dict, load
-from modelling.writing.output import strict_json
+from matching.bed.verify import compared_bed
+from matching.cli import main
+from matching.export import read_export_source, tuned_case
+from matching.fidelity import read_case, xil_fidelity
+from matching.match.case_file import load_case
+from matching.match.responses import figures_of
+from matching.uncertainty.budget import read_budget
+from matching.uncertainty.evaluate import evaluate
+from modelling.errors import BAD_INPUT, FAULT, InputError
+from modelling.modal.modes import damped_modes, modes
+from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_channels, read_recording
+from modelling.writing import strict_json
 from tests.fuzz.runs import RUNS
 from tests.fuzz.seed import ROOT, Seed
 

@@ -6,8 +6,8 @@ import tomllib
 
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
 from tests.fuzz import targets
 from tests.fuzz.corpus import seeds
 from tests.fuzz.inputs import fuzz_input

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 
 from matching import cli, commands
-from modelling.common import tables
-from modelling.common.errors import InputError
-from modelling.writing import output
+from modelling import toml as tables
+from modelling import writing as output
+from modelling.errors import InputError
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def answer(monkeypatch):
         arguments = {"add_arguments": lambda parser: parser.add_argument("model")}
         module = SimpleNamespace(HELP="A command for the test.", EXAMPLES=(), run=run, **arguments | more)
         monkeypatch.setattr(cli, "available", lambda: {"modes": "modes", "match": "match"})
-        monkeypatch.setattr(cli, "import_module", {"matching.commands.modes": module}.__getitem__)
+        monkeypatch.setattr(cli, "import_module", {"matching.commands": module}.__getitem__)
 
     return install
 

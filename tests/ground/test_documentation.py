@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from matching.commands import available
-from modelling.common.version import VERSION
 from modelling.effects import EFFECTS
+from modelling.errors import VERSION
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(

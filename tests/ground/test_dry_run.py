@@ -5,9 +5,8 @@ import json
 import pytest
 from structure.imports import ROOT
 
-from matching.cli import main
+from matching.cli import WITHOUT, main
 from matching.commands import available
-from matching.dry_run import WITHOUT
 
 RECORDED = ROOT / "examples" / "from_recordings"
 REFERENCE = ROOT / "examples" / "road_to_rig"

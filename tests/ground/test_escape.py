@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import cbook
 
-from modelling.common import escape
-from modelling.common.errors import InputError
-from modelling.common.tables import LONGEST_TITLE, title
-from modelling.model.files import from_dict
+from modelling import escape
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.toml import LONGEST_TITLE, title
 
 # control characters, punctuation, marks of direction, halves of pairs, what is no character, and some beyond 16 bits
 EVERY = "".join(map(chr, [*range(0x3000), *range(0xD7F0, 0xD810), *range(0xDFF0, 0xE010), *range(0xFE00, 0x10100)]))

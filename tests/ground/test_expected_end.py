@@ -2,8 +2,7 @@
 
 import pytest
 
-from matching.arguments import PROGRESS_ALWAYS, steps
-from matching.expected_end import OF_A_MATCH, share_over, time_left
+from matching.progress import OF_A_MATCH, PROGRESS_ALWAYS, share_over, steps, time_left
 
 
 @pytest.mark.parametrize(

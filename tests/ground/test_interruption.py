@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-from matching.frequency.programme.ipopt import solved
-from modelling.common import interruption
-from modelling.common.interruption import Interrupted, install, none_swallowed, put_off, whatever_it_became
+from matching.match.programme import solved
+from modelling import interruption
+from modelling.interruption import Interrupted, install, none_swallowed, put_off, whatever_it_became
 
 
 @pytest.fixture

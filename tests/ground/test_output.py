@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelling.common import interruption
-from modelling.common.errors import InputError, of_the_machine
-from modelling.writing import staging
-from modelling.writing.output import strict_json, write_all, write_results
-from modelling.writing.reservation import reserved
+from modelling import interruption
+from modelling import writing as staging
+from modelling.errors import InputError, of_the_machine
+from modelling.writing import reserved, strict_json, write_all, write_results
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import rigmatch
-from matching import supervision
-from matching.supervision import _temporary_folder
+from matching import cli as supervision
+from matching.cli import _temporary_folder
 
 ROOT = Path(__file__).parents[2]
 BEGIN = """

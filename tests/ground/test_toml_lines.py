@@ -3,7 +3,7 @@
 import pytest
 
 from matching.cli import main
-from modelling.common.toml_lines import line_of
+from modelling.toml import line_of
 
 CONTENT = """# a model
 title = "two discs"

@@ -23,7 +23,7 @@ import rigmatch
 sys.argv = ["rigmatch", "modes", sys.argv[1], "--out", "modes"]
 sys.exit(rigmatch.main())
 """
-EXTRAS = ("matching.explore",)  # need packages of an extra
+EXTRAS = ("matching.explore.live",)  # need packages of an extra
 
 
 def test_every_module_imports_and_a_command_runs_without_posix(tmp_path):

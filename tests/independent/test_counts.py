@@ -6,17 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.independent.chain import Chain, NotCovered
-from matching.frequency.independent.check import IndependentCheck, check
-from matching.frequency.independent.closed_loop import IndependentLoop, plain_response
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.responses import ComparedBed
-from modelling.linear.response import response
-from modelling.model.components import OperatingPoint
-from modelling.model.files import from_dict
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import ExactLoop, encirclements
+from matching.match.dynamic_stiffness import Chain, IndependentCheck, IndependentLoop, NotCovered, check, plain_response
+from matching.match.loop import parts_of
+from matching.match.responses import ComparedBed
+from modelling.linear.state_space import response
+from modelling.model_file import from_dict
+from modelling.system import OperatingPoint
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.in_time.table import TruthInTime
-from matching.frequency.search.match import match
+from matching.match.case_file import load_case
+from matching.match.in_time import TruthInTime
+from matching.match.match import match
 
 NOT_ASKED = TruthInTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
 EXAMPLES = Path(__file__).parents[2] / "examples"

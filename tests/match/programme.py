@@ -1,10 +1,8 @@
 """The programme of a case, as a match sets it up."""
 
-from matching.frequency.case.case import Case
-from matching.frequency.case.weights import released_moves
-from matching.frequency.search.question import question_of
-from matching.frequency.search.solve_and_verify import task_of
-from matching.frequency.solver.task import TuningTask
+from matching.match.attempt import question_of, task_of
+from matching.match.case import Case, released_moves
+from matching.match.solve import TuningTask
 
 
 def programme_of(case: Case) -> TuningTask:

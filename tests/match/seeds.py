@@ -6,8 +6,8 @@ python tests/match/seeds.py [how many]
 import sys
 from pathlib import Path
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
+from matching.match.case_file import load_case
+from matching.match.match import match
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case.demands import demands
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.in_time.table import TruthInTime
-from matching.frequency.search.active_limits import needed_for_more, needed_to_keep
-from matching.frequency.search.match import NOTHING_MOVED, match
-from matching.report.match.text import content, summary
+from matching.match.attempt import needed_for_more, needed_to_keep
+from matching.match.case import apply, demands
+from matching.match.case_file import load_case
+from matching.match.in_time import TruthInTime
+from matching.match.match import NOTHING_MOVED, match
+from matching.report.match import content, summary
 
 FLANGE = "rig.shafts.flange.stiffness"
 TWIST = "shafts.flange.twist"

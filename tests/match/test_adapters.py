@@ -7,11 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.solver.adapter_trade import HALVINGS, PLACES, Retuning
-from matching.frequency.solver.ends import End
+from matching.match.adapters import HALVINGS, PLACES, Retuning
+from matching.match.case import apply
+from matching.match.case_file import case_files, load_case
+from matching.match.solve import End
 from tests.match.programme import programme_of
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"

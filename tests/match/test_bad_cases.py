@@ -8,10 +8,9 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.frequency.case.targets import target_modes
-from modelling.common.errors import InputError
+from matching.match.case import Case, target_modes
+from matching.match.case_file import load_case
+from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 REFERENCE = tomllib.loads((EXAMPLES / "road_to_rig" / "case.toml").read_text())

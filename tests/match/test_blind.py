@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.solver import solve as searching
-from matching.frequency.solver.blind import blind_draws
-from modelling.bed.structures import STRUCTURES
+from matching.match import solve as searching
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import encirclements
+from matching.match.loop import parts_of
+from matching.match.solve import blind_draws
+from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
 
 

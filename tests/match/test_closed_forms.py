@@ -9,20 +9,23 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.demands import Demands, DynamometerChain
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.feedback_loop import sensor_sign
-from matching.frequency.search.infeasible_limits import DeadTimeTrial
-from matching.frequency.search.limits import _delay
-from matching.frequency.search.question import differing_components, question_of
-from matching.frequency.search.relaxations import Relaxations
-from matching.frequency.search.targets_met import SIMULATED_FREQUENCY_TOLERANCE, reached
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures import STRUCTURES
-from modelling.common.errors import InputError
+from matching.match.attempt import (
+    SIMULATED_FREQUENCY_TOLERANCE,
+    DeadTimeTrial,
+    differing_components,
+    question_of,
+    reached,
+)
+from matching.match.case import Demands, DynamometerChain
+from matching.match.case_file import load_case
+from matching.match.limits import Relaxations, _delay
+from matching.match.loop import parts_of
+from matching.match.programme import sensor_sign
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
+from modelling.errors import InputError
 from modelling.linear.state_space import state_space
-from modelling.model.components import Sensor
+from modelling.system import Sensor
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MOVING = ca.MX.sym("moving")

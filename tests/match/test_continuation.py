@@ -8,15 +8,10 @@ import pytest
 from match import drawn
 from scipy.optimize import lsq_linear
 
-from matching.frequency.case.load import load_case
-from matching.frequency.programme.problem import LEAST_OSCILLATION, eigenpairs
-from matching.frequency.programme.scaling import scaled
-from matching.frequency.solver.continuation import continued_starts, follows_targets
-from matching.frequency.solver.ends import End, check, run_from
-from matching.frequency.solver.finish import finish
-from matching.frequency.solver.starts import start
-from matching.frequency.solver.task import TuningTask
-from modelling.bed.structures import STRUCTURES
+from matching.match.case_file import load_case
+from matching.match.programme import LEAST_OSCILLATION, eigenpairs, scaled
+from matching.match.solve import End, TuningTask, check, continued_starts, finish, follows_targets, run_from, start
+from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
 
 REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

@@ -9,15 +9,12 @@ import pytest
 from match import drawn
 from needs import compiles
 
-from matching.frequency.case.demands import demands
-from matching.frequency.case.load import load_case
-from matching.frequency.case.targets import goals, target_modes
-from matching.frequency.programme.build import _functions, build
-from matching.frequency.programme.evaluators import _REMEMBERED
-from matching.frequency.programme.objectives.response_error import ResponseErrorObjective
-from matching.frequency.solver.starts import start
-from modelling.simulation.integrator.c_compiler import compiler
-from modelling.simulation.integrator.library_cache import folder
+from matching.match.case import demands, goals, target_modes
+from matching.match.case_file import load_case
+from matching.match.objectives import ResponseErrorObjective
+from matching.match.programme import _REMEMBERED, _functions, build
+from matching.match.solve import start
+from modelling.simulation.compiled import compiler, folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"

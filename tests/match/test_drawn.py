@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from match import drawn, independent
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
-from modelling.bed.residual_vehicle import cut
+from matching.match.case_file import load_case
+from matching.match.match import match
+from modelling.bed.vehicle import cut
 
 GRID = np.unique(np.concatenate([np.geomspace(1e-3, 500, 800), np.linspace(2, 150, 700)]))
 

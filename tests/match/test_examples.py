@@ -17,7 +17,7 @@ def test_adapters_alone_end_limited(adapters):
 
 def test_modes_of_a_torqueless_bed_are_the_rigs_own(adapters):
     """Nothing of the residual vehicle, which nobody feels, stands among them."""
-    from modelling.modal.damped_modes import damped_modes
+    from modelling.modal.modes import damped_modes
 
     ours = [mode.frequency for mode in adapters.matched_modes if mode.frequency > 0]
     wanted = [own.frequency for own in damped_modes(adapters.tuned.rig) if own.frequency > 0]

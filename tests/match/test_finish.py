@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.solver import finish as finishing
-from matching.frequency.solver.ends import End
-from matching.frequency.solver.task import Solution
+from matching.match import solve as finishing
+from matching.match.solve import End, Solution
 
 
 def taken(monkeypatch, finished):

@@ -7,14 +7,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.closed_loop import closed_loop
-from matching.frequency.programme.terms import margin
-from matching.frequency.search.match import match
-from matching.frequency.studies.drawn_loops import _distance, determinant
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import ExactLoop, encirclements
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.programme import closed_loop, margin
+from matching.match.tolerance import _distance, determinant
 
 CASE = Path(__file__).parents[2] / "examples" / "four_wheel" / "case.toml"
 GENTLE = {"proportional_gain": 20.0, "integral_gain": 20.0, "torque_feed_forward": 0.2, "lead_time": 0.003}

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.load import load_case
-from matching.frequency.solver import solve as searching
-from matching.frequency.solver.given_point import given_end, never_worse
-from matching.frequency.solver.task import Solution
-from modelling.bed.structures import STRUCTURES
+from matching.match import solve as searching
+from matching.match.case_file import load_case
+from matching.match.solve import Solution, given_end, never_worse
+from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
 
 

@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 import tomli_w
 
-from matching.frequency.case.demands import demands
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import error_figures
-from matching.report.drawing.layout import layout
-from modelling.common.errors import InputError
-from modelling.linear.reference_motion import speeds_of, torques_of
+from matching.match.case import demands
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import ExactLoop, encirclements
+from matching.match.loop import parts_of
+from matching.match.responses import error_figures
+from matching.report.drivetrain import layout
+from modelling.errors import InputError
+from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.modal.modes import modes
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 
 STIFFNESS, RATIO, MOTOR, WHEEL, BODY = 6000.0, 9.0, 0.03, 1.1, 150.0  # N·m/rad, 1, kg·m²
 

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.programme.scaling import scaled
-from matching.frequency.solver import solve as searching
-from matching.frequency.solver.adapter_trade import some_as_planned
-from matching.frequency.solver.given_point import given_end
-from matching.frequency.solver.least_change import AS_GOOD, as_good_as, least_change, vector_of
-from matching.frequency.solver.nearest_roots import with_nearest_roots
+from matching.match import solve as searching
+from matching.match.adapters import some_as_planned
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.programme import scaled
+from matching.match.solve import AS_GOOD, as_good_as, given_end, least_change, vector_of, with_nearest_roots
 from tests.match.programme import programme_of
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.case import Target
-from matching.frequency.case.demands import demands
-from matching.frequency.case.load import load_case
-from matching.frequency.search import infeasible_limits, limits
-from matching.frequency.search.infeasible_limits import DeadTimeTrial, shorter_dead_times, unkept
-from matching.frequency.search.match import match
-from modelling.bed.structures import STRUCTURES
+from matching.match import attempt as infeasible_limits
+from matching.match import limits
+from matching.match.attempt import DeadTimeTrial, shorter_dead_times, unkept
+from matching.match.case import Target, demands
+from matching.match.case_file import load_case
+from matching.match.match import match
+from modelling.bed.controllers import STRUCTURES
 
 
 def with_loop(case, structure, **values):

@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 import tomli_w
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.closed_loop import closed_loop
-from matching.frequency.search.linearisation import check_sliding, opened_lashes, unloaded_lashes
-from matching.frequency.search.match import match
-from matching.frequency.search.result import _of_beds
-from matching.frequency.verification.drawn_beds import on_drawn_beds
-from matching.frequency.verification.robust_limits import not_kept
-from matching.frequency.verification.simulation import simulate_case
-from matching.frequency.verification.verify import verify
-from matching.report.beds.requirement_rows import requirement_rows
-from modelling.bed.residual_vehicle import cut
-from modelling.common.errors import InputError
-from modelling.linear.reference_motion import torques_of
+from matching.match.attempt import check_sliding, opened_lashes, unloaded_lashes
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.programme import closed_loop
+from matching.match.result import _of_beds
+from matching.match.robustness import not_kept, on_drawn_beds
+from matching.match.verify import simulate_case, verify
+from matching.report.match import requirement_rows
+from modelling.bed.vehicle import cut
+from modelling.errors import InputError
+from modelling.linear.steady_motion import torques_of
 from modelling.modal.modes import modes
 
 COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
-from matching.frequency.solver.task import AGREEMENT, Near
-from matching.frequency.studies import map as maps
-from matching.frequency.studies.map import map_case
-from matching.frequency.studies.map_passes import improved
-from matching.frequency.studies.map_point import Point, held_at, improved_at, match_at
+from matching.match import map as maps
+from matching.match.case_file import load_case
+from matching.match.map import Point, held_at, improved, improved_at, map_case, match_at
+from matching.match.match import match
+from matching.match.solve import AGREEMENT, Near
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.search.match import match
-from matching.frequency.verification.verify import verify
-from modelling.bed.loop import ControlStructure, LoopQuantity
-from modelling.bed.structures import STRUCTURES
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import encirclements
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.verify import verify
+from modelling.bed.bed import ControlStructure, LoopQuantity
+from modelling.bed.controllers import STRUCTURES
 from modelling.linear.state_space import StateSpace
 
 GAIN = 25.0  # N·m·s/rad

@@ -11,20 +11,15 @@ import pytest
 import tomli_w
 from scipy.signal import lsim
 
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.demands import Demands, DynamometerChain, demands
-from matching.frequency.case.load import load_case
-from matching.frequency.search.limits import limits
-from matching.frequency.search.linearisation import standstill
-from matching.frequency.search.question import Question
-from matching.frequency.search.relaxations import Relaxations
-from matching.frequency.search.solve_and_verify import VerifiedSolution
-from matching.frequency.solver.task import Solution
-from matching.report.match.page import page
-from matching.report.match.text import content, operating_point, summary
-from modelling.bed.torque_curve import TorqueCurve
-from modelling.linear.reference_motion import speeds_of, torques_of
+from matching.match.attempt import Question, VerifiedSolution, standstill
+from matching.match.case import Demands, DynamometerChain, demands
+from matching.match.case_file import case_files, load_case
+from matching.match.limits import Relaxations, limits
+from matching.match.solve import Solution
+from matching.report.match import content, operating_point, page, summary
+from modelling.bed.vehicle import TorqueCurve
 from modelling.linear.state_space import state_space
+from modelling.linear.steady_motion import speeds_of, torques_of
 
 COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"
 RADIUS, RATIO = 0.31, 9.7  # m

@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.solver import perturbed
-from matching.frequency.solver.ends import End
-from matching.frequency.solver.solve import solve
+from matching.match import solve as perturbed
+from matching.match.case_file import load_case
+from matching.match.solve import End, solve
 from tests.match import drawn
 from tests.match.programme import programme_of
 

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching.frequency.search import adapters as ordering
-from matching.frequency.solver.least_change import as_good_as
-from matching.frequency.solver.task import Solution
+from matching.match import adapters as ordering
+from matching.match.solve import Solution, as_good_as
 
 LEFT, RIGHT = (SimpleNamespace(name=name, planned=1.0, together=(name,)) for name in ("left", "right"))
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from match import independent
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import error_figures
-from matching.frequency.search.match import match
-from matching.frequency.solver.adapter_trade import feedback_error
+from matching.match.adapters import feedback_error
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import encirclements
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.responses import error_figures
 
 
 def test_targets(reference):

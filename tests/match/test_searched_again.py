@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.frequency.solver import solve as solving
-from matching.frequency.solver.ends import End
-from matching.frequency.solver.task import Solution
+from matching.match import solve as solving
+from matching.match.solve import End, Solution
 
 BEST = Solution({"gain": 0.4}, 6.1, (6.0,), feasible=True)
 TRIED = [End(6.0, np.zeros(1), True), End(10.0, np.zeros(1), True)]

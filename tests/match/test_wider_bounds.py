@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 from small_bed import CASE, FEEDBACK_GAINS, write
 
-from matching.frequency.case.load import load_case
-from matching.frequency.search.match import match
+from matching.match.case_file import load_case
+from matching.match.match import match
 
 
 def loaded(folder, written, narrow, more=""):

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.verification.reading import manoeuvre_torques
-from matching.frequency.verification.simulation import simulate_case
-from modelling.bed.structures import STRUCTURES
+from matching.match.case_file import load_case
+from matching.match.loop import parts_of
+from matching.match.verify import manoeuvre_torques, simulate_case
+from modelling.bed.controllers import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 GENTLE = {

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.loop.emulated import PLACE, emulated
-from matching.frequency.verification.fidelity import match_fidelity
-from matching.report.match.fidelity_rows import fidelity_line, fidelity_rows
+from matching.match.continuous_loop import PLACE, emulated
+from matching.match.verify import match_fidelity
+from matching.report.match import fidelity_line, fidelity_rows
 
 
 @pytest.fixture(scope="module")

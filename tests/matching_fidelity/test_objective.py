@@ -7,19 +7,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from matching.frequency.case.case_file import case_text
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.emulated import PLACE
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.programme.build import build
-from matching.frequency.programme.closed_loop import closed_loop
-from matching.frequency.programme.objectives.fidelity import FidelityObjective
-from matching.frequency.search.match import match
-from matching.frequency.solver.starts import start
-from matching.frequency.verification.fidelity import match_fidelity
-from matching.frequency.verification.reading import manoeuvre_torques
-from matching.frequency.verification.simulation import simulate_case
-from modelling.common.errors import InputError
+from matching.match.case_file import case_text, load_case
+from matching.match.continuous_loop import PLACE
+from matching.match.loop import parts_of
+from matching.match.match import match
+from matching.match.objectives import FidelityObjective
+from matching.match.programme import build, closed_loop
+from matching.match.solve import start
+from matching.match.verify import manoeuvre_torques, match_fidelity, simulate_case
+from modelling.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from matching.frequency.case.load import load_case
-from matching.frequency.loop.linear_body import body
-from matching.frequency.response.band import antiresonances, converged_nodes, resonances
-from matching.frequency.response.response_error import error_figures, log_squares, pooled
-from matching.frequency.response.responses import ComparedBed
-from modelling.model.files import from_dict
+from matching.match.case_file import load_case
+from matching.match.loop import body
+from matching.match.responses import (
+    ComparedBed,
+    antiresonances,
+    converged_nodes,
+    error_figures,
+    log_squares,
+    pooled,
+    resonances,
+)
+from modelling.model_file import from_dict
 
 BAND = (0.5, 30.0)
 

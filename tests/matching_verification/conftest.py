@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from matching.frequency.case.load import load_case
-from modelling.bed.structures import STRUCTURES
+from matching.match.case_file import load_case
+from modelling.bed.controllers import STRUCTURES
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STABLE = {  # of the reference case, with a poor margin

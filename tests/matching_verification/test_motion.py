@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from matching.frequency.loop.delay_line import arrivals
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.motion import LinearMotion
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.poles import sampled_poles
-from matching.frequency.response.responses import feed_forward_of
-from matching.frequency.verification.simulation import free_motion, matched_motion
-from modelling.model.components import Effect
-from modelling.model.quantity import Quantity
-from modelling.simulation.result import SimulationError
+from matching.match.continuous_loop import ExactLoop, sampled_poles
+from matching.match.loop import LinearMotion, arrivals, parts_of
+from matching.match.responses import feed_forward_of
+from matching.match.verify import free_motion, matched_motion
 from modelling.simulation.simulate import simulate
+from modelling.simulation.stepping import SimulationError
+from modelling.system import Effect, Quantity
 
 STEP = 1e-3
 

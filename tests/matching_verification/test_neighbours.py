@@ -7,15 +7,13 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.frequency.case.load import load_case
-from matching.frequency.case.targets import target_modes
-from matching.frequency.loop.loop_modes import feed_forward_modes
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.verification.reading import identified_modes, manoeuvre_torques
-from matching.frequency.verification.simulation import simulate_case
-from matching.frequency.verification.verify import target_modes_of
-from modelling.bed.residual_vehicle import cut
-from modelling.modal.damped_modes import damped_modes
+from matching.match.case import target_modes
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import feed_forward_modes
+from matching.match.loop import parts_of
+from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case, target_modes_of
+from modelling.bed.vehicle import cut
+from modelling.modal.modes import damped_modes
 
 MAIN, BESIDE = 10.300, 10.336  # Hz, with damping ratios 0.085 and 0.020
 ABSORBER = 0.05, 10.33, 0.02  # kg·m² behind the body, Hz and damping ratio by itself

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching.frequency.verification.peaks import Violation, violations_of
+from matching.match.verify import Violation, violations_of
 
 PEAKS = {
     "dynamometers.left.torque": 900.0, "dynamometers.right.torque": 1100.0, "dynamometers.left.speed": 200.0,

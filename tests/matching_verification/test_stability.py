@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from matching.frequency.loop.encirclements import count, encirclements
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.linear_body import transfer
-from matching.frequency.loop.loop_modes import feedback_modes
-from matching.frequency.loop.pade import pade, phase_error
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.loop.poles import approximations, neutral_motions, sampled_poles
-from matching.frequency.programme.closed_loop import closed_loop
+from matching.match.continuous_loop import (
+    ExactLoop,
+    approximations,
+    count,
+    encirclements,
+    feedback_modes,
+    neutral_motions,
+    pade,
+    phase_error,
+    sampled_poles,
+)
+from matching.match.loop import parts_of, transfer
+from matching.match.programme import closed_loop
 
 J, DELAY = 0.9, 0.004  # an inertia under proportional speed control: L = K·e^(−sτ)/(J·s)
 CRITICAL = np.pi * J / (2 * DELAY)

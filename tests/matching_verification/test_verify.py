@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.frequency.loop.exact_loop import ExactLoop
-from matching.frequency.loop.loop_modes import match_mode
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.response_error import error_figures
-from matching.frequency.response.responses import ComparedBed
-from matching.frequency.search.errors import lower_bound
-from matching.frequency.verification.robustness import _deviating
-from matching.frequency.verification.verify import verify
-from matching.report.match.checks import margin_counted_from
-from modelling.bed.residual_vehicle import cut
-from modelling.bed.structures import STRUCTURES
+from matching.match.adapters import lower_bound
+from matching.match.continuous_loop import ExactLoop, match_mode
+from matching.match.loop import parts_of
+from matching.match.responses import ComparedBed, error_figures
+from matching.match.verify import _deviating, verify
+from matching.report.match import margin_counted_from
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
 from modelling.modal.modes import modes
 
 

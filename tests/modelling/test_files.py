@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from modelling.common.errors import InputError
-from modelling.common.tables import LARGEST_FILE
-from modelling.equations.compiled import compiled
-from modelling.model.files import dumps, from_dict, load, to_dict
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import dumps, from_dict, load, to_dict
+from modelling.toml import LARGEST_FILE
 
 ROOT = Path(__file__).parents[2]
 GOOD = """

@@ -5,10 +5,10 @@ import pytest
 import sympy as sm
 import sympy.physics.mechanics as me
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
-from modelling.model.files import from_dict, load
+from modelling.errors import InputError
+from modelling.model_file import from_dict, load
 
 
 def inertias(**J):

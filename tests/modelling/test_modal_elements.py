@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
 
 DRIVE = {
     "inertias": {"motor": {"J": 0.1}, "axle": {"J": 0.5, "drag": 0.1}, "body": {"J": 40.0}},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modelling.linear.propagate import linear_motion, propagated
+from modelling.linear.state_space import linear_motion, propagated
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 17])

@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.linear.linearise import linearise
-from modelling.linear.operating_point import operating_point
-from modelling.linear.response import response
-from modelling.modal.damped_modes import damped_modes_of
-from modelling.model.files import from_dict, load
+from modelling.errors import InputError
+from modelling.linear.linearise import linearise, operating_point
+from modelling.linear.state_space import response
+from modelling.modal.modes import damped_modes_of
+from modelling.model_file import from_dict, load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 JA, JB, K, D = 0.1, 0.7, 350.0, 0.4
@@ -92,7 +91,7 @@ def test_slip_response_closed_form():
 
 
 def test_vehicle_against_dynamic_stiffness():
-    from modelling.equations.compiled import compiled
+    from modelling.equations.casadi_code import compiled
 
     system = dataclasses.replace(load(EXAMPLES / "road_to_rig" / "vehicle.toml"), effects=())
     model, f = compiled(system), np.geomspace(0.1, 500, 60)

@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
-from modelling.equations.constraints import LONGEST_COEFFICIENT
-from modelling.equations.lagrange import derive
+from modelling.equations.casadi_code import compiled
+from modelling.equations.lagrange import LONGEST_COEFFICIENT, derive
+from modelling.errors import InputError
+from modelling.linear.elements import sparse_elements
 from modelling.linear.linearise import linearise
-from modelling.linear.sparse_elements import sparse_elements
-from modelling.modal.large import lowest
-from modelling.modal.modes import modes
-from modelling.model.checks import MOST_COMPONENTS
-from modelling.model.files import from_dict, load
-from modelling.model.mirror import mirror_image, mirror_images
+from modelling.modal.modes import lowest, modes
+from modelling.model_file import from_dict, load
+from modelling.system import MOST_COMPONENTS, mirror_image, mirror_images
 
 
 def chain(count, **more):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import sympy as sm
 
-from modelling.equations.sympy_to_casadi import to_casadi
+from modelling.equations.casadi_code import to_casadi
 
 x, y = sm.symbols("x y", real=True)
 KNOWN = [

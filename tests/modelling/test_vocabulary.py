@@ -6,9 +6,9 @@ Others' files depend on all of it, so a change is read before it is kept.
 import pytest
 from kept_values import same_statement
 
-from modelling.bed.structures import STRUCTURES
+from modelling.bed.controllers import STRUCTURES
 from modelling.effects import EFFECTS
-from modelling.effects.kind import Kind
+from modelling.effects.effect import Kind
 from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS
 
 STATED = [name for name in Kind.__annotations__ if name != "kind"]

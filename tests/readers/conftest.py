@@ -4,7 +4,7 @@ import importlib
 
 import pytest
 
-from modelling.measurement.readers import apart
+from modelling.recordings import readers as apart
 
 
 @pytest.fixture(autouse=True)
@@ -16,4 +16,4 @@ def in_this_process(request, monkeypatch):
     def read(reader, path, used, options):
         return importlib.import_module(reader).read(path, used, **options)
 
-    monkeypatch.setattr(apart, "read", read)
+    monkeypatch.setattr(apart, "read_apart", read)

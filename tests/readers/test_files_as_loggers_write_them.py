@@ -5,10 +5,9 @@ import datetime
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.measurement.channels import Channel
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_recording
 
 SYSTEM = from_dict({
     "inertias": {"motor": {"J": 0.1}},

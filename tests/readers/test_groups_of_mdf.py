@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.measurement.channels import Channel, read_channels
-from modelling.measurement.read import read_recording, read_signals
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording, read_signals
 
 asammdf = pytest.importorskip("asammdf")
 

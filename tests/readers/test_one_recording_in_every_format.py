@@ -9,12 +9,11 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import StateSpace, lsim
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.common.errors import InputError
-from modelling.measurement.channels import Channel
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict, to_dict
-from modelling.writing.output import strict_json
+from matching.diagnosis.diagnose import diagnose
+from modelling.errors import InputError
+from modelling.model_file import from_dict, to_dict
+from modelling.recordings.read import Channel, read_recording
+from modelling.writing import strict_json
 
 NOISE = 0.02  # rad/s
 SYSTEM = from_dict({

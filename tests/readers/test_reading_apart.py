@@ -7,8 +7,10 @@ import tempfile
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.measurement.readers import apart, mdf, read_table
+from modelling.errors import InputError
+from modelling.recordings import readers as apart
+from modelling.recordings import readers as mdf
+from modelling.recordings.readers import read_table
 
 READER = """
 import os, signal, tempfile, time
@@ -48,7 +50,7 @@ def reading(tmp_path, monkeypatch):
     path.write_bytes(b"...")
 
     def read(kind):
-        return apart.read("reader_of_the_test", path, {"a"}, {"kind": kind}, least_bytes=3_000_000_000)
+        return apart.read_apart("reader_of_the_test", path, {"a"}, {"kind": kind}, least_bytes=3_000_000_000)
 
     return read
 
@@ -119,7 +121,7 @@ print(sorted({{"asammdf", "pyarrow", "h5py", "scipy.io"}} & {{*sys.modules}}))
     assert [" is no " in line for line in lines] == [True, True, True, False], lines
     assert lines[-1] == "[]"
     assert done.stderr == ""
-    assert mdf.is_foreign(tmp_path / "a.mf4")
+    assert mdf.is_foreign_mdf(tmp_path / "a.mf4")
 
 
 @pytest.mark.parametrize("cut", [3, 100, 200, 260])

@@ -6,16 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.frequency.case.load import load_case
-from matching.frequency.in_time.table import truth_in_time
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.parts import parts_of
-from matching.frequency.response.responses import ComparedBed
-from matching.frequency.search.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.frequency.verification.reading import manoeuvre_torques
-from matching.frequency.verification.verify import verify
-from matching.report.common.style import image
-from matching.report.match.figures import figures
+from matching.match.case_file import load_case
+from matching.match.in_time import truth_in_time
+from matching.match.loop import control_law, parts_of
+from matching.match.responses import ComparedBed
+from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.match.verify import manoeuvre_torques, verify
+from matching.report.common import image
+from matching.report.match import figures
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.ticker import FixedLocator, StrMethodFormatter
 
-from matching.report.common.decimation import decimated
-from matching.report.common.style import figure, image, styled
-from matching.report.curves.acting_axes import acting
+from matching.report.common import decimated, figure, image, styled
+from matching.report.curves import acting
 
 bokeh_figure = pytest.importorskip("bokeh.plotting").figure
 
@@ -50,7 +49,7 @@ def test_curves_of_axes_become_panels(drawn):
 
 
 def test_every_curve_reads_columns_that_its_data_have(drawn):
-    from matching.report.curves.acting_axes import _curve
+    from matching.report.curves import _drawn_line as _curve
 
     for axes in drawn.axes[:2]:
         fig = bokeh_figure(x_axis_type="log", y_axis_type="log")

@@ -5,12 +5,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from matching.report.common.wording import number, practical
-from matching.report.controller.diagram import EnteredNumber, block_diagram
-from matching.report.controller.margin_figure import _continuous
-from modelling.bed.blocks import OF_BED
-from modelling.bed.loop import HARDWARE, Loop
-from modelling.bed.structures import STRUCTURES
+from matching.report.common import number, practical
+from matching.report.match import EnteredNumber, _continuous, block_diagram
+from modelling.bed.bed import HARDWARE, OF_BED, Loop
+from modelling.bed.controllers import STRUCTURES
 
 TEXT = "text"
 

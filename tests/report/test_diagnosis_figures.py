@@ -5,12 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.verdict.discrepancy import DiscrepancyCurve
-from matching.report.common.style import figure
-from matching.report.diagnosis.axes import noise_band, recorded
-from matching.report.diagnosis.balance_figure import balance_figure
-from matching.report.diagnosis.discrepancy_figure import discrepancy_figure
-from matching.report.diagnosis.residual_figure import _orders, _running_mean, _spectrum
+from matching.diagnosis.result import DiscrepancyCurve
+from matching.report.common import figure
+from matching.report.diagnosis import (
+    _orders,
+    _running_mean,
+    _spectrum,
+    balance_figure,
+    discrepancy_figure,
+    noise_band,
+    recorded,
+)
 
 RNG = np.random.default_rng(11)
 

@@ -18,12 +18,9 @@ from result_keys import same_keys
 from scipy.integrate import solve_ivp
 
 from matching.cli import main
-from matching.commands.diagnose import _made as made_of
-from matching.diagnosis.diagnosis import diagnose
-from matching.report.diagnosis.captions import CAPTIONS
-from matching.report.diagnosis.figures import figures
-from matching.report.diagnosis.page import page
-from matching.report.diagnosis.sentences import answer, measured, to_correct
+from matching.commands import _made as made_of
+from matching.diagnosis.diagnose import diagnose
+from matching.report.diagnosis import CAPTIONS, answer, figures, measured, page, to_correct
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
 MODEL = """title = "Flywheel"
@@ -74,7 +71,7 @@ def run(folder: Path) -> tuple[str, list]:
 
     words = ["diagnose", folder / "model.toml", folder / "recording.csv", "--out", folder / "out"]
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
-        patch.setattr("matching.diagnosis.diagnosis.diagnose", kept)
+        patch.setattr("matching.diagnosis.diagnose.diagnose", kept)
         assert main([str(word) for word in words]) in (0, None)
     return out.getvalue(), drawn
 

@@ -11,13 +11,10 @@ from structure.imports import ROOT
 
 import rigmatch as rm
 from matching.cli import main
-from matching.report.common.style import image
-from matching.report.drawing.drivetrain import drawing
-from matching.report.drawing.figures import case_drawings, case_figure, model_figure
-from matching.report.drawing.layout import MOST_INERTIAS, layout
-from matching.report.drawing.picture import picture
-from modelling.common.errors import InputError
-from modelling.model.files import from_dict
+from matching.report.common import image
+from matching.report.drivetrain import MOST_INERTIAS, case_drawings, case_figure, drawing, layout, model_figure, picture
+from modelling.errors import InputError
+from modelling.model_file import from_dict
 
 REFERENCE = ROOT / "examples" / "road_to_rig"
 

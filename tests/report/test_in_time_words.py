@@ -2,8 +2,8 @@
 
 import pytest
 
-from matching.frequency.in_time.imperfection import EVERYTHING_STATED
-from matching.report.in_time.in_words import in_time_lines
+from matching.match.in_time import EVERYTHING_STATED
+from matching.report.match import in_time_lines
 
 RIGHT = {"what_is_wrong": "as modelled", "measured": {"a": 0.01, "b": 0.02}, "unmeasured": {"a": 0.02, "b": 0.005}}
 STATED = {"what_is_wrong": EVERYTHING_STATED, "measured": {"a": 0.015, "b": 0.01}, "unmeasured": {"a": 0.01, "b": 0.02}}

@@ -15,15 +15,12 @@ from match import drawn
 from result_keys import same_keys
 
 from matching.cli import main
-from matching.commands.map import summary
-from matching.frequency.case.load import load_case
-from matching.frequency.studies.map import Map, map_case
-from matching.frequency.studies.map_axis import Axis, axis, quantities
-from matching.frequency.studies.map_point import Point, held_at, improved_at, match_at
-from matching.report.common.style import image
-from matching.report.map.figure import map_figure
-from matching.report.map.marks import HATCHES
-from modelling.common.errors import InputError
+from matching.commands import map_summary as summary
+from matching.match.case_file import load_case
+from matching.match.map import Axis, Map, Point, axis, held_at, improved_at, map_case, match_at, quantities
+from matching.report.common import image
+from matching.report.studies import HATCHES, map_figure
+from modelling.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 OBSERVER = CASE.with_name("observer.toml")
@@ -141,7 +138,7 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
         case=observed, tuned=observed, status="limited", response_error=error, verification=verification, targets=(),
         robust=SimpleNamespace(beds=beds), limits=("so",), objective=1.0, parameters=(), pairs=(),
     )  # fmt: skip
-    monkeypatch.setattr("matching.frequency.studies.map_point.match", lambda *given, **options: made)
+    monkeypatch.setattr("matching.match.map.match", lambda *given, **options: made)
     places = ("loop.dead_time", 5e-3), (STIFFNESS, 1e5)
     point = match_at(observed, *places, 0, 1)
     assert (point.stable_beds, point.limited_by) == (0.75, ("response_error", "beds"))
@@ -228,9 +225,9 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
             x[1], y[1], "matched", x[1] * y[1], 3.0, 0.01, True, 0.5, (), objective=1.0, first=1.0, stable_beds=1.0
         )
 
-    monkeypatch.setattr("matching.executors.executor_of", in_this_process)
-    monkeypatch.setattr("matching.frequency.studies.map.match_at", match_at)
-    monkeypatch.setattr("matching.frequency.studies.map.improved_at", lambda *given: None)
+    monkeypatch.setattr("matching.worker_pool.executor_of", in_this_process)
+    monkeypatch.setattr("matching.match.map.match_at", match_at)
+    monkeypatch.setattr("matching.match.map.improved_at", lambda *given: None)
     out = tmp_path / "out"
     words = ["map", str(CASE), "--x", "loop.dead_time=0.001:0.003:2", "--y", f"{STIFFNESS}=1.5e5:2e5:2"]
     assert main([*words, "--starts", "3", "--seed", "7", "--workers", "2", "--json", "--out", str(out)]) == 0

@@ -7,7 +7,7 @@ import pytest
 from result_keys import same_keys
 
 from matching.cli import main
-from matching.frequency.case.load import load_case
+from matching.match.case_file import load_case
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 

@@ -5,12 +5,18 @@ import pytest
 from figure_facts import same_figure
 from kept_values import same_places
 
-from matching.report.common.line_styles import LINES
-from matching.report.controller.sensitivity_figure import CurveLimit, SensitivityCurves, sensitivity_figure
-from matching.report.curves import moving_figures as moving
-from matching.report.match.checks import in_time_signals, signals, wrong_values
-from matching.report.match.figures import CAPTIONS
-from matching.report.match.page import page
+from matching.report import curves as moving
+from matching.report.common import LINES
+from matching.report.match import (
+    CAPTIONS,
+    CurveLimit,
+    SensitivityCurves,
+    in_time_signals,
+    page,
+    sensitivity_figure,
+    signals,
+    wrong_values,
+)
 
 SYSTEMS = ("vehicle", "rig", "matched", "unmeasured")
 

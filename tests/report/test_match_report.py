@@ -13,19 +13,26 @@ from kept_values import same_values
 from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
-from matching.frequency.case.case_file import case_files
-from matching.frequency.case.load import load_case
-from matching.report.common.mathml import equations
-from matching.report.common.style import MATCHED, RIG, VEHICLE, image
-from matching.report.controller.margin_figure import frequencies_around, return_difference
-from matching.report.match import first_screen
-from matching.report.match.checks import checks, needs, signals
-from matching.report.match.figures import CAPTIONS, figures, overview
-from matching.report.match.modes_figure import HIGHEST_HZ, nearest
-from matching.report.match.page import page
-from matching.report.match.text import content, summary
-from modelling.model.files import from_dict
-from modelling.writing.output import strict_json
+from matching.match.case_file import case_files, load_case
+from matching.report import match as first_screen
+from matching.report.common import MATCHED, RIG, VEHICLE, equations, image
+from matching.report.match import (
+    CAPTIONS,
+    checks,
+    content,
+    figures,
+    frequencies_around,
+    nearest,
+    needs,
+    overview,
+    page,
+    return_difference,
+    signals,
+    summary,
+)
+from matching.report.match import MODES_HIGHEST_HZ as HIGHEST_HZ
+from modelling.model_file import from_dict
+from modelling.writing import strict_json
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 

@@ -12,13 +12,11 @@ from result_keys import same_keys
 
 import rigmatch as rm
 from matching.cli import main
-from matching.report.common.style import RIG, VEHICLE, image
-from matching.report.modes.animation import ModeAnimation
-from matching.report.modes.figures import Column, energy_figure, shares_figure
-from matching.report.modes.mode_table import mode_table
+from matching.report.common import RIG, VEHICLE, image
+from matching.report.modes import Column, ModeAnimation, energy_figure, mode_table, shares_figure
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
-from modelling.model.files import dumps, from_dict, load
+from modelling.model_file import dumps, from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"
 

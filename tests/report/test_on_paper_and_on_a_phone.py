@@ -8,11 +8,8 @@ import sympy as sm
 from explore.browser import browser_path
 from matplotlib.figure import Figure
 
-from matching.report.common.environment import embedded, is_wide
-from matching.report.common.mathml import _Printer
-from matching.report.common.style import image
-from matching.report.curves.acting_axes import acting
-from matching.report.study.page import PageFigures, PageTable, StudyPage, study_page
+from matching.report.common import PageFigures, PageTable, StudyPage, _Printer, embedded, image, is_wide, study_page
+from matching.report.curves import acting
 
 TITLE = "Fidelity of a delay over the largest relevant frequency of the signals (Eqs. 19, 20)"
 

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from matching.frequency.beds.figures import LoopFigures
-from matching.frequency.beds.requirements import Requirements
-from matching.frequency.independent.beds_check import BedsCheck
-from matching.report.beds.figure import beds_figure
-from matching.report.beds.requirement_rows import error_rows, requirement_rows
+from matching.match.beds import LoopFigures, Requirements
+from matching.match.dynamic_stiffness import BedsCheck
+from matching.report.match import beds_figure, error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
 

@@ -3,7 +3,7 @@
 from figure_facts import same_figure
 from kept_values import same_places
 
-from matching.report.match.robustness_figure import Wrong, robustness_figure
+from matching.report.match import Wrong, robustness_figure
 
 ROWS = [
     Wrong("little", "-5 %", 0.11, True),

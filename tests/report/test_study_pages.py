@@ -15,21 +15,17 @@ from figure_facts import same_figure
 from kept_values import same_places
 
 import rigmatch as rm
-from matching.frequency.studies.distribution import Spread
-from matching.frequency.studies.map import Map
-from matching.frequency.studies.map_axis import Axis
-from matching.frequency.studies.map_point import Point
-from matching.frequency.studies.tolerance import Tolerance
-from matching.report.common.style import image
-from matching.report.fidelity import page as fidelity_page
-from matching.report.fidelity.figures import attribution_figure, bands_figure, delay_curve
-from matching.report.map import page as map_page
-from matching.report.map.figure import map_figure
-from matching.report.tolerance import page as tolerance_page
-from matching.report.tolerance.view import plot
-from matching.report.uncertainty import page as uncertainty_page
-from matching.report.uncertainty.figures import contributions, ishikawa
-from matching.validity.fidelity.spectrum import Band
+from matching.fidelity import Band
+from matching.match.map import Axis, Map, Point
+from matching.match.tolerance import Spread, Tolerance
+from matching.report import evidence as fidelity_page
+from matching.report import evidence as uncertainty_page
+from matching.report import studies as map_page
+from matching.report import studies as tolerance_page
+from matching.report.common import image
+from matching.report.evidence import attribution_figure, bands_figure, contributions, delay_curve, ishikawa
+from matching.report.studies import _ as plot
+from matching.report.studies import map_figure
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STIFFNESS = "rig.shafts.flange.stiffness"
@@ -57,7 +53,7 @@ def a_map(title="<map>"):
 
 def test_a_map_says_what_to_choose_and_gives_every_point():
     found = a_map()
-    html = map_page.page(found, image(map_figure(found)))
+    html = map_page.map_page(found, image(map_figure(found)))
     assert "&lt;map&gt;" in html
     assert "<map>" not in html
     assert "2 of 4 matched" in html
@@ -85,14 +81,14 @@ def test_a_map_of_nothing_has_a_page():
     none = Point(1e-3, 1.0, "impossible", None, None, None, False, None, ("so",))
     axes = Axis("loop.dead_time", "s", (1e-3,), 5e-3), Axis(STIFFNESS, "N*m/rad", (1.0,), 1.0)
     found = Map("", (0.5, 30.0), *axes, ((none,),))
-    html = map_page.page(found, image(map_figure(found)))
+    html = map_page.map_page(found, image(map_figure(found)))
     assert "No point has a response error" in html
     assert "no match possible" in html
 
 
 def test_fields_of_a_map_act_and_say_their_error():
     pytest.importorskip("bokeh")
-    from matching.report.map.acting import acting_map
+    from matching.report.studies import acting_map
 
     script = acting_map(a_map())["script"]
     for words in ('"no stable loop found"', '"matched"', '"0.3"', "the case as it is", "1 (loop.dead_time in ms)"):
@@ -103,7 +99,7 @@ def test_colours_of_an_acting_map_have_a_scale_with_quantity_and_band():
     pytest.importorskip("bokeh")
     from bokeh.models import ColorBar
 
-    from matching.report.map import acting
+    from matching.report import studies as acting
 
     found = a_map()
     fig = acting._panel(found, "unmeasured", found.errors("unmeasured"))
@@ -135,7 +131,9 @@ def test_a_lost_target_mode_says_what_is_required_and_the_figure_shows_it():
     mode = replace(margin, name="target 3 frequency", unit="Hz", nominal=8.0, edges=np.linspace(7.9, 8.04, 4))
     study = replace(study, spreads=(margin, mode), shares=study.shares | {mode.name: 0.6})
     drawn = plot(study)
-    assert "required: 7.92 to 8.08 Hz, about the bed as planned" in tolerance_page.page(study, drawn, image(drawn))
+    assert "required: 7.92 to 8.08 Hz, about the bed as planned" in tolerance_page.tolerance_page(
+        study, drawn, image(drawn)
+    )
     lines = {line.get_linestyle(): line.get_xdata()[0] for line in drawn.axes[2].get_lines()}
     assert lines == pytest.approx({"-": 8.0, "--": 7.92})  # 8.08 lies beyond all draws
 
@@ -143,7 +141,7 @@ def test_a_lost_target_mode_says_what_is_required_and_the_figure_shows_it():
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     study = a_study()
     figure = plot(study)
-    html = tolerance_page.page(study, figure, image(figure))
+    html = tolerance_page.tolerance_page(study, figure, image(figure))
     assert "90.0 % of 100 drawn beds are stable" in html
     assert "causes 80 % of the variance of modulus margin" in html
     assert "rotor" not in html.split("What to expect")[0].split("What to order")[1]  # its share is too small
@@ -154,7 +152,7 @@ def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     rows = tables(html)["tolerance.csv"]
     assert [int(row["draws"]) for row in rows] == [10, 60, 30]
     assert float(rows[0]["to"]) == pytest.approx(0.5)
-    whole = tolerance_page.page(a_study(1.0), figure, image(figure))
+    whole = tolerance_page.tolerance_page(a_study(1.0), figure, image(figure))
     assert "no drawn bed fails" in whole
 
 
@@ -171,7 +169,7 @@ def budget():
 def test_a_fidelity_says_what_to_improve_first(fidelity):
     found = fidelity
     drawn = {"delay": delay_curve(found), "attribution": attribution_figure(found)}
-    html = fidelity_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    html = fidelity_page.fidelity_page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
     gains = sorted((loss.gain for loss in found.attribution.losses), reverse=True)
     assert f"without it R_XiL would be {100 * gains[0]:.2f} percentage points higher" in html
     saved = tables(html)
@@ -182,7 +180,9 @@ def test_a_fidelity_says_what_to_improve_first(fidelity):
 def test_a_budget_leads_with_the_statement(budget):
     found = budget
     drawn = {"contributions": contributions(found.measurands[0])}
-    html = unescape(uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()}))
+    html = unescape(
+        uncertainty_page.uncertainty_page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    )
     assert found.statements[0] in html
     rows = tables(html)["contributions.csv"]
     assert sum(float(row["contribution"]) ** 2 for row in rows) == pytest.approx(
@@ -196,7 +196,7 @@ def test_every_measurand_has_its_data_and_says_what_decides():
     found = rm.uncertainty(EXAMPLES / "gum" / "impedance.toml", draws=10_000)
     drawn = {f"{each.measurand.name}_{kind}": figure(each) for each in found.measurands
              for kind, figure in (("contributions", contributions), ("ishikawa", ishikawa))}  # fmt: skip
-    html = uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    html = uncertainty_page.uncertainty_page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
     saved = tables(html)
     assert {name: {row["measurand"] for row in rows} for name, rows in saved.items()} == {
         f"{name}_contributions.csv": {name} for name in "RXZ"
@@ -227,8 +227,8 @@ def test_figures_of_a_map_hold_its_points():
         ring = axes.get_lines()[-1].get_xydata().tolist()
         assert ring == [[found.x.here, found.y.here]]
         assert axes.get_xlim() == pytest.approx((0.5e-3, 2.5e-3))
-    assert on_page(map_page.page(found, image(drawn)), "map") == (
-        f"{map_page.CAPTION} {map_page.CAPTION_OF_RING}",
+    assert on_page(map_page.map_page(found, image(drawn)), "map") == (
+        f"{map_page.MAP_CAPTION} {map_page.CAPTION_OF_RING}",
         True,
     )
 
@@ -236,7 +236,7 @@ def test_figures_of_a_map_hold_its_points():
 def test_a_map_beside_its_case_does_not_speak_of_a_ring():
     found = a_map()
     found = replace(found, y=replace(found.y, here=3.0))
-    assert on_page(map_page.page(found, image(map_figure(found))), "map") == (map_page.CAPTION, True)
+    assert on_page(map_page.map_page(found, image(map_figure(found))), "map") == (map_page.MAP_CAPTION, True)
 
 
 def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
@@ -249,7 +249,10 @@ def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
     assert [line.get_xdata()[0] for line in left.get_lines()] == [0.56, 0.5]
     assert [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches] == [(0, 1), (1, 80)]
-    assert on_page(tolerance_page.page(study, drawn, image(drawn)), "tolerance") == (tolerance_page.CAPTION, True)
+    assert on_page(tolerance_page.tolerance_page(study, drawn, image(drawn)), "tolerance") == (
+        tolerance_page.TOLERANCE_CAPTION,
+        True,
+    )
 
 
 def a_band(low, high, nrmse, amplitude):
@@ -286,7 +289,7 @@ def test_figures_of_a_fidelity_hold_its_delays_losses_and_bands(fidelity):
     assert [bool(bar.get_hatch()) for bar in first.patches[:6]] == [False, True] * 3
     assert [bar.get_height() for bar in second.patches[:4]] == pytest.approx([10, 0, 1, 1])
     assert first.get_xlim() == pytest.approx((0, 1.18 * 6))
-    html = fidelity_page.page(stated, drawn, {name: image(figure) for name, figure in drawn.items()})
+    html = fidelity_page.fidelity_page(stated, drawn, {name: image(figure) for name, figure in drawn.items()})
     for name, caption in fidelity_page.CAPTIONS.items():
         assert on_page(html, name) == (caption, True)
 
@@ -309,7 +312,7 @@ def test_figures_of_a_budget_hold_its_contributions(budget):
     causes = {row.cause for row in result.rows if row.standard_uncertainty > 0}
     uncertain = [row for row in result.rows if row.standard_uncertainty > 0]
     assert len(axes.get_lines()) == len(causes) + len(uncertain)  # a branch each, and a twig each
-    html = uncertainty_page.page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    html = uncertainty_page.uncertainty_page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
     for name in drawn:
         caption, picture = on_page(html, name)
         assert caption

@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 
-from matching.report.common.style import DOTS_PER_INCH, figure, image, styled
+from matching.report.common import DOTS_PER_INCH, figure, image, styled
 
 
 def _drawn():

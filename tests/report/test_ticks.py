@@ -5,9 +5,8 @@ import contextlib
 import numpy as np
 import pytest
 
-from matching.report.common import style
-from matching.report.common.powers import plain
-from matching.report.common.style import figure, image, styled
+from matching.report import common as style
+from matching.report.common import figure, image, plain, styled
 
 
 def drawn():

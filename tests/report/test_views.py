@@ -5,7 +5,7 @@ from importlib import import_module
 import pytest
 
 from matching.report import VIEWS, load_view
-from modelling.common import display
+from modelling import display
 
 
 @pytest.mark.parametrize("path", VIEWS)

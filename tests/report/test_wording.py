@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from matching.report.common.wording import (
+from matching.report.common import (
     amount,
     change,
     component,

@@ -7,12 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from modelling.equations.compiled import Model, compiled
+from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.shaft_law import CONTACT_TIME
-from modelling.model.system import System
-from modelling.simulation.recorded_inputs import Inputs, checked
-from modelling.simulation.result import Simulation, SimulationError
-from modelling.simulation.start import Start, start_state
+from modelling.simulation.start import Inputs, Start, checked, start_state
+from modelling.simulation.stepping import Simulation, SimulationError
+from modelling.system import System
 
 SHARP_CONTACT = 1e-6  # s
 

@@ -8,7 +8,7 @@ import pytest
 @pytest.fixture(params=[True, False], ids=["compiled", "virtual"])
 def path(request) -> bool | None:
     """Both paths; the compiled one where there is a compiler."""
-    from modelling.simulation.integrator.c_compiler import compiler
+    from modelling.simulation.compiled import compiler
 
     if request.param and not compiler():
         pytest.skip("no C compiler here")

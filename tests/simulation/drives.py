@@ -6,8 +6,8 @@ import tomllib
 
 import numpy as np
 
-from modelling.model.files import from_dict
-from modelling.model.system import System
+from modelling.model_file import from_dict
+from modelling.system import System
 
 TWO_MASS = """
 [inertias.motor]

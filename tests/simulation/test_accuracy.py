@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from matching.diagnosis.data.segments import Segment
-from matching.diagnosis.fitting.batch_simulation import simulate_readings
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from matching.diagnosis.data import Segment
+from matching.diagnosis.fit import simulate_readings
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
-from modelling.simulation.step_control import InitialValueProblem
-from modelling.simulation.stepping import Stepping
+from modelling.simulation.stepping import InitialValueProblem, Stepping
 from tests.simulation.drives import excitation, system_with
 
 RANGE_SHARE = 1e-3  # largest error allowed, of a reading's range

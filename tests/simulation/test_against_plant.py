@@ -9,7 +9,7 @@ from plant.engine import simulate as plant_motion
 from plant.hidden import Hidden
 from plant.systems import Drive
 
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 pytestmark = pytest.mark.skipif(not compiler(), reason="needs a C compiler")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from needs import compiles
 
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
 from tests.simulation.drives import excitation, system_with
 
@@ -44,7 +44,7 @@ def test_no_sensitivity_is_asked_for():
 
 
 def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
-    from modelling.simulation.integrator import c_library as build
+    from modelling.simulation import compiled as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
@@ -54,8 +54,9 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
-    from modelling.simulation.integrator import c_compiler, library_cache
-    from modelling.simulation.integrator import c_library as build
+    from modelling.simulation import compiled as build
+    from modelling.simulation import compiled as c_compiler
+    from modelling.simulation import compiled as library_cache
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 J, SLOPE = 0.5, 3.0  # kg·m², N·m/s

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 from tests.simulation.drives import excitation, system_with
 

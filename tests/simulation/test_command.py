@@ -10,10 +10,9 @@ from kept_words import same_numbers, same_words
 from result_keys import same_keys
 
 from matching.cli import main
-from matching.report.simulation.view import simulation_figure
-from modelling.measurement.read import read_recording
-from modelling.measurement.write import csv_text
-from modelling.model.files import dumps
+from matching.report.common import simulation_figure
+from modelling.model_file import dumps
+from modelling.recordings.read import csv_text, read_recording
 from modelling.simulation.simulate import simulate
 from tests.simulation.drives import excitation, system_with
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
-from modelling.simulation.integrator import native, virtual
-from modelling.simulation.integrator.task import make_task
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
+from modelling.simulation import compiled as native
+from modelling.simulation import interpreted as virtual
+from modelling.simulation.task import make_task
 
 RATE, J = 400.0, 1e-6  # 1/s, kg·m²: speed e^(400 t), its derivative by J −(400/J)·t·e^(400 t)
 TIME = np.arange(0.0, 2.0, 0.01)  # s

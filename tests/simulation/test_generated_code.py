@@ -6,7 +6,7 @@ from itertools import product
 import casadi as ca
 from needs import compiles
 
-from modelling.simulation.integrator.c_library import external
+from modelling.simulation.compiled import external
 
 VALUES = (0.0, -0.0, 1.0, -1.0, 2.5, -1e300, 5e-324, math.inf, -math.inf, math.nan)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
 from tests.simulation.drives import excitation, system_with
 from tests.simulation.reference import Friction, two_mass

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from needs import compiles
 
-from modelling.simulation.integrator import c_library
+from modelling.simulation import compiled as c_library
 
 
 @pytest.fixture

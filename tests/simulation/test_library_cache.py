@@ -11,8 +11,10 @@ import casadi as ca
 import pytest
 from needs import compiles
 
-from modelling.common.errors import InputError, of_the_machine
-from modelling.simulation.integrator import c_compiler, c_library, library_cache
+from modelling.errors import InputError, of_the_machine
+from modelling.simulation import compiled as c_compiler
+from modelling.simulation import compiled as c_library
+from modelling.simulation import compiled as library_cache
 
 SOURCE = "double answer(void) { return 42.0; }\n"
 LOAD = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from modelling.bed.manoeuvres import KINDS, BackOut, DriveAway, Kick, Step, Sweep, TipIn, from_table, read_manoeuvre
-from modelling.common.errors import InputError
+from modelling.errors import InputError
 
 TIME = np.linspace(0, 3, 3001)
 

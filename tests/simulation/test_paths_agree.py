@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from modelling.effects import EFFECTS as registry
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch, with_stick_speed
 from tests.simulation.drives import EFFECTS, excitation, system_with
 

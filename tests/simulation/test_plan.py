@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
-from modelling.simulation.plan import ACCURATE_STEP, steps_per_second
+from modelling.equations.casadi_code import compiled
+from modelling.model_file import from_dict
+from modelling.simulation.stepping import ACCURATE_STEP, steps_per_second
 
 J1, J2, STIFFNESS = 0.2, 1.5, 300.0
 OMEGA = np.sqrt(STIFFNESS * (1 / J1 + 1 / J2))  # rad/s

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 TIME = np.arange(901) * 1e-3

@@ -8,11 +8,10 @@ from scipy.io import savemat
 
 import rigmatch as rm
 from matching.cli import main
-from modelling.common.errors import InputError
-from modelling.measurement.read import read_recording
-from modelling.model.files import dumps
-from modelling.simulation.simulate import simulate
-from modelling.simulation.speed_units import check_speed_units
+from modelling.errors import InputError
+from modelling.model_file import dumps
+from modelling.recordings.read import read_recording
+from modelling.simulation.simulate import check_speed_units, simulate
 from tests.simulation.drives import excitation, system_with
 
 MODEL = system_with()

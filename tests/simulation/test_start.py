@@ -5,12 +5,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
-from modelling.simulation.recorded_start import _window, recorded_start
-from modelling.simulation.simulate import simulate, simulate_batch
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
+from modelling.simulation.simulate import _window, recorded_start, simulate, simulate_batch
 from modelling.simulation.start import steady
 from tests.simulation.drives import EFFECTS, excitation, system_with
 

@@ -5,11 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modelling.equations.compiled import compiled
-from modelling.simulation.integrator import native, virtual
-from modelling.simulation.integrator.task import make_task
-from modelling.simulation.step_control import FASTEST, InitialValueProblem, run_to_tolerance
-from modelling.simulation.stepping import KINKED_ORDER, SMOOTH_ORDER, Stepping, difference, divisions, local_errors
+from modelling.equations.casadi_code import compiled
+from modelling.simulation import compiled as native
+from modelling.simulation import interpreted as virtual
+from modelling.simulation.stepping import (
+    FASTEST,
+    KINKED_ORDER,
+    SMOOTH_ORDER,
+    InitialValueProblem,
+    Stepping,
+    difference,
+    divisions,
+    local_errors,
+    run_to_tolerance,
+)
+from modelling.simulation.task import make_task
 from tests.simulation.drives import excitation, system_with
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from modelling.equations.compiled import Model, compiled
-from modelling.model.files import from_dict
-from modelling.simulation.integrator import native
-from modelling.simulation.integrator.task import Trajectories, make_task
+from modelling.equations.casadi_code import Model, compiled
+from modelling.model_file import from_dict
+from modelling.simulation import compiled as native
+from modelling.simulation.task import Trajectories, make_task
 
 
 def drive(*effects: dict) -> Model:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.measurement.read import read_recording
-from modelling.model.files import from_dict
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import read_recording
 from tests.simulation.drives import system_with
 from tests.simulation.test_recording import HEADER, written
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from needs import compiles
 
-from modelling.simulation.integrator import c_library, vector_function
-from modelling.simulation.integrator.c_compiler import compiler
-from modelling.simulation.integrator.vector_function import VectorFunction
+from modelling.simulation import compiled as c_library
+from modelling.simulation import compiled as vector_function
+from modelling.simulation.compiled import VectorFunction, compiler
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from modelling.effects import EFFECTS
 # a quantity of the control loop, ``loop.dead_time``; any table, of a file or a result
 ALSO_SOMETHING_ELSE = {"dead_time", "table"}
 # laws of the second opinion, which cannot be the same ones
-WRITTEN_AGAIN = ("matching.frequency.independent.chain", "matching.frequency.independent.steady")
+WRITTEN_AGAIN = ("matching.match.dynamic_stiffness", "matching.match.dynamic_stiffness")
 
 
 def is_docstring(node: ast.AST, parent: ast.AST) -> bool:

@@ -6,12 +6,12 @@ from structure.imports import ROOT
 
 ROOM = ROOT / "matching" / "frequency" / "independent"
 DATA = {  # classes that hold a model or a case; none of them computes a matrix
-    ("matching.frequency.case.case", "Case"),
-    ("matching.frequency.case.uncertainty", "Box"),
+    ("matching.match.case", "Case"),
+    ("matching.match.case", "Box"),
     ("modelling.controller.law", "ControlLaw"),  # what is judged; its matrices are taken as they are
-    ("modelling.model.components", "Effect"),
-    ("modelling.model.components", "Shaft"),
-    ("modelling.model.system", "System"),
+    ("modelling.system", "Effect"),
+    ("modelling.system", "Shaft"),
+    ("modelling.system", "System"),
 }
 LIBRARIES = ("__future__", "collections", "copy", "dataclasses", "functools", "typing", "numpy", "scipy")
 COMPUTED = {

@@ -6,10 +6,10 @@ import pytest
 from structure.docstrings import tree
 from structure.imports import modules
 
-from modelling.fmu import build
+from modelling.fmu import export as build
 
 ABSOLUTE = {
-    "matching.supervision": {"/proc/", "/proc/self/task/", "/tmp", "/var/tmp"}
+    "matching.cli": {"/proc/", "/proc/self/task/", "/tmp", "/var/tmp"}
 }  # where there is fork, which is asked first
 
 

@@ -8,8 +8,8 @@ from concurrent.futures import BrokenExecutor, Future
 
 import pytest
 
-from matching import executors
-from matching.aside import Aside, beside
+from matching import worker_pool as executors
+from matching.worker_pool import Aside, beside
 
 
 def work(x):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from plant.marks import needs_compiler
 
-from matching.executors import executor_of
+from matching.worker_pool import executor_of
 from tests.campaign.run import Campaign, record_of, run
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,7 @@ class Quick:
 @needs_compiler
 def test_rows_come_once_each_and_a_half_written_one_is_done_again(tmp_path, monkeypatch):
     asked, progress = [], []
-    monkeypatch.setattr("matching.diagnosis.diagnosis.diagnose", lambda *given: asked.append(given) or Quick())
+    monkeypatch.setattr("matching.diagnosis.diagnose.diagnose", lambda *given: asked.append(given) or Quick())
     campaign = Campaign(cases=6, seed=1, seconds=0.5)
     record = record_of(campaign, tmp_path)
     with ThreadPoolExecutor(2) as executor:

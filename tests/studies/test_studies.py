@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from matching import records
-from matching.executors import executor_of
+from matching import studies as records
 from matching.studies import run
-from modelling.common.errors import InputError
+from matching.worker_pool import executor_of
+from modelling.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
 import slow
@@ -203,7 +203,7 @@ def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same(monkeyp
 
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("matching.executors.SCHEDULER_SECONDS", 1)
+    monkeypatch.setattr("matching.worker_pool.SCHEDULER_SECONDS", 1)
     with pytest.raises(InputError, match="does not answer"), executor_of(scheduler="tcp://127.0.0.1:9"):
         pass
 

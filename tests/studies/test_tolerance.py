@@ -13,22 +13,30 @@ from result_keys import same_keys
 
 import rigmatch as rm
 from matching.cli import main
-from matching.commands.tolerance import summary as command_summary
-from matching.frequency.beds.requirements import requirements
-from matching.frequency.case.load import load_case
-from matching.frequency.case.tuned import apply
-from matching.frequency.independent.loop_check import check_loop
-from matching.frequency.loop.control_law import control_law
-from matching.frequency.loop.encirclements import encirclements
-from matching.frequency.loop.loop_modes import feedback_modes
-from matching.frequency.studies.distribution import Regressors, quantile_intervals, spread
-from matching.frequency.studies.drawn_loops import _Minima
-from matching.frequency.studies.draws import Prepared, draw
-from matching.frequency.studies.map import Axis
-from matching.frequency.studies.tolerance import tolerance, tuned, varied_of, yields
-from matching.report.tolerance.view import as_text, summary
-from modelling.bed.structures import STRUCTURES
-from modelling.common.errors import InputError
+from matching.commands import tolerance_summary as command_summary
+from matching.match.beds import requirements
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.continuous_loop import encirclements, feedback_modes
+from matching.match.dynamic_stiffness import check_loop
+from matching.match.loop import control_law
+from matching.match.map import Axis
+from matching.match.tolerance import (
+    Prepared,
+    Regressors,
+    _Minima,
+    draw,
+    quantile_intervals,
+    spread,
+    tolerance,
+    tuned,
+    varied_of,
+    yields,
+)
+from matching.report.studies import _ as as_text
+from matching.report.studies import summary
+from modelling.bed.controllers import STRUCTURES
+from modelling.errors import InputError
 
 STARTER = Path(__file__).parents[2] / "matching" / "starter" / "case.toml"
 # A loop that a match of the starter case found, rounded: what a study begins with.
@@ -106,7 +114,7 @@ def test_wide_tolerances_against_the_verification_of_each():
 
 
 def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
-    monkeypatch.setattr("modelling.simulation.integrator.c_library.compiler", lambda: None)
+    monkeypatch.setattr("modelling.simulation.compiled.compiler", lambda: None)
     slow = Prepared((tuned(case), prepared.varied, 5))
     x = draw(prepared.varied, 5, 0, 30)
     for one, other in zip(slow.margins(x), prepared.margins(x), strict=True):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from matching.validity.budget.budget_file import budget_from_tables
-from matching.validity.uncertainty.propagate import output_correlation, propagate
+from matching.uncertainty.budget import budget_from_tables
+from matching.uncertainty.propagate import output_correlation, propagate
 
 GTC = pytest.importorskip("GTC")
 

@@ -4,9 +4,9 @@ import copy
 
 import pytest
 
-from matching.validity.budget.budget_file import budget_from_tables, read_budget
-from matching.validity.uncertainty.evaluate import evaluate
-from modelling.common.errors import InputError
+from matching.uncertainty.budget import budget_from_tables, read_budget
+from matching.uncertainty.evaluate import evaluate
+from modelling.errors import InputError
 
 GOOD = {
     "measurand": {"name": "M", "unit": "N*m", "formula": "F*r"},

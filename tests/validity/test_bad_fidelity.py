@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from matching.validity.fidelity.case_file import fidelity_from_tables, read_case
-from modelling.common.errors import InputError
-from modelling.fidelity.assess import fidelity_of_signals
-from modelling.fidelity.fidelity import SignalPair
+from matching.fidelity import fidelity_from_tables, read_case
+from modelling.errors import InputError
+from modelling.fidelity.measures import SignalPair, fidelity_of_signals
 
 TIME = 0.01 * np.arange(200)
 STEP = np.tanh((TIME - 1) / 0.1)

@@ -8,15 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from matching.validity.fidelity.attribution import attribute
-from matching.validity.fidelity.result import xil_fidelity
-from matching.validity.fidelity.spectrum import bands
-from modelling.fidelity.assess import fidelity_of_signals
+from matching.fidelity import attribute, bands, xil_fidelity
 from modelling.fidelity.delay import Delay
-from modelling.fidelity.distribution import fidelity_distribution, probability_better
-from modelling.fidelity.fidelity import Fidelity, FidelityMethod, SignalFidelity, SignalPair
-from modelling.fidelity.measures import delay_fidelity
-from modelling.fidelity.objective import SmoothFidelity
+from modelling.fidelity.measures import (
+    Fidelity,
+    FidelityMethod,
+    SignalFidelity,
+    SignalPair,
+    SmoothFidelity,
+    delay_fidelity,
+    fidelity_distribution,
+    fidelity_of_signals,
+    probability_better,
+)
 
 COUNT, STEP = 400, 5e-3
 TIME = STEP * np.arange(COUNT)

@@ -9,8 +9,8 @@ from scipy.signal import butter, lfilter
 
 import rigmatch as rm
 from matching.cli import main
-from matching.validity.fidelity.case_file import read_case
-from modelling.common.errors import InputError
+from matching.fidelity import read_case
+from modelling.errors import InputError
 
 TIME = np.arange(2000) * 1e-3
 LATE = 7  # samples

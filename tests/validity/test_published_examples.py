@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.validity.budget.budget_file import budget_from_tables, read_budget
-from matching.validity.budget.distributions import Distribution
-from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.rounding import written
+from matching.uncertainty.budget import Distribution, budget_from_tables, read_budget
+from matching.uncertainty.evaluate import evaluate
+from matching.uncertainty.propagate import written
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "gum"
 

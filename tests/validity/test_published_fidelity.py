@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.validity.fidelity.attribution import attribute
-from matching.validity.fidelity.case_file import read_case
-from modelling.common.errors import InputError
-from modelling.fidelity.fidelity import FidelityMethod
+from matching.fidelity import attribute, read_case
+from modelling.errors import InputError
 from modelling.fidelity.measures import (
+    FidelityMethod,
     chi,
     delay_fidelity,
     dynamics_fidelity,

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from matching.validity.budget.budget_file import budget_from_tables
-from matching.validity.budget.distributions import NAMES, Distribution
-from matching.validity.uncertainty.draws import sampler
-from matching.validity.uncertainty.evaluate import evaluate
-from matching.validity.uncertainty.inverse import required
-from matching.validity.uncertainty.montecarlo import monte_carlo
-from matching.validity.uncertainty.propagate import coverage_factor, propagate
-from matching.validity.uncertainty.rounding import numerical_tolerance, written
-from modelling.common.errors import InputError
+from matching.uncertainty.budget import NAMES, Distribution, budget_from_tables
+from matching.uncertainty.evaluate import evaluate
+from matching.uncertainty.propagate import (
+    coverage_factor,
+    monte_carlo,
+    numerical_tolerance,
+    propagate,
+    required,
+    sampler,
+    written,
+)
+from modelling.errors import InputError
 
 
 def single(formula, correlations=(), **inputs):
@@ -314,7 +317,7 @@ def test_inverse_use_works_on_the_monte_carlo_where_first_order_fails():
 
 def test_a_formula_nested_twenty_deep_costs_its_length():
     """Counted, not timed: operations of value and derivatives grow with the depth, and dimensions are found once."""
-    from matching.validity.uncertainty.propagate import _derivatives
+    from matching.uncertainty.propagate import _derivatives
 
     def operations(depth):
         formula = "atan2(" * depth + "x" + ", a)" * depth

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from matching.validity.fidelity.case_file import read_case
+from matching.fidelity import read_case
 
 BUDGET = """
 coverage_factor = 2

@@ -2,10 +2,9 @@
 
 import pytest
 
-from matching.validity.budget.budget_file import budget_from_tables
-from matching.validity.budget.formula import parse_formula
-from matching.validity.uncertainty.inverse import required, wanted_uncertainty
-from modelling.common.errors import InputError
+from matching.uncertainty.budget import budget_from_tables, parse_formula
+from matching.uncertainty.propagate import required, wanted_uncertainty
+from modelling.errors import InputError
 
 
 @pytest.fixture(scope="module")

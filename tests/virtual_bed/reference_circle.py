@@ -16,19 +16,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.bed_test.judge import judge
-from matching.bed_test.recorded import read_recordings
-from matching.commissioning.circle import Circle, CommissionOrder, plan_speed
-from matching.commissioning.fmu_bed import FmuBed, FmuController
-from matching.commissioning.runs import proof_recording
-from matching.excitation.proof import plan_proof
-from matching.fmu.controller import exported_controller
-from matching.fmu.export_source import tuned_case
-from matching.frequency.case.case import Case
-from matching.frequency.case.load import load_case
-from matching.report.common import style
-from modelling.controller.settings import SPEED_HOLD
-from modelling.controller.supervised import Answer
+from matching.bed.commission import Circle, CommissionOrder, plan_speed
+from matching.bed.excite import plan_proof
+from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
+from matching.bed.verify import judge, read_recordings
+from matching.export import exported_controller, tuned_case
+from matching.match.case import Case
+from matching.match.case_file import load_case
+from matching.report import common as style
+from modelling.controller.law import SPEED_HOLD, Answer
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drawn, drive_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"

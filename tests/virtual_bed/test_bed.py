@@ -10,8 +10,8 @@ from plant.engine import compiler, simulate
 from plant.hidden import Hidden
 from plant.systems import two_mass
 
-from matching.commissioning.fmu_bed import FmuBed
-from modelling.common.errors import InputError
+from matching.bed.simulated_bed import FmuBed
+from modelling.errors import InputError
 from virtual_bed.bed import Actuator, Reader, VirtualBed
 
 pytestmark = pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy and a C compiler")

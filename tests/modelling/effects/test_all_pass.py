@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from modelling.equations.compiled import compiled
-from modelling.fmu.variables import states
+from modelling.equations.casadi_code import compiled
+from modelling.fmu.export import state_variables as states
 from modelling.linear.linearise import linearise
-from modelling.linear.response import response
-from modelling.model.files import from_dict
+from modelling.linear.state_space import response
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 BASE = {

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import StateSpace, lsim
 
 from modelling.effects import EFFECTS
-from modelling.effects.first_guess import FittedMotion
+from modelling.effects.effect import FittedMotion
 
 K, C, K2, J_ENDS, STEP = 300.0, 2.5, 1200.0, (0.4, 1.5), 2e-4
 J_MIDDLE = 0.4 * J_ENDS[0]  # a share and, with K2, a ratio that are guessed

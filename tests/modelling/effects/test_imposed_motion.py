@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.modal.modes import modes
-from modelling.model.files import dumps, from_dict
+from modelling.model_file import dumps, from_dict
 from modelling.simulation.simulate import simulate
 
 J, STIFFNESS, DAMPING, RATE, SPEED = 0.4, 300.0, 0.6, 2 * np.pi * 3, 5.0

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from modelling.effects import EFFECTS
-from modelling.equations.compiled import compiled
+from modelling.equations.casadi_code import compiled
 from modelling.modal.modes import modes
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.units import unit_of
 
 BASE = {

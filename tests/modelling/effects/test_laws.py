@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import from_dict
 
 K, D, RATIO = 300.0, 0.6, 2.0
 BASE = {

@@ -6,13 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from matching.diagnosis.candidates.screening import Screening
-from matching.diagnosis.data.segments import FitData, Segment
-from matching.diagnosis.fitting.fit import solve
-from matching.diagnosis.fitting.problem import base_problem
-from matching.report.diagnosis.sentences import clause
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.screening import Screening
+from matching.report.diagnosis import clause
 from modelling.effects import EFFECTS
-from modelling.model.files import from_dict
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 LAW = '''

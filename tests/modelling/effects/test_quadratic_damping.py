@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from matching.diagnosis.diagnosis import diagnose
-from modelling.common.errors import InputError
-from modelling.measurement.recording import Recording
-from modelling.model.files import from_dict
+from matching.diagnosis.diagnose import diagnose
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import simulate
 
 COEFFICIENT = 0.4

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
-from modelling.model.files import from_dict
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import from_dict
 
 TRAIN = {
     "inertias": {"a": {"J": 0.4, "drag": 0.1}, "b": {"J": 1.5, "drag": 0.2}, "c": {"J": 1.0}},

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from modelling.effects.torque_ripple import outstanding_orders
+from modelling.effects.torques import outstanding_orders
 
 
 def test_the_order_of_a_ripple_stands_out_first():

@@ -5,11 +5,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
 from modelling.effects import EFFECTS
-from modelling.effects.place import members, place_in_words, shared_place
-from modelling.equations.compiled import compiled
-from modelling.model.files import dumps, from_dict
+from modelling.effects.effect import members, place_in_words, shared_place
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import dumps, from_dict
 
 BOTH = ["sensors.speed", "sensors.slow"]
 SYSTEM = {

@@ -5,9 +5,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
-from modelling.model.files import dumps, from_dict
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.model_file import dumps, from_dict
 from modelling.simulation.simulate import simulate
 
 POINTS, TORQUES = [-2.0, -0.5, 0.3, 4.0], [1.5, 0.2, -0.4, -3.0]

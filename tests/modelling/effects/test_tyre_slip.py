@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from modelling.common.errors import InputError
-from modelling.equations.compiled import compiled
-from modelling.linear.operating_point import operating_point
-from modelling.linear.response import response
-from modelling.model.files import from_dict
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.linear.linearise import operating_point
+from modelling.linear.state_space import response
+from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 K, D, SLIP_STIFFNESS, PEAK, SHAPE = 16000.0, 20.0, 24800.0, 1100.0, 1.65

@@ -2,8 +2,8 @@
 
 import pytest
 
-from modelling.units import registry
-from modelling.units.common_units import BY_TEXT
+from modelling import units as registry
+from modelling.units import BY_TEXT
 
 
 @pytest.mark.parametrize("text", BY_TEXT)

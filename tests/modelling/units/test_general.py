@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from matching.validity.budget.budget_file import budget_from_tables
-from matching.validity.uncertainty.evaluate import evaluate
-from modelling.common.errors import InputError
+from matching.uncertainty.budget import budget_from_tables
+from matching.uncertainty.evaluate import evaluate
+from modelling.errors import InputError
 from modelling.units import factor, signal_quantity, signal_unit, unit_of
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from modelling.common.errors import InputError
+from modelling.errors import InputError
 from modelling.units import factor, to_si
 
 RPM = 2 * math.pi / 60

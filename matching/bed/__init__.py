@@ -1,0 +1,1 @@
+"""On the bed: excite, identify, verify, commission."""

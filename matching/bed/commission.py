@@ -1,0 +1,573 @@
+"""Why a controlled bed falls short: the diagnosis of the recordings that showed it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from matching.bed.excite import (
+    ExcitationOrder,
+    ExcitationPlan,
+    excitation_csv,
+    plan_excitation,
+    plan_proof,
+    proof_csv,
+    steady_speed,
+)
+from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
+from matching.bed.simulated_bed import (
+    KEPT,
+    ByHand,
+    FmuBed,
+    FmuController,
+    HandedRecording,
+    Tell,
+    Waiting,
+    bed_system,
+    check_bed,
+    excited_recording,
+    keep_recording,
+    kept_recording,
+    proof_recording,
+    so_far,
+)
+from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, judge, read_recordings
+from matching.diagnosis.diagnose import diagnose
+from matching.export import exported_controller, tuned_case
+from matching.match.case import Case
+from matching.match.case_file import case_files, load_case
+from matching.match.match import match
+from matching.studies import append, rows
+from modelling.display import Displayed
+from modelling.errors import InputError
+from modelling.fmu.export import controller_fmu
+from modelling.recordings.read import Channel, read_recording, read_signals
+from modelling.toml import no_pipe
+from modelling.writing import strict_json, write_all
+
+# --- The rounds of a commissioning: what each found, when they end, and which controller is the best.
+
+NEAR_ENOUGH_RATIO = 1.5  # times what a match with the true values reaches: as near as a further round is worth
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round found; None where it has not come so far.
+
+    Attributes
+    ----------
+    number : int
+        From 1 on.
+    identification : mapping, optional
+        What the recording of the bed without emulation says: the content of ``identification.json`` for the bed.
+    match : mapping, optional
+        ``status`` and ``limits`` as in ``result.json``.
+    verification : mapping, optional
+        The content of ``verification.json`` in the round's folder.
+    against_last_vehicle : mapping, optional
+        Errors, functions, modes and fidelity of the same recording, judged against the vehicle of the last round.
+    """
+
+    number: int
+    identification: Mapping[str, Any] | None = None
+    match: Mapping[str, Any] | None = None
+    verification: Mapping[str, Any] | None = None
+    against_last_vehicle: Mapping[str, Any] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``commission.json`` holds it; without what the round has not come to."""
+        steps = {
+            "identification": self.identification, "match": self.match, "verification": self.verification,
+            "against_last_vehicle": self.against_last_vehicle,
+        }  # fmt: skip
+        return {"round": self.number, **{step: dict(content) for step, content in steps.items() if content is not None}}
+
+
+@dataclass(frozen=True)
+class Commissioning(Displayed):
+    """How far a commissioning has come.
+
+    Attributes
+    ----------
+    rounds : tuple of Round
+    end : str or None
+        Why no further round would gain; None where one may.
+    waiting_for : str or None
+        The recording that it waits for, in words.
+    vehicle : mapping, optional
+        What recordings of the road say: the content of ``identification.json`` for the vehicle.
+    """
+
+    rounds: tuple[Round, ...]
+    end: str | None = None
+    waiting_for: str | None = None
+    vehicle: Mapping[str, Any] | None = None
+
+    @property
+    def status(self) -> str | None:
+        """``waiting``, else that of the last verification: ``as_predicted``, ``short`` or ``undetermined``."""
+        if self.waiting_for:
+            return "waiting"
+        return next((entry.verification["status"] for entry in reversed(self.rounds) if entry.verification), None)
+
+    @property
+    def best_round(self) -> int | None:
+        """Number of the round with the least measured error; None without any."""
+        return best_round(self.rounds)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``commission.json`` holds it."""
+        return {
+            "status": self.status, "waiting_for": self.waiting_for, "end": self.end, "best_round": self.best_round,
+            "vehicle": None if self.vehicle is None else dict(self.vehicle),
+            "rounds": [entry.to_dict() for entry in self.rounds],
+        }  # fmt: skip
+
+
+def end_of(rounds: Sequence[Round]) -> str | None:
+    """Why no further round would gain, in a sentence; None where one would, or nothing was verified yet."""
+    now = rounds[-1].verification
+    if now is None:
+        return None
+    before = rounds[-2].verification if len(rounds) > 1 else None
+    if before is not None and not _gained(before, now):
+        return "the last round gained nothing that could be measured"
+    if now["status"] != "as_predicted" or any(_could_gain(error) for error in now["errors"]):
+        return None
+    return "the bed answers as well as the match can make it"
+
+
+def _could_gain(error: Mapping[str, Any]) -> bool:
+    """Whether an error is larger than what a match with the bed's true values would leave, beyond its uncertainty."""
+    reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
+    return error["error"] is None or bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
+
+
+def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether an error fell by more than the uncertainty of both; errors that are not determined say nothing."""
+    known = [
+        (old, new)
+        for old, new in zip(before["errors"], now["errors"], strict=False)
+        if old["error"] is not None and new["error"] is not None
+    ]
+    if not known:
+        return True
+    return any(old["error"] - new["error"] > old["standard_uncertainty"] + new["standard_uncertainty"]
+               for old, new in known)  # fmt: skip
+
+
+def best_round(rounds: Sequence[Round]) -> int | None:
+    """Number of the round with the least measured error, all against the vehicle of the last; None without any."""
+    errors = {}
+    for entry in rounds:
+        measured = entry.against_last_vehicle or entry.verification or {}
+        known = [error["error"] for error in measured.get("errors", ()) if error["error"] is not None]
+        if known:
+            errors[entry.number] = sum(error**2 for error in known) / len(known)
+    return min(errors, key=lambda number: errors[number]) if errors else None
+
+
+# --- Steps of a commissioning that are not repeated once they are done: a folder each, and a record with checksums.
+
+Files = Mapping[str, str | bytes]
+RECORD = "commission.jsonl"
+KINDS = {"step": str, "inputs": str, "files": dict, "figures": dict}  # of a row on record, by key
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The folder of a commissioning."""
+
+    folder: Path
+
+    def done(self, name: str, inputs: str) -> dict[str, Any] | None:
+        """Figures of a step that was done on the same inputs (a checksum) and whose files are all as they were."""
+        figures = None
+        for row in rows(self.folder / RECORD, KINDS):
+            if row["step"] == name and row["inputs"] == inputs and self._unchanged(name, row["files"]):
+                figures = row["figures"]
+        return figures
+
+    def run(
+        self,
+        name: str,
+        inputs: str,
+        work: Callable[[], tuple[Files, dict[str, Any]]],
+        enough: Callable[[Mapping[str, Any]], bool] = lambda _: True,
+    ) -> dict[str, Any]:
+        """Figures of a step: as recorded, where they are ``enough``, or of the ``work`` that gives files and figures.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written to, or the work's own.
+        """
+        figures = self.done(name, inputs)
+        if figures is not None and enough(figures):
+            return figures
+        if (self.folder / name).is_symlink():
+            raise InputError(str(self.folder / name), "is a link", "remove it: steps are written to this folder only")
+        files, figures = work()
+        write_all(self.folder / name, files)
+        sums = {path: checksum(content) for path, content in files.items()}
+        append(self.folder / RECORD, {"step": name, "inputs": inputs, "files": sums, "figures": figures})
+        return figures
+
+    def _unchanged(self, name: str, files: Mapping[str, str]) -> bool:
+        for path, wanted in files.items():
+            place = self.folder / name / path
+            if not place.is_file() or checksum(place.read_bytes()) != wanted:
+                return False
+        return True
+
+    def of_files(self, *paths: Path) -> str:
+        """Checksum of the contents of files.
+
+        Raises
+        ------
+        InputError
+            If one is a pipe or a device, which may never end.
+        """
+        total = hashlib.sha256()
+        for path in paths:
+            no_pipe(path, str(path))
+            total.update(hashlib.sha256(path.read_bytes()).digest())
+        return total.hexdigest()[:32]
+
+
+def checksum(content: str | bytes) -> str:
+    """Of a file's content."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
+
+
+# --- Commissioning in rounds: match, run and verify; then record, diagnose and match again, until the bed is right.
+
+BY_FMU = f"{KEPT}.csv"  # what an FMU of the bed recorded
+VEHICLE = "0_vehicle"  # the step before the first round
+DIAGNOSIS_LIMIT = 600.0  # s
+
+
+@dataclass(frozen=True)
+class CommissionOrder:
+    """What is wanted: rounds at most, the excitation, seed and processes of the matches.
+
+    ``follow`` (s): recordings in a folder are waited for, and followed until they have stood still for so long.
+    ``vehicle``: recordings of the vehicle on the road, which are diagnosed before the first match.
+    ``diagnosis_limit`` (s): after it a diagnosis ends with the best it has; None: it takes the time it needs.
+    """
+
+    rounds: int = 3
+    excitation: ExcitationOrder = field(default_factory=ExcitationOrder)
+    seed: int = 0
+    workers: int = 1
+    follow: float | None = None
+    vehicle: tuple[Path, ...] = ()
+    diagnosis_limit: float | None = DIAGNOSIS_LIMIT
+
+
+class Circle:
+    """A commissioning in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder a step, and the record of what is done.
+    bed : Path
+        An FMU of the bed, or a folder that recordings are put into.
+    order : CommissionOrder
+    tell : callable
+        Is given the name of each step.
+    """
+
+    def __init__(self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None):
+        check_bed(bed)
+        self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
+        self._stages = Stages(folder)
+        self._by_hand = ByHand(bed, order.follow, tell)
+        self._tuned: dict[int, Case] = {}  # the case of each round
+        self._rounds: list[Round] = []
+
+    def run(self, path: Path) -> Commissioning:
+        """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
+
+        Parameters
+        ----------
+        path : Path
+            A case file, or the directory of a match, which the first round then takes as it is.
+
+        Returns
+        -------
+        Commissioning
+            What each round found, and why it ended or what it waits for.
+
+        Raises
+        ------
+        InputError
+            If a file is not what it has to be, or the bed's controller gives up.
+        """
+        plan_speed(_case_at(path), self._order)  # an error now, not after a match
+        self._rounds = []
+        waiting = end = vehicle = None
+        if self._order.vehicle:
+            vehicle = self._vehicle_known(path)
+            path = self._folder / VEHICLE / "case.toml"
+        try:
+            for number in range(1, self._order.rounds + 1):
+                self._rounds.append(Round(number))
+                path = self._round(path, number)
+                end = end_of(self._rounds)
+                if end:
+                    break
+        except Waiting as reason:
+            waiting = reason.what
+        self._on_one_scale()
+        return Commissioning(tuple(self._rounds), end, waiting, vehicle)
+
+    def _found(self, **of_step: Any) -> None:
+        """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
+        self._rounds[-1] = replace(self._rounds[-1], **of_step)
+
+    def _vehicle_known(self, path: Path) -> dict[str, Any]:
+        """Diagnose the recordings of the vehicle; what became of it."""
+        self._tell("vehicle: diagnose")
+        case = _case_at(path)
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            vehicle = vehicle_from_recordings(
+                case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"), self._order.diagnosis_limit
+            )
+            return vehicle.files(), vehicle.to_dict()
+
+        inputs = self._stages.of_files(*self._order.vehicle) + _of_case(case)
+        return self._stages.run(VEHICLE, inputs, work, self._long_enough)
+
+    def _long_enough(self, identification: Mapping[str, Any]) -> bool:
+        """Whether a diagnosis came to its end, or had as much time as it would get now."""
+        had, limit = identification.get("ended_early"), self._order.diagnosis_limit
+        return had is None or (limit is not None and had >= limit)
+
+    def _on_one_scale(self) -> None:
+        """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
+        judged = [entry.number for entry in self._rounds if entry.verification is not None]
+        for number in judged[:-1]:
+            name, case = f"{number}_verify", self._tuned[judged[-1]]
+            self._tell(
+                f"round {number} of {self._order.rounds} at most: judge against the vehicle of round {judged[-1]}"
+            )
+            path = kept_recording(self._folder / name)
+
+            def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
+                result = judge(case, read_recordings([path], case)).to_dict()
+                return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
+
+            inputs = checksum(self._stages.of_files(path) + _of_case(case))
+            again = self._stages.run(f"{name}_again", inputs, work)
+            self._rounds[number - 1] = replace(self._rounds[number - 1], against_last_vehicle=again)
+
+    def _round(self, path: Path, number: int) -> Path:
+        """One round; where the next one begins from."""
+        if number > 1:
+            self._found(identification=self._identified(path, number))
+            path = self._folder / f"{number}_diagnose" / "case.toml"
+        matched = self._matched(path, number)
+        case = self._tuned[number] = tuned_case(matched).tuned
+        self._exported(case, number)
+        self._found(verification=self._verified(case, number))
+        return matched
+
+    def _matched(self, path: Path, number: int) -> Path:
+        if path.is_dir():
+            self._found(match={"status": "as given"})
+            return path
+        self._tell(f"round {number} of {self._order.rounds} at most: match")
+        case = load_case(path)
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            result = match(case, self._order.seed, workers=self._order.workers)
+            entries = result.to_dict()
+            files = {"result.json": strict_json(entries), **case_files(result.tuned)}
+            return files, {"status": result.status, "limits": list(result.limits)}
+
+        name = f"{number}_match"
+        self._found(match=self._stages.run(name, _of_case(case), work))
+        return self._folder / name
+
+    def _exported(self, case: Case, number: int) -> None:
+        self._tell(f"round {number} of {self._order.rounds} at most: export")
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
+
+        self._stages.run(f"{number}_export", _of_case(case), work)
+
+    def _verified(self, case: Case, number: int) -> dict[str, Any]:
+        self._tell(f"round {number} of {self._order.rounds} at most: run and verify")
+        name = f"{number}_verify"
+        exported = self._folder / f"{number}_export" / "controller.fmu"
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            speed = plan_speed(case, self._order)
+            wanted = plan_proof(case, speed)
+            if not self._bed.is_file():  # a folder, perhaps not there yet
+                taken = self._by_hand.recording(
+                    name, {"excitation.csv": proof_csv(wanted)},
+                    f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
+                    f"{name}_excitation.csv, and record them with the torque commands and every sensor of the rig",
+                    lambda path: so_far(judge(case, read_recordings([path], case))),
+                )  # fmt: skip
+            else:
+                law = exported_controller(case).law
+                with self._fmu(case) as bed, FmuController(exported, law) as controller:
+                    taken = HandedRecording(BY_FMU, proof_recording(bed, case, law, controller, wanted, speed))
+            keep_recording(self._folder / name, taken)
+            result = judge(case, read_recordings([self._folder / name / taken.name], case)).to_dict()
+            files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
+            return files | {"verification.json": strict_json(result)}, result
+
+        return self._stages.run(name, _of_case(case), work)
+
+    def _identified(self, matched: Path, number: int) -> dict[str, Any]:
+        """Excite, record, diagnose."""
+        case = tuned_case(matched).tuned
+        self._tell(f"round {number} of {self._order.rounds} at most: excite")
+
+        @cache
+        def plan() -> ExcitationPlan:  # some seconds, and needed only by steps that are not done
+            return plan_excitation(case, self._order.excitation)
+
+        self._stages.run(
+            f"{number}_excite", checksum(_of_case(case) + repr(self._order.excitation)),
+            lambda: ({"excite.json": strict_json(plan().to_dict()), "excitation.csv": excitation_csv(plan())}, {}),
+        )  # fmt: skip
+        self._recorded(case, plan, number)
+        self._tell(f"round {number} of {self._order.rounds} at most: diagnose")
+        path = kept_recording(self._folder / f"{number}_record")
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            bed = bed_from_recordings(
+                case, [path], lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit
+            )
+            return bed.files(), bed.to_dict()
+
+        return self._stages.run(
+            f"{number}_diagnose", self._stages.of_files(path) + _of_case(case), work, self._long_enough
+        )
+
+    def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
+        self._tell(f"round {number} of {self._order.rounds} at most: record")
+        name = f"{number}_record"
+        excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            if not self._bed.is_file():  # a folder, perhaps not there yet
+                taken = self._by_hand.recording(
+                    name, {"excitation.csv": excitation},
+                    f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
+                    f"the torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
+                    lambda path: f"{read_recording(path, bed_system(case)).time[-1]:.1f} s are recorded",
+                )  # fmt: skip
+            else:
+                with self._fmu(case) as bed:
+                    taken = HandedRecording(BY_FMU, excited_recording(bed, case, plan()))
+            keep_recording(self._folder / name, taken)
+            return {taken.name: taken.content}, {}
+
+        self._stages.run(name, checksum(excitation), work)
+
+    def _fmu(self, case: Case) -> FmuBed:
+        driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+        others = [part.name for part in case.rig.inputs if part.name not in driven]
+        return FmuBed(self._bed, [*driven, *others], [sensor.name for sensor in case.rig.sensors])
+
+
+def plan_speed(case: Case, order: CommissionOrder) -> float:
+    """Steady speed of the rotors, rad/s, of both kinds of run."""
+    return steady_speed(case) if order.excitation.speed is None else order.excitation.speed
+
+
+def _case_at(path: Path) -> Case:
+    """The case of a case file, or of a match's directory as tuned."""
+    return tuned_case(path).tuned if path.is_dir() else load_case(path)
+
+
+def _of_case(case: Case) -> str:
+    return checksum("".join(case_files(case).values()))
+
+
+# --- Why short
+
+LEAST_SHIFT = 1.0  # in half-widths of the case: a quantity that is further from its stated value is named
+
+
+@dataclass(frozen=True)
+class Reason:
+    """What a diagnosis of the bed behind its controller says.
+
+    Attributes
+    ----------
+    verdict : str
+        Of the diagnosis; empty where there was none.
+    sentences : tuple of str
+        Causes with their evidence, quantities that are further off than the case states, or why nothing was diagnosed.
+    """
+
+    verdict: str
+    sentences: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it."""
+        return {"verdict": self.verdict or None, "sentences": list(self.sentences)}
+
+
+def why_short(
+    case: Case,
+    verification: BedVerification,
+    recordings: Sequence[str | Path],
+    channels: Mapping[str, Channel] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Reason | None:
+    """Diagnose the recordings of a verification that is ``short``; None for any other.
+
+    They need the torque commands beside the sensors: between commands and readings the bed is as it is without
+    control, whatever the controller does.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or fitted.
+    """
+    if verification.status != "short":
+        return None
+    system = bed_system(case)
+    inputs = [part.name for part in system.inputs]
+    for path in recordings:
+        missing = sorted(set(inputs) - set(read_signals(Path(path), set(inputs), channels).channels))
+        if missing:
+            needed = f"{path} does not hold {', '.join(missing)}: record the torque commands as well, or use commission"
+            return Reason("", (needed,))
+    read = [read_recording(path, system, channels) for path in recordings]
+    diagnosis = diagnose(system, read, None, progress)
+    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in diagnosis.to_dict()["causes"]]
+    new = identified_case(case, diagnosis)
+    gains = [
+        f"{after.name} gives {after.torque_gain:.4g} times what it is asked for, not {before.torque_gain:.4g}"
+        for before, after in zip(case.loop.dynamometers, new.case.loop.dynamometers, strict=True)
+        if abs(after.torque_gain / before.torque_gain - 1)
+        > LEAST_SHIFT * _half_width(case, f"dynamometers.{before.name}")
+    ]
+    moved = [
+        f"{before.name} is {after.value:.4g}, not {before.value:.4g}"
+        for before, after in zip(case.uncertainty.uncertain, new.case.uncertainty.uncertain, strict=True)
+        if not before.name.endswith("_gain") and abs(after.value - before.value) > LEAST_SHIFT * before.half_width
+    ]
+    nothing = "The diagnosis finds no cause beyond what the case states as uncertain."
+    return Reason(diagnosis.verdict, tuple([*causes, *gains, *moved] or [nothing]))
+
+
+def _half_width(case: Case, dynamometer: str) -> float:
+    widths = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
+    return widths.get(f"{dynamometer}.torque_gain", 0.0)

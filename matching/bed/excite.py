@@ -1,0 +1,1181 @@
+"""Plans what excites the controlled bed for its proof: every compared torque, as much as the sensors' noise asks for.
+
+Torques of the road act inside the residual vehicle, so only what the dynamometers make of them has limits. Where the
+vehicle hardly answers, they may be many times those of a drive: else nothing is seen beside the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from matching.export import exported_controller
+from matching.match.beds import Bed, bed_of, bed_set, compared_sensors, disturbing, responses
+from matching.match.case import Box, Case, Compared
+from matching.match.loop import law_action, shaft_torque
+from modelling.bed.bed import delayed_bed
+from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, ControlLaw, Settings, has_gone
+from modelling.display import Displayed
+from modelling.errors import InputError
+from modelling.recordings.read import csv_text
+from modelling.system import Sensor
+
+# --- The bed without emulation, as a recording shows it: torques that are commanded or demanded in, readings out.
+
+UNKNOWN_NOISE = 1.0  # standard deviation of a sensor without a stated uncertainty, in its SI unit
+
+LARGEST_CONDITION = 1e9  # of eigenvectors: responses by them then hold to 1e-7 or better
+
+
+@dataclass(frozen=True)
+class RecordedBed:
+    """A case's bed with every sensor of the rig, and further torques of shafts that have limits.
+
+    Attributes
+    ----------
+    case : Case
+        Compares all that is no sensor of the controller: :func:`matching.match.beds.bed_of` gives it then.
+    inputs : tuple of str (u)
+        Inputs of the rig: the dynamometers', then the others.
+    sensors : tuple of str (y)
+        Those of the rig.
+    noise : ndarray (y,)
+        Standard deviation of a sample, SI.
+    shafts : tuple of str (s)
+        Shafts whose torques, then twists, stand behind the sensors.
+    """
+
+    case: Case
+    inputs: tuple[str, ...]
+    sensors: tuple[str, ...]
+    noise: np.ndarray
+    shafts: tuple[str, ...]
+
+    def at(self, values: Mapping[str, float]) -> Bed:
+        """The bed at values of what is uncertain (:class:`matching.match.case.Uncertain`), SI."""
+        return bed_of(self.case, values)
+
+    def rows(self, bed: Bed, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """C (y + 2s, x) and D (y + 2s, u) of sensors, shafts' torques (N·m) and twists (rad)."""
+        controller = list(self.case.loop.controller_sensors)
+        others = compared_sensors(self.case)
+        k, n = bed.commands.shape[1], len(bed.A)
+        C, D = np.zeros((len(self.sensors), n)), np.zeros((len(self.sensors), k + bed.torques.shape[1]))
+        for i, name in enumerate(self.sensors):
+            if name in controller:
+                C[i] = bed.readings[controller.index(name)]
+            else:
+                at = others.index(name)
+                C[i], D[i, k:] = bed.compared[at], bed.compared_torques[at]
+        torques, twists = self._of_shafts(bed, values, others)
+        nothing = np.zeros((2 * len(self.shafts), D.shape[1]))
+        return np.vstack([C, torques, twists]), np.vstack([D, nothing])
+
+    def _of_shafts(self, bed: Bed, values: Mapping[str, float], others: list[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (s, x), (s, x) of the shafts' torques and twists: a twist is what stiffness leaves of the torque."""
+        torques, twists = [], []
+        for shaft in self.case.rig.shafts:
+            torque = bed.compared[others.index(shaft_torque(shaft.name))]
+            first, second = (bed.compared[others.index(_speed_of(end))] for end in shaft.between)
+            rate = first / (1.0 if shaft.ratio is None else shaft.ratio.value) - second
+            stiffness, damping = (
+                values.get(f"rig.shafts.{shaft.name}.{key}", getattr(shaft, key).value)
+                for key in ("stiffness", "damping")
+            )
+            torques.append(torque)
+            twists.append((torque - damping * rate) / stiffness)
+        return np.array(torques), np.array(twists)
+
+    def response(self, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
+        """Responses (f, y, u) of the sensors to the inputs, dead time of the commands included.
+
+        A command varies linearly between samples in a recording, so the half sample of hold that the dead time of the
+        loop counts is none of it.
+        """
+        bed = self.at(values)
+        C, D = self.rows(bed, values)
+        s = 2j * np.pi * frequencies
+        y, k = len(self.sensors), bed.commands.shape[1]
+        H = transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], s) + D[:y]
+        H[:, :, :k] *= np.exp(-s * bed.delay)[:, None, None]
+        return H
+
+
+def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """C·(s·I − A)⁻¹·B (f, y, u) at s (f,) in rad/s, by eigenvectors where they are far enough from parallel."""
+    poles, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < LARGEST_CONDITION:
+        residues = np.einsum("yx,xu->xyu", C @ vectors, np.linalg.solve(vectors, B))
+        return np.tensordot(1 / (s[:, None] - poles), residues, 1)
+    return C @ np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
+
+
+def _speed_of(inertia: str) -> str:
+    """Name of the added sensor of an inertia's speed."""
+    return f"excited_speed_{inertia}"
+
+
+def recorded_bed(case: Case) -> RecordedBed:
+    """The bed of a case as a recording shows it."""
+    rig, loop = case.rig, case.loop
+    shafts = tuple(shaft.name for shaft in rig.shafts)
+    ends = dict.fromkeys(end for shaft in rig.shafts for end in shaft.between)
+    further = (
+        *(Sensor(shaft_torque(name), "torque", name) for name in shafts),
+        *(Sensor(_speed_of(end), "speed", end) for end in ends),
+    )
+    watched = replace(rig, sensors=(*rig.sensors, *further))
+    known = set(loop.controller_sensors)
+    # the inputs of these pairs are not looked at: the sensors are
+    source = loop.dynamometers[0].torque_input
+    compared = tuple(Compared(source, sensor.name) for sensor in watched.sensors if sensor.name not in known)
+    noise = [UNKNOWN_NOISE if sensor.uncertainty is None else sensor.uncertainty for sensor in rig.sensors]
+    return RecordedBed(
+        replace(case, rig=watched, compared=compared),
+        (*(dynamometer.torque_input for dynamometer in loop.dynamometers), *disturbing(case)),
+        tuple(sensor.name for sensor in rig.sensors), np.array(noise), shafts,
+    )  # fmt: skip
+
+
+# --- What torques do to beds under their controller, by frequency.
+
+
+@dataclass(frozen=True)
+class ControlledBeds:
+    """Responses of beds under emulation; b beds, f frequencies, e torques, k dynamometers.
+
+    Attributes
+    ----------
+    commands : ndarray (b, f, k, e)
+    outputs : ndarray (b, f, y + 2s, e)
+        Sensors of the rig, then torques and twists of its shafts.
+    """
+
+    commands: np.ndarray
+    outputs: np.ndarray
+
+
+def controlled_beds(
+    bed: RecordedBed,
+    values: Sequence[Mapping[str, float]],
+    law: ControlLaw,
+    torques: Sequence[str],
+    frequencies: np.ndarray,
+) -> ControlledBeds:
+    """Responses to torques (e), inputs of the rig or known to the law, at frequencies (f,), Hz, well below half the
+    sampling frequency: what a sampled reading folds back from above is left out.
+
+    Parameters
+    ----------
+    values : sequence of mappings (b)
+        Values of what is uncertain, SI.
+    """
+    acting = law_action(law, frequencies, bed.case.loop.controller_sensors)
+    s, step = 2j * np.pi * frequencies, law.sample_time
+    hold = (1 - np.exp(-s * step)) / (s * step)
+    commands, outputs = [], []
+    for bed_values in values:
+        shifted = bed.at(bed_values)
+        C, D = bed.rows(shifted, bed_values)
+        k, count = shifted.commands.shape[1], len(C)
+        H = transfer(shifted.A, np.hstack([shifted.commands, shifted.torques]), np.vstack([C, shifted.readings]), s)
+        H[:, :, :k] *= (hold * np.exp(-s * shifted.delay))[:, None, None]
+        H[:, :count] += D
+        direct = np.zeros((*H.shape[:2], len(torques)), complex)
+        asked = np.zeros((len(s), k, len(torques)), complex)
+        for i, name in enumerate(torques):
+            if name in bed.inputs:
+                direct[:, :, i] = H[:, :, bed.inputs.index(name)]
+            if name in law.known:
+                asked[:, :, i] = acting.of_known[:, :, law.known.index(name)]
+        asked += acting.of_readings @ direct[:, count:]
+        sent = np.linalg.solve(np.eye(k) - acting.of_readings @ H[:, count:, :k], asked)
+        commands.append(sent)
+        outputs.append(direct[:, :count] + H[:, :count, :k] @ sent)
+    return ControlledBeds(np.stack(commands), np.stack(outputs))
+
+
+# --- Fisher information of a recording about what is uncertain, and the spectrum that makes the most of it.
+
+STEP = 0.1  # of a half-width, for central differences
+PRIOR = 3.0  # information of an even distribution over ±1: one over its variance
+ROUNDS = 200  # of the multiplicative algorithm
+FREQUENCIES_AT_ONCE = 4000  # frequencies
+FAINT = 1e-3  # of the largest spectral line: what is smaller tells nothing
+
+
+def sensitivities(bed: RecordedBed, box: Box, frequencies: np.ndarray) -> np.ndarray:
+    """Derivatives (p, f, y, u) of the responses by each quantity in half-widths, over the noise of the sensors.
+
+    ``frequencies`` (f,) are in Hz.
+    """
+    p = len(box.uncertain)
+    slopes = []
+    for i in range(p):
+        above, below = (bed.response(box.at(sign * STEP * np.eye(p)[i]), frequencies) for sign in (1, -1))
+        slopes.append((above - below) / (2 * STEP))
+    return np.stack(slopes) / bed.noise[:, None]
+
+
+def information(bed: RecordedBed, box: Box, inputs: np.ndarray, step: float, lowest: float) -> np.ndarray:
+    """Fisher information (p, p) of a recording with inputs (t, u) at steps (s), noise white (Ljung 1999, eq. 9.29).
+
+    What lies below ``lowest`` (Hz) is left out: the unknown start takes it.
+    """
+    spectrum = np.fft.rfft(inputs, axis=0)
+    f = np.fft.rfftfreq(len(inputs), step)
+    power = np.abs(spectrum).max(axis=1)
+    used = np.flatnonzero((f >= lowest) & (power > FAINT * power.max()))
+    p = len(box.uncertain)
+    total = np.zeros((p, p))
+    for begin in range(0, len(used), FREQUENCIES_AT_ONCE):
+        part = used[begin : begin + FREQUENCIES_AT_ONCE]
+        answers = np.einsum("pfyu,fu->pfy", sensitivities(bed, box, f[part]), spectrum[part])
+        flat = answers.reshape(p, -1)
+        total += 2 / len(inputs) * np.real(flat.conj() @ flat.T)
+    return total
+
+
+def line_information(bed: RecordedBed, box: Box, lines: np.ndarray, of_input: np.ndarray, count: int) -> np.ndarray:
+    """Information (l, p, p) of ``count`` samples of a sine, mean square 1 (N·m)², at each line (l,) in Hz."""
+    slopes = sensitivities(bed, box, lines)
+    of_lines = slopes[:, np.arange(len(lines)), :, of_input]  # (l, p, y): NumPy puts the paired axis first
+    return count * np.real(np.einsum("lpy,lqy->lpq", of_lines.conj(), of_lines))
+
+
+def optimal_powers(lines: np.ndarray, of_input: np.ndarray, weights: np.ndarray, budget: np.ndarray) -> np.ndarray:
+    """Mean squares (l,) of the lines, each input's adding up to its budget (u,), that minimise tr(W·(F + prior)⁻¹).
+
+    Multiplicative algorithm (Silvey, Titterington and Torsney 1978; Yu 2010), which converges on this convex problem.
+
+    Parameters
+    ----------
+    lines : ndarray (l, p, p)
+        Information of each line with mean square 1.
+    of_input : ndarray (l,)
+    weights : ndarray (p, p)
+    """
+    powers = np.zeros(len(lines))
+    for j, allowance in enumerate(budget):
+        mine = of_input == j
+        powers[mine] = allowance / max(mine.sum(), 1)
+    prior = PRIOR * np.eye(len(weights))
+    for _ in range(ROUNDS):
+        inverse = np.linalg.inv(prior + np.tensordot(powers, lines, 1))
+        gain = np.einsum("pq,lqp->l", inverse @ weights @ inverse, lines)
+        for j, allowance in enumerate(budget):
+            mine = of_input == j
+            moved = powers[mine] * np.sqrt(np.maximum(gain[mine], 0.0))
+            if moved.sum() > 0:
+                powers[mine] = allowance * moved / moved.sum()
+    return powers
+
+
+# --- What an excitation does to beds under a slow speed hold, from sample to sample; b beds at once.
+
+SLOWER = 0.05  # crossover of the speed hold that runs beside an excitation, over that of the controller's own
+
+
+@dataclass(frozen=True)
+class SpeedHold:
+    """Gains (k,) of the speed hold of each dynamometer, N·m·s/rad and N·m/rad."""
+
+    proportional: np.ndarray
+    integral: np.ndarray
+
+    @classmethod
+    def of(cls, settings: Settings) -> SpeedHold:
+        """Slow enough to leave an excitation alone: the controller's own, slowed down."""
+        return cls(SLOWER * settings.hold_proportional, SLOWER**2 * settings.hold_integral)
+
+
+@dataclass(frozen=True)
+class ExcitedMotion:
+    """Deviations from the steady motion; b beds, t samples, k dynamometers.
+
+    Attributes
+    ----------
+    commands : ndarray (t, b, k)
+        Torque commands, speed hold included, N·m.
+    outputs : ndarray (t, b, y + 2s)
+        Sensors of the rig, then torques and twists of its shafts.
+    """
+
+    commands: np.ndarray
+    outputs: np.ndarray
+
+    def scaled(self, factor: float) -> ExcitedMotion:
+        """The motion under that many times the torques: all is linear."""
+        return ExcitedMotion(factor * self.commands, factor * self.outputs)
+
+
+class ExcitedBeds:
+    """Several beds of a case, ready to be excited.
+
+    Parameters
+    ----------
+    bed : RecordedBed
+    values : sequence of mappings (b)
+        Values of what is uncertain.
+    hold : SpeedHold
+    """
+
+    def __init__(self, bed: RecordedBed, values: Sequence[Mapping[str, float]], hold: SpeedHold):
+        loop = bed.case.loop
+        self._hold, self._step = hold, loop["sample_time"]
+        beds = [bed.at(bed_values) for bed_values in values]
+        sampled = [delayed_bed(linear.A, linear.commands, linear.torques, linear.delay, self._step) for linear in beds]
+        self._whole, self._new, self._old, self._torques = (
+            np.stack([getattr(delayed, name) for delayed in sampled]) for name in ("whole", "new", "old", "torques")
+        )
+        self._delays = np.array([linear.delay for linear in sampled])
+        rows = [bed.rows(linear, bed_values) for linear, bed_values in zip(beds, values, strict=True)]
+        self._C, self._D = np.stack([C for C, _ in rows]), np.stack([D for _, D in rows])
+        at = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in loop.dynamometers]
+        self._speeds = at
+        self._continuous = beds
+
+    def steady(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """Commands (b, k) and outputs (b, y + 2s) of the steady motion with every rotor at a speed, rad/s."""
+        commands, outputs = [], []
+        for linear, C in zip(self._continuous, self._C, strict=True):
+            n, k = linear.commands.shape
+            equations = np.block([[linear.A, linear.commands], [C[self._speeds], np.zeros((k, k))]])
+            solution = np.linalg.lstsq(equations, np.append(np.zeros(n), np.full(k, speed)), rcond=None)[0]
+            commands.append(solution[n:])
+            outputs.append(C @ solution[:n])
+        return np.stack(commands), np.stack(outputs)
+
+    def run(self, demands: np.ndarray) -> ExcitedMotion:
+        """Deviations under demanded torques (t, u), linear between samples, from the steady motion on.
+
+        What is applied in a sample is the mean of the demand over it.
+        """
+        t, b, k = len(demands), len(self._whole), self._new.shape[2]
+        applied = np.vstack([(demands[:-1] + demands[1:]) / 2, demands[-1:]])
+        pushed = np.einsum("bxd,td->tbx", self._torques, applied[:, k:])
+        direct = np.einsum("byd,td->tby", self._D[:, :, k:], demands[:, k:])
+        x, integral = self._whole.shape[1], np.zeros((b, k))
+        lead = self._delays.max() + 1
+        sent = np.zeros((t + lead, b, k))  # shifted: commands before the first are zero
+        each = np.arange(b)
+        # one product a sample: [state, newest and older command that act] → next state
+        both = np.concatenate([self._whole, self._new, self._old], axis=2)
+        states = np.zeros((t + 1, b, x + 2 * k))
+        speed_rows = self._C[:, self._speeds]
+        for i in range(t):
+            z = states[i]
+            error = -np.matmul(speed_rows, z[:, :x, None])[:, :, 0]
+            sent[lead + i] = applied[i, :k] + self._hold.proportional * error + integral
+            integral += self._hold.integral * self._step * error
+            now = lead + i - self._delays
+            z[:, x : x + k], z[:, x + k :] = sent[now, each], sent[now - 1, each]
+            states[i + 1, :, :x] = np.matmul(both, z[:, :, None])[:, :, 0] + pushed[i]
+        outputs = np.swapaxes(np.matmul(self._C, np.moveaxis(states[:-1, :, :x], 0, 2)), 0, 2)
+        return ExcitedMotion(sent[lead:], np.swapaxes(outputs, 1, 2) + direct)
+
+
+# --- The bed's limits on an excitation: how much of each is used.
+
+SLOWEST = 0.2  # of the steady speed: no rotor comes nearer to standstill, where dry friction would hold it
+BISECTIONS = 14
+LARGEST_SCALE = 1e6
+
+
+@dataclass(frozen=True)
+class _Extremes:
+    """Extremes over the samples: outputs (b, y + 2s), commands 2 × (b, k), demands (d,); all commands and speeds."""
+
+    highest: np.ndarray
+    lowest: np.ndarray
+    command: tuple[np.ndarray, np.ndarray]
+    demand: np.ndarray
+    commands: np.ndarray
+    speeds: np.ndarray
+
+    @classmethod
+    def of(cls, motion: ExcitedMotion, demands: np.ndarray, speed_rows: list[int]) -> _Extremes:
+        k = motion.commands.shape[2]
+        return cls(
+            motion.outputs.max(axis=0), motion.outputs.min(axis=0),
+            (motion.commands.max(axis=0), motion.commands.min(axis=0)), np.abs(demands[:, k:]).max(axis=0),
+            motion.commands, motion.outputs[:, :, speed_rows],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ExcitationLimits:
+    """Largest absolute values; ``demanded`` are the largest torques (d,) of inputs that are no dynamometer's, N·m."""
+
+    bed: RecordedBed
+    speed: float
+    demanded: np.ndarray
+
+    def used(
+        self, steady: tuple[np.ndarray, np.ndarray], motion: ExcitedMotion, demands: np.ndarray
+    ) -> dict[str, float]:
+        """Largest share of each limit, by its name in the case, over all beds and samples.
+
+        Parameters
+        ----------
+        steady : (ndarray (b, k), ndarray (b, y + 2s))
+            Commands and outputs of the steady motion.
+        motion : ExcitedMotion
+        demands : ndarray (t, u)
+        """
+        return self._shares(steady, _Extremes.of(motion, demands, self._speed_rows), 1.0)
+
+    @property
+    def _speed_rows(self) -> list[int]:
+        return [self.bed.sensors.index(dynamometer.speed_sensor) for dynamometer in self.bed.case.loop.dynamometers]
+
+    def _shares(self, steady: tuple[np.ndarray, np.ndarray], moved: _Extremes, scale: float) -> dict[str, float]:
+        case, limits = self.bed.case, self.bed.case.limits
+        highest, lowest = (steady[1] + scale * reading for reading in (moved.highest, moved.lowest))
+        largest = np.maximum(np.abs(highest), np.abs(lowest)).max(axis=0)  # (y + 2s,)
+        commands = np.maximum(
+            np.abs(steady[0] + scale * moved.command[0]), np.abs(steady[0] + scale * moved.command[1])
+        )
+        shares = {"slowest rotor": float((1 - lowest[:, self._speed_rows].min() / self.speed) / (1 - SLOWEST))}
+        peaks = {"dynamometer_torque": commands.max(), "dynamometer_speed": largest[self._speed_rows].max()}
+        if "dynamometer_power" in limits or case.torque_curve is not None:
+            torques, speeds = steady[0] + scale * moved.commands, self.speed + scale * moved.speeds
+            peaks["dynamometer_power"] = np.abs(torques * speeds).max()
+            if case.torque_curve is not None:
+                shares["dynamometer_torque_over_speed"] = case.torque_curve.used(torques, speeds)
+        shares |= {name: float(peak / limits[name]) for name, peak in peaks.items() if name in limits}
+        names = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in self.bed.shafts]
+        for name, peak in zip(names, largest[len(self.bed.sensors) :], strict=True):
+            if name in limits:
+                shares[name] = float(peak / limits[name])
+        for name, peak, limit in zip(self.bed.inputs[commands.shape[1] :], moved.demand, self.demanded, strict=True):
+            if limit > 0:
+                shares[f"inputs.{name}"] = float(scale * peak / limit)
+        return shares
+
+    def check_steady(self, steady: tuple[np.ndarray, np.ndarray], allowed: float) -> None:
+        """The steady speed alone must hold every limit up to a share ``allowed``.
+
+        Raises
+        ------
+        InputError
+            If it does not.
+        """
+        still = ExcitedMotion(np.zeros((1, *steady[0].shape)), np.zeros((1, *steady[1].shape)))
+        used = self.used(steady, still, np.zeros((1, len(self.bed.inputs))))
+        name = max(used, key=lambda key: used[key])
+        if used[name] > allowed:
+            raise InputError(
+                "--speed",
+                f"{self.speed:g} rad/s alone takes {used[name]:.0%} of {name}, {allowed:.0%} are allowed",
+                "choose another speed",
+            )
+
+    def largest_scale(
+        self, steady: tuple[np.ndarray, np.ndarray], motion: ExcitedMotion, demands: np.ndarray, allowed: float
+    ) -> float:
+        """Largest factor on an excitation with every limit used up to a share ``allowed``.
+
+        Parameters are those of :meth:`used`; demands (t, u) in N·m.
+        """
+
+        moved = _Extremes.of(motion, demands, self._speed_rows)
+
+        def holds(scale: float) -> bool:
+            return max(self._shares(steady, moved, scale).values()) <= allowed
+
+        low, high = 0.0, 1.0
+        while holds(high) and high < LARGEST_SCALE:
+            low, high = high, 2 * high
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        return low
+
+
+def check_demanded(case: Case, stated: Mapping[str, float]) -> None:
+    """Whether stated torques are those of inputs that are no dynamometer's.
+
+    Raises
+    ------
+    InputError
+        If ``stated`` names no such input.
+    """
+    names = disturbing(case)
+    for name in stated:
+        if name not in names:
+            raise InputError(f"--limit {name}", "is no input beside the dynamometers'", f"choose of {', '.join(names)}")
+
+
+def demanded_limits(bed: RecordedBed, stated: Mapping[str, float]) -> np.ndarray:
+    """Largest torques (d,) of the inputs beside the dynamometers: as stated, else as large as the manoeuvre."""
+    case, names = bed.case, bed.inputs[len(bed.case.loop.dynamometers) :]
+    demands = []
+    for name in names:
+        manoeuvre = case.manoeuvre.get(name)
+        peak = 0.0 if manoeuvre is None else float(np.abs(manoeuvre.torque(manoeuvre.time())).max())
+        demands.append(stated.get(name, peak))
+    return np.array(demands)
+
+
+# --- A planned excitation with what it is expected to tell.
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A quantity before and after the recording: standard uncertainties in its SI unit, and its part of the error.
+
+    ``share_before`` and ``share_after`` are response errors (rms over the compared functions and the band) that come
+    from not knowing this quantity alone.
+    """
+
+    name: str
+    value: float
+    unit: str
+    before: float
+    after: float
+    share_before: float
+    share_after: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``excite.json`` holds it."""
+        return {
+            "name": self.name, "value": self.value, "unit": self.unit, "standard_uncertainty_before": self.before,
+            "standard_uncertainty_after": self.after, "response_error_before": self.share_before,
+            "response_error_after": self.share_after,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an excitation: what it is, begin and end (s), and its factor on the shape."""
+
+    kind: str
+    begin: float
+    end: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class ExcitationPlan(Displayed):
+    """A planned excitation; t samples, u inputs.
+
+    Attributes
+    ----------
+    speed : float
+        rad/s: the rotors' steady speed, held slowly beside the excitation.
+    hold : dict
+        Gains of that speed hold by dynamometer.
+    time, torques : ndarray (t,), (t, u)
+        Demanded torques beside the speed hold's, N·m.
+    parts : tuple of Part
+    fitted_until : float
+        s: the recording up to here is for the fit, the rest for judging it.
+    expected : tuple of Expected
+        What matters most for the match first.
+    error_before, error_after : float
+        Response error from all that is not known together.
+    used : dict
+        Largest share of each limit over the beds that were simulated.
+    margin, beds : float, int
+        Share of every limit left free, and number of beds simulated.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    title: str
+    speed: float
+    hold: dict[str, tuple[float, float]]
+    inputs: tuple[str, ...]
+    time: np.ndarray = field(repr=False)
+    torques: np.ndarray = field(repr=False)
+    parts: tuple[Part, ...]
+    fitted_until: float
+    expected: tuple[Expected, ...]
+    error_before: float
+    error_after: float
+    used: dict[str, float]
+    margin: float
+    beds: int
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``excite.json`` holds it."""
+        return {
+            "title": self.title,
+            "file": "excitation.csv",
+            "speed": self.speed,
+            "speed_hold": {name: {"proportional": p, "integral": i} for name, (p, i) in self.hold.items()},
+            "duration": float(self.time[-1]),
+            "parts": [vars(part) for part in self.parts],
+            "fitted_until": self.fitted_until,
+            "response_error": {"before": self.error_before, "after": self.error_after},
+            "expected": [quantity.to_dict() for quantity in self.expected],
+            "limits_used": self.used,
+            "margin": self.margin,
+            "beds": self.beds,
+            "notes": list(self.notes),
+        }
+
+
+def excitation_csv(plan: ExcitationPlan) -> str:
+    """Text of ``excitation.csv``: demanded torques beside the speed hold's, linear between samples."""
+    columns = {name: plan.torques[:, j] for j, name in enumerate(plan.inputs)}
+    return csv_text(plan.time, columns, dict.fromkeys(plan.inputs, "N*m"))
+
+
+# --- How much the response error of the controlled bed depends on each quantity that is not known exactly.
+
+POINTS = 60  # frequencies over the band
+
+
+def error_weights(case: Case) -> np.ndarray:
+    """Matrix W (p, p) with mean square response error = θᵀ·W·θ for small offsets θ, in half-widths of the case's box.
+
+    The controller stays as it is, the bed is off, and the vehicle has the bed's specimen.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the controller's design has no solution.
+    """
+    box, loop = case.uncertainty, case.loop
+    p = len(box.uncertain)
+    low, high = np.log(case.band)
+    frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
+    positions = STEP * np.vstack([np.eye(p), -np.eye(p)])
+    beds = bed_set(case, [box.at(position) for position in positions], frequencies)
+    acting = law_action(exported_controller(case).law, frequencies, loop.controller_sensors)
+    ratio = responses(beds, acting, acting.known) / beds.vehicle
+    slopes = np.log(ratio[:p] / ratio[p:]) / (2 * STEP)
+    flat = slopes.reshape(p, -1)
+    return np.real(flat.conj() @ flat.T) / flat.shape[1]
+
+
+# --- Shapes of excitation: multisine, chirp and steps, each beginning and ending at zero.
+
+FADE = 0.25  # s at both ends of a part
+STEP_RISE = 0.02  # s: a step is a ramp of this time
+CREST_TRIES = 40  # draws of the phases, of which the flattest is taken
+
+
+def fade(samples: int, step: float) -> np.ndarray:
+    """Window (t,) that rises and falls by half a cosine at its ends; ``step`` in s."""
+    edge = min(round(FADE / step), samples // 4)
+    window = np.ones(samples)
+    window[:edge] = (1 - np.cos(np.pi * np.arange(edge) / edge)) / 2
+    window[samples - edge :] = window[:edge][::-1]
+    return window
+
+
+# more than six parameters: all that defines the signal
+def multisine(
+    lines: np.ndarray, of_input: np.ndarray, powers: np.ndarray, inputs: int, samples: int, step: float, seed: int
+) -> np.ndarray:
+    """Torques (t, u): sines at lines (l,), Hz, of mean squares ``powers`` (l,), with drawn phases and a small peak.
+
+    ``of_input`` (l,) is each line's input, ``step`` in s.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(samples) * step
+    waves = 2j * np.pi * lines[:, None] * time
+    out = np.zeros((samples, inputs))
+    for j in range(inputs):
+        mine = np.flatnonzero((of_input == j) & (powers > 0))
+        if not len(mine):
+            continue
+        amplitude = np.sqrt(2 * powers[mine])
+        carriers = np.exp(waves[mine])
+        drawn = np.exp(2j * np.pi * rng.random((CREST_TRIES, len(mine))))
+        shapes = np.real((drawn * amplitude) @ carriers)
+        out[:, j] = shapes[np.argmin(np.abs(shapes).max(axis=1))]
+    return out * fade(samples, step)[:, None]
+
+
+def chirp(low: float, high: float, input_index: int, inputs: int, samples: int, step: float) -> np.ndarray:
+    """Torques (t, u): a sine of amplitude 1 whose frequency (Hz) grows exponentially, on one input; ``step`` in s."""
+    time, lasts = np.arange(samples) * step, samples * step
+    rate = np.log(high / low)
+    out = np.zeros((samples, inputs))
+    out[:, input_index] = np.sin(2 * np.pi * low * lasts / rate * np.expm1(rate * time / lasts))
+    return out * fade(samples, step)[:, None]
+
+
+def steps(input_index: int, inputs: int, samples: int, step: float) -> np.ndarray:
+    """Torques (t, u): up, down through zero to the other side, and back, amplitude 1, on one input; ``step`` in s."""
+    lasts = samples * step
+    at = np.array([0.05, 0.05, 0.35, 0.35, 0.65, 0.65]) * lasts
+    at[1::2] += STEP_RISE
+    out = np.zeros((samples, inputs))
+    out[:, input_index] = np.interp(np.arange(samples) * step, at, [0.0, 1.0, 1.0, -1.0, -1.0, 0.0])
+    return out
+
+
+# --- Beds of the box on which an excitation comes nearest to each limit, and by how much it has to be smaller there.
+
+SLOPE_STEP = 0.5  # of a half-width, over which the slope of a limit's use is taken
+BEDS_AT_ONCE = 8  # beds that are simulated together: recordings of all sensors and shafts are held in memory
+
+
+def scale_on_worst_beds(limits: ExcitationLimits, box: Box, hold: SpeedHold, torques: np.ndarray) -> float:
+    """Largest factor, at most 1, on demanded ``torques`` (t, u), N·m, with no limit exceeded on the box's worst beds.
+
+    For each limit that is the corner to which its use rises, by its slope over each uncertain quantity. No margin is
+    left there: the margin is for what is not in the box.
+
+    Raises
+    ------
+    InputError
+        If the steady speed alone exceeds a limit on such a bed.
+    """
+    positions = np.vstack([np.zeros(len(box.uncertain)), SLOPE_STEP * np.eye(len(box.uncertain))])
+    used: list[dict[str, float]] = []
+    for first in range(0, len(positions), BEDS_AT_ONCE):
+        beds = _beds(limits, box, hold, positions[first : first + BEDS_AT_ONCE])
+        (commands, outputs), motion = beds.steady(limits.speed), beds.run(torques)
+        for b in range(len(commands)):
+            part = slice(b, b + 1)
+            moved = ExcitedMotion(motion.commands[:, part], motion.outputs[:, part])
+            used.append(limits.used((commands[part], outputs[part]), moved, torques))
+    shares = np.array([list(of_bed.values()) for of_bed in used])  # (1 + p, l)
+    corners = np.unique(np.sign(shares[1:] - shares[0]).T, axis=0)
+    scale = 1.0
+    for first in range(0, len(corners), BEDS_AT_ONCE):
+        beds = _beds(limits, box, hold, corners[first : first + BEDS_AT_ONCE])
+        steady = beds.steady(limits.speed)
+        limits.check_steady(steady, 1.0)
+        scale = min(scale, limits.largest_scale(steady, beds.run(torques), torques, 1.0))
+    return scale
+
+
+def _beds(limits: ExcitationLimits, box: Box, hold: SpeedHold, positions: np.ndarray) -> ExcitedBeds:
+    return ExcitedBeds(limits.bed, [box.at(position) for position in positions], hold)
+
+
+# --- Plans an identification recording: what matters for the match, within the bed's limits.
+
+FITTED = 0.7  # of the recording: the rest is what a diagnosis holds out
+SHARES = (("multisine", 0.42), ("chirp", 0.16), ("steps", 0.12), ("multisine", 0.30))  # of the duration
+LINES = 90  # of the multisine, over the frequencies excited
+HIGHEST_TIMES_BAND, HIGHEST_TIMES_SAMPLING = 2.0, 0.06  # highest frequency, the lower of the two: a sample is short
+EVEN = 0.3  # share of each input's power that is spread evenly, for what no quantity of the model stands for
+REST = 0.5  # s without excitation at the beginning
+SPEED_SHARE = 0.25  # of the largest speed: where the bed turns unless the case or the caller says otherwise
+SHORTEST_PLAN = 6.0  # s
+SHAPING_BEDS = 4  # of those simulated, that each part is made as large as possible on
+SECOND_SEED = 1  # of the multisine that is held out
+
+
+@dataclass(frozen=True)
+class ExcitationOrder:
+    """What is wanted of a plan: duration (s), share of every limit that stays free, steady speed of the rotors (rad/s;
+    None: from the case), largest torques of inputs that are no dynamometer's (N·m), beds to simulate, seed."""
+
+    duration: float = 20.0
+    margin: float = 0.2
+    speed: float | None = None
+    largest: Mapping[str, float] = field(default_factory=dict)
+    beds: int = 20
+    seed: int = 0
+
+
+def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> ExcitationPlan:
+    """Plan the recording that tells most of what the match depends on.
+
+    Raises
+    ------
+    InputError
+        If the case has no limits of torque and speed, nothing is uncertain, or a wish cannot be met.
+    """
+    order = order or ExcitationOrder()
+    case = replace(case, uncertainty=case.uncertainty.without("vehicle."))  # no recording of the bed tells these
+    bed = recorded_bed(case)
+    check_order(case, order)
+    speed = steady_speed(case) if order.speed is None else order.speed
+    limits = ExcitationLimits(bed, speed, demanded_limits(bed, order.largest))
+    box = case.uncertainty
+    hold = SpeedHold.of(exported_controller(case).settings)
+    drawn = [
+        box.at(position) for position in np.vstack([np.zeros(len(box.uncertain)), box.draw(order.beds, order.seed)])
+    ]
+    beds = ExcitedBeds(bed, drawn, hold)
+    steady = beds.steady(speed)
+    limits.check_steady(steady, 1 - order.margin)
+    weights = error_weights(case)
+    torques, parts = _signals(bed, ExcitedBeds(bed, drawn[:SHAPING_BEDS], hold), limits, weights, order)
+    motion = beds.run(torques)
+    # parts run into each other, and some beds answer more than those that the parts were shaped on
+    together = min(limits.largest_scale(steady, motion, torques, 1 - order.margin), 1.0)
+    within = scale_on_worst_beds(limits, box, hold, together * torques)
+    together *= within
+    torques, motion = together * torques, motion.scaled(together)
+    parts = tuple(replace(part, amplitude=together * part.amplitude) for part in parts)
+    used = limits.used(steady, motion, torques)
+    step = case.loop["sample_time"]
+    recorded = np.hstack([motion.commands[:, 0], torques[:, motion.commands.shape[2] :]])
+    until = round(FITTED * len(torques))
+    total = information(bed, box, recorded[:until], step, _lowest(case, order))
+    names = [dynamometer.name for dynamometer in case.loop.dynamometers]
+    covariance = np.linalg.inv(total + PRIOR * np.eye(len(total)))
+    return ExcitationPlan(
+        case.title, speed,
+        {name: (float(p), float(i)) for name, p, i in zip(names, hold.proportional, hold.integral, strict=True)},
+        bed.inputs, np.arange(len(torques)) * step, torques, parts, until * step,
+        _expected(case, weights, covariance), float(np.sqrt(np.trace(weights) / PRIOR)),
+        float(np.sqrt(np.trace(weights @ covariance))), used, order.margin, order.beds + 1, _notes(bed, limits, within),
+    )  # fmt: skip
+
+
+def check_order(case: Case, order: ExcitationOrder) -> None:
+    """Whether a case holds what a plan needs, and an order can be met.
+
+    Raises
+    ------
+    InputError
+        If the case has no limits of torque and speed, nothing is uncertain, or a wish cannot be met.
+    """
+    check_demanded(case, order.largest)
+    for name in ("dynamometer_torque", "dynamometer_speed"):
+        if name not in case.limits:
+            raise InputError(
+                f"{case.path}: limits.{name}", "is missing", "an excitation is planned within the bed's limits"
+            )
+    if not case.uncertainty.uncertain:
+        right = "state under [uncertainty] what is not known exactly"
+        raise InputError(f"{case.path}: uncertainty", "nothing is uncertain", right)
+    if order.duration < SHORTEST_PLAN:
+        raise InputError("--duration", f"{order.duration:g} s are too short", f"{SHORTEST_PLAN:g} s or more are needed")
+    if not 0 <= order.margin < 1:
+        raise InputError("--margin", f"{order.margin:g} is no share", "0 ≤ margin < 1 is needed")
+
+
+def steady_speed(case: Case) -> float:
+    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest.
+
+    Raises
+    ------
+    InputError
+        If the case has neither.
+    """
+    point = case.rig.operating_point
+    rotors = {part.on for part in case.rig.inputs if part.name in {d.torque_input for d in case.loop.dynamometers}}
+    if point is not None:
+        for name, value in point.speeds:
+            if name in rotors and value > 0:
+                return float(value)
+    if "dynamometer_speed" not in case.limits:
+        raise InputError(
+            f"{case.path}: limits.dynamometer_speed", "is missing", "a steady speed on the bed is chosen by it"
+        )
+    return SPEED_SHARE * case.limits["dynamometer_speed"]
+
+
+def _lowest(case: Case, order: ExcitationOrder) -> float:
+    return max(case.band[0] / 2, 3 / (SHARES[0][1] * order.duration))
+
+
+def _signals(
+    bed: RecordedBed, beds: ExcitedBeds, limits: ExcitationLimits, weights: np.ndarray, order: ExcitationOrder
+) -> tuple[np.ndarray, tuple[Part, ...]]:
+    """Torques (t, u) and parts, each part as large as the limits leave it: what a plan is made of."""
+    case = bed.case
+    steady, step, count = beds.steady(limits.speed), case.loop["sample_time"], len(bed.inputs)
+    low = _lowest(case, order)
+    high = min(HIGHEST_TIMES_BAND * case.band[1], HIGHEST_TIMES_SAMPLING / step)
+    allowed = 1 - order.margin
+    sizes = np.concatenate([np.full(len(case.loop.dynamometers), case.limits["dynamometer_torque"]), limits.demanded])
+    usable = [j for j, size in enumerate(sizes) if size > 0]
+    lasts = SHARES[0][1] * order.duration
+    lines = np.unique(np.round(np.geomspace(low, high, LINES) * lasts)) / lasts
+    of_input = np.array(usable)[np.arange(len(lines)) % len(usable)]
+    each = line_information(bed, case.uncertainty, lines, of_input, round(lasts / step))
+    scale = 0.1
+    for _ in range(2):  # the best spectrum depends a little on how large it may be
+        budget = (scale * sizes) ** 2
+        powers = (1 - EVEN) * optimal_powers(each, of_input, weights, budget)
+        for j in usable:
+            powers[of_input == j] += EVEN * budget[j] / max(np.sum(of_input == j), 1)
+        shape = multisine(lines, of_input, powers, count, round(lasts / step), step, order.seed)
+        scale *= limits.largest_scale(steady, beds.run(shape), shape, allowed)
+    pieces, parts, at = [np.zeros((round(REST / step), count))], [], REST
+    for number, (kind, share) in enumerate(SHARES):
+        samples = round((share * order.duration - (REST if number == 0 else 0.0)) / step)
+        if kind == "multisine":
+            shape = multisine(
+                lines, of_input, powers, count, samples, step, order.seed + (SECOND_SEED if number else 0)
+            )
+        else:
+            single = [
+                chirp(low, case.band[1], j, count, samples // len(usable), step) * sizes[j] if kind == "chirp"
+                else steps(j, count, samples // len(usable), step) * sizes[j]
+                for j in usable
+            ]  # fmt: skip
+            shape = np.vstack(single)
+        factor = limits.largest_scale(steady, beds.run(shape), shape, allowed)
+        pieces.append(factor * shape)
+        parts.append(Part(kind, at, at + len(shape) * step, factor))
+        at += len(shape) * step
+    return np.vstack(pieces), tuple(parts)
+
+
+def _expected(case: Case, weights: np.ndarray, covariance: np.ndarray) -> tuple[Expected, ...]:
+    """What matters most first."""
+    expected = []
+    for quantity, weight, variance in zip(
+        case.uncertainty.uncertain, np.diag(weights), np.diag(covariance), strict=True
+    ):
+        before, after = 1 / np.sqrt(PRIOR), float(np.sqrt(variance))
+        name = quantity.name
+        unit = "1"
+        if name.startswith("rig."):
+            unit = case.rig.units[name.removeprefix("rig.")]
+        elif name.startswith("loop."):
+            unit = case.loop.quantities[name.removeprefix("loop.")].unit
+        expected.append(
+            Expected(
+                name, quantity.value, unit, before * quantity.half_width, after * quantity.half_width,
+                float(np.sqrt(weight) * before), float(np.sqrt(weight) * after),
+            )
+        )  # fmt: skip
+    return tuple(sorted(expected, key=lambda quantity: -quantity.share_before))
+
+
+def _notes(bed: RecordedBed, limits: ExcitationLimits, within: float) -> tuple[str, ...]:
+    k = len(bed.case.loop.dynamometers)
+    notes = [
+        f"{1 - within:.0%} smaller than drawn beds allow: else the worst bed of [uncertainty] would exceed a limit"
+    ]
+    notes = notes if within < 0.995 else []
+    notes += [
+        f"{name} is not excited: the case's manoeuvre has none of it, and no limit is stated for it"
+        for name, largest in zip(bed.inputs[k:], limits.demanded, strict=True)
+        if largest == 0
+    ]
+    notes += [
+        f"{part.name} states no uncertainty: its noise is taken as 1 {part.unit}"
+        for part in bed.case.rig.sensors
+        if part.uncertainty is None and part.name in bed.sensors
+    ]
+    return tuple(notes)
+
+
+# --- Proof
+
+PERIODS = 16.0  # of the lowest frequency of the band
+SHORTEST_PROOF = 20.0  # s
+BELOW_BAND, ABOVE_BAND = 0.7, 1.2  # of the band's ends: so far the excitation reaches
+FREE = 0.25  # share of every limit that stays free
+DEMANDED_SHARE = 0.8  # of the manoeuvre's largest torque: peak of a torque that a motor has to give
+BEDS = 8  # drawn from what is uncertain, that the limits hold on beside the bed as planned
+PHASES = 30  # draws, of which the flattest wave is taken
+SAMPLES_A_PERIOD = 8.0  # of the highest frequency, for peaks of motions
+NEIGHBOURS = 0.05  # relative distance in frequency within which a response's largest value counts: notches stay noisy
+VISIBLE_VARIANCE = 0.1  # of a response over its square, a spectral line alone: beyond it noise hides it
+SMALLER = 0.9  # factor on the excitation until no watchdog can take it for a broken shaft
+NEARLY_LOST = 0.9, 1.5  # of the thresholds for a torque that is gone: the margin to them
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What excites the controlled bed.
+
+    Attributes
+    ----------
+    inputs : tuple of str (e)
+        Compared torques.
+    torques : ndarray (t, e)
+        N·m, at steps of ``step`` (s).
+    used : dict
+        Largest share of each limit over the beds that were computed.
+    visible : dict
+        Share of the band (logarithm of frequency) in which each compared function is expected to show above the noise.
+    """
+
+    inputs: tuple[str, ...]
+    torques: np.ndarray = field(repr=False)
+    step: float
+    used: dict[str, float]
+    visible: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``proof.json`` holds it."""
+        duration = len(self.torques) * self.step
+        return {"inputs": list(self.inputs), "duration": duration, "limits_used": self.used, "visible": self.visible}
+
+
+def proof_csv(proof: Proof) -> str:
+    """Text of the proof's torques as CSV."""
+    time = np.arange(len(proof.torques)) * proof.step
+    torques = {name: proof.torques[:, j] for j, name in enumerate(proof.inputs)}
+    return csv_text(time, torques, dict.fromkeys(proof.inputs, "N*m"))
+
+
+def plan_proof(case: Case, speed: float, seed: int = 0) -> Proof:
+    """Random-phase multisines on every compared torque, together, over the band of a tuned case.
+
+    Each line is as strong as its part in the error's variance asks for at a given use of the limits; the whole is as
+    strong as the limits leave it, on the bed as planned and on beds drawn from what is uncertain.
+
+    Parameters
+    ----------
+    case : Case
+    speed : float
+        Of the rotors, rad/s, that the deviations start from.
+
+    Raises
+    ------
+    InputError
+        If the manoeuvre has none of a compared torque that a motor gives, or nothing limits a torque.
+    """
+    bed, exported = recorded_bed(case), exported_controller(case)
+    names = tuple(dict.fromkeys(pair.input for pair in case.compared))
+    demanded = demanded_limits(bed, {})
+    _check(case, bed, names, demanded)
+    step = case.loop["sample_time"]
+    count = round(max(PERIODS / case.band[0], SHORTEST_PROOF) / step)
+    lines = np.arange(
+        int(np.ceil(BELOW_BAND * case.band[0] * count * step)), int(ABOVE_BAND * case.band[1] * count * step) + 1
+    )
+    box = case.uncertainty
+    values = [box.at(place) for place in np.vstack([np.zeros(len(box.uncertain)), box.draw(BEDS, seed)])]
+    beds = controlled_beds(bed, values, exported.law, names, lines / (count * step))
+    limits = ExcitationLimits(bed, speed, DEMANDED_SHARE / (1 - FREE) * demanded)
+    steady = ExcitedBeds(bed, values, SpeedHold.of(exported.settings)).steady(speed)
+    limits.check_steady(steady, 1 - FREE)
+    shaping = _Shaping(case, bed, limits, steady, beds, lines, count, exported.settings)
+    spectra = np.stack([shaping.alone(e, name, seed) for e, name in enumerate(names)], axis=1)
+    spectra *= shaping.largest(spectra, names)
+    motion, demands = shaping.motion(spectra, names)
+    return Proof(
+        names, shaping.wave(spectra, count) * fade(count, step)[:, None], step, limits.used(steady, motion, demands),
+        _visible(case, bed, beds, lines / (count * step), np.abs(spectra) ** 2 * count / 4),
+    )  # fmt: skip
+
+
+def _check(case: Case, bed: RecordedBed, names: tuple[str, ...], demanded: np.ndarray) -> None:
+    k = len(case.loop.dynamometers)
+    for name in names:
+        if name in bed.inputs and demanded[bed.inputs.index(name) - k] == 0:
+            raise InputError(f"manoeuvre.{name}", "is missing", "its largest torque says how large the proof may be")
+        if name not in bed.inputs and "dynamometer_torque" not in case.limits:
+            raise InputError("limits.dynamometer_torque", "is missing", f"it says how large {name} may be in the proof")
+
+
+@dataclass(frozen=True)
+class _Shaping:
+    """Spectra (l, e) of the excitation, complex amplitudes of cosines at ``lines`` (l,) of ``count`` samples."""
+
+    case: Case
+    bed: RecordedBed
+    limits: ExcitationLimits
+    steady: tuple[np.ndarray, np.ndarray]
+    beds: ControlledBeds
+    lines: np.ndarray
+    count: int
+    settings: Settings
+
+    def alone(self, e: int, name: str, seed: int) -> np.ndarray:
+        """Spectrum (l,) of one torque that uses the limits alone: least variance of the error for their use."""
+        use = self._use(e, name)
+        needed = np.sqrt(np.sum(self._noise_to_response(e) / self.lines[:, None], axis=1))
+        amplitude = np.sqrt(needed / use)
+        rng = np.random.default_rng((seed, e))
+        drawn = amplitude * np.exp(2j * np.pi * rng.random((PHASES, len(amplitude))))
+        waves = self.wave(drawn.T, self._coarse).T
+        spectrum = drawn[np.argmin(np.abs(waves).max(axis=1))]
+        spectra = np.zeros((len(spectrum), self.beds.commands.shape[3]), complex)
+        spectra[:, e] = spectrum
+        names = [""] * spectra.shape[1]
+        names[e] = name
+        return np.asarray(spectrum * self.largest(spectra, tuple(names)))
+
+    def largest(self, spectra: np.ndarray, names: tuple[str, ...]) -> float:
+        """Factor that brings the excitation to the limits, and keeps it from what a watchdog takes for a fault."""
+        motion, demands = self.motion(spectra, names)
+        scale = self.limits.largest_scale(self.steady, motion, demands, 1 - FREE)
+        torques = [self.bed.sensors.index(dynamometer.torque_sensor) for dynamometer in self.case.loop.dynamometers]
+        answers = np.einsum("blye,le->bly", self.beds.outputs[:, :, torques], spectra)
+        moved = np.stack([self.wave(spectrum, self.count) for spectrum in answers])  # (b, t, k)
+        still = self.steady[1][:, None, torques]
+        while scale > 0 and _seems_lost(still + scale * moved, self.settings):
+            scale *= SMALLER
+        return scale
+
+    def motion(self, spectra: np.ndarray, names: tuple[str, ...]) -> tuple[ExcitedMotion, np.ndarray]:
+        """The beds' periodic motion and the demands (t, u), by the inputs of the recorded bed."""
+        commands, outputs = (
+            np.stack(
+                [self.wave(np.einsum("lye,le->ly", of_bed, spectra), self._coarse) for of_bed in responses], axis=1
+            )
+            for responses in (self.beds.commands, self.beds.outputs)
+        )
+        demands = np.zeros((self._coarse, len(self.bed.inputs)))
+        waves = self.wave(spectra, self._coarse)
+        for e, name in enumerate(names):
+            if name in self.bed.inputs:
+                demands[:, self.bed.inputs.index(name)] = waves[:, e]
+        return ExcitedMotion(commands, outputs), demands
+
+    def wave(self, spectra: np.ndarray, count: int) -> np.ndarray:
+        """One period (t, …) of spectra (l, …), as so many samples."""
+        every = np.zeros((count // 2 + 1, *spectra.shape[1:]), complex)
+        every[self.lines] = spectra * count / 2
+        return np.fft.irfft(every, count, axis=0)
+
+    @property
+    def _coarse(self) -> int:
+        return min(2 * int(SAMPLES_A_PERIOD / 2 * self.lines[-1]), self.count)
+
+    def _noise_to_response(self, e: int) -> np.ndarray:
+        """Variance of noise over squared response (l, h) of the compared functions of a torque, notches filled."""
+        name = tuple(dict.fromkeys(pair.input for pair in self.case.compared))[e]
+        sensors = [self.bed.sensors.index(pair.sensor) for pair in self.case.compared if pair.input == name]
+        power = np.abs(self.beds.outputs[0][:, sensors, e]) ** 2
+        middle = len(self.lines) // 2
+        width = max(int(NEIGHBOURS * self.lines[middle]), 1)
+        return np.asarray(self.bed.noise[sensors] ** 2 / scipy.ndimage.maximum_filter1d(power, 2 * width + 1, axis=0))
+
+    def _use(self, e: int, name: str) -> np.ndarray:
+        """Root sum of squares (l,) of the shares of the limits that a torque of 1 N·m uses, on the bed as planned."""
+        case, bed = self.case, self.bed
+        outputs, total = np.abs(self.beds.outputs[0][:, :, e]) ** 2, np.zeros(len(self.lines))
+        if "dynamometer_torque" in case.limits:
+            total += (np.abs(self.beds.commands[0][:, :, e]) ** 2).sum(axis=1) / case.limits["dynamometer_torque"] ** 2
+        rotors = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
+        total += outputs[:, rotors].sum(axis=1) / ((1 - SLOWEST) * self.limits.speed) ** 2
+        limited = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in bed.shafts]
+        for row, limit in enumerate(limited, len(bed.sensors)):
+            if limit in case.limits:
+                total += outputs[:, row] / case.limits[limit] ** 2
+        if name in bed.inputs:
+            total += 1 / self.limits.demanded[bed.inputs.index(name) - len(case.loop.dynamometers)] ** 2
+        return np.sqrt(total)
+
+
+def _seems_lost(torques: np.ndarray, settings: Settings) -> bool:
+    """Whether flange torques (b, t, k) come near what the controller takes for a broken shaft."""
+    if (settings.lost_torque >= NO_LIMIT).all():
+        return False
+    below, above = NEARLY_LOST
+    count = torques.shape[1] - KEPT_SAMPLES
+    recent = np.stack([torques[:, KEPT_SAMPLES - i : KEPT_SAMPLES - i + count] for i in range(KEPT_SAMPLES + 1)])
+    return bool(has_gone(recent, below * settings.lost_torque, above * GONE).any())
+
+
+def _visible(
+    case: Case, bed: RecordedBed, beds: ControlledBeds, frequencies: np.ndarray, powers: np.ndarray
+) -> dict[str, float]:
+    """Share of the band where each compared function shows; ``powers`` (l, e) of the torques' spectral lines."""
+    names = list(dict.fromkeys(pair.input for pair in case.compared))
+    inside = (frequencies >= case.band[0]) & (frequencies <= case.band[1])
+    weights = np.where(inside, 1 / frequencies, 0.0)
+    visible = {}
+    for pair in case.compared:
+        e, y = names.index(pair.input), bed.sensors.index(pair.sensor)
+        variance = bed.noise[y] ** 2 / (np.abs(beds.outputs[0][:, y, e]) ** 2 * powers[:, e])
+        visible[f"{pair.input} → {pair.sensor}"] = float(weights @ (variance < VISIBLE_VARIANCE) / weights.sum())
+    return visible

@@ -1,0 +1,488 @@
+"""A case known from recordings: of its vehicle on the road, of its bed without emulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from matching.bed.simulated_bed import (
+    CONSTANT,
+    FIT_RANGE_RATIO,
+    around,
+    as_states,
+    bed_system,
+    is_taken,
+    names_in_system,
+    with_faults,
+    with_quantities,
+)
+from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.result import Diagnosis
+from matching.diagnosis.statistics import Estimate
+from matching.match.case import LARGEST_SHARE, Box, Case, Move, Uncertain
+from matching.match.case_file import case_files
+from modelling.bed.vehicle import cut
+from modelling.effects.effect import place_in_words
+from modelling.errors import InputError
+from modelling.interruption import TimeLimit, limited
+from modelling.model_file import dumps
+from modelling.recordings.read import contents_of, read_recording, read_signals
+from modelling.system import Effect, Quantity, System
+from modelling.writing import strict_json
+
+# --- A case with what a diagnosis of its bed found: values, uncertainties, calibrations, effects.
+
+COVERAGE = 2.0  # half-width of the box over the standard uncertainty
+LEAST_SHARE = 0.002  # of a value: half-widths are no smaller, for a model is never as exact as its noise says
+LEAST_DELAY = 2e-5  # s: the same for the dead time
+GAIN = ".torque_gain"
+
+
+@dataclass(frozen=True)
+class IdentifiedValue:
+    """A quantity before and after an identification.
+
+    Attributes
+    ----------
+    name : str
+        As ``[uncertainty]`` has it.
+    before, after : float
+        SI.
+    half_width : float
+        Of the interval that is left after it, k = 2, SI.
+    """
+
+    name: str
+    before: float
+    after: float
+    half_width: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """A row of ``identification.json``."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A case after identification, and sentences on what of the diagnosis it could not take."""
+
+    case: Case
+    notes: tuple[str, ...]
+
+
+def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
+    """The case with the values that a diagnosis of :func:`matching.bed.simulated_bed.bed_system` found.
+
+    What vehicle and rig share has the bed's values in both. The rig stands as it is now, so nothing of it moves any
+    more. Effects that a linear model holds enter rig and vehicle, those of sensors as well: a sensor that is late or
+    reads with a factor is read so by the next controller. Of other effects only the notes speak.
+
+    Raises
+    ------
+    InputError
+        If the values make no system.
+    """
+    estimates = {
+        name: diagnosis.parameters[key] for name, key in names_in_system(case).items() if key in diagnosis.parameters
+    }
+    known = {name: estimate for name, estimate in estimates.items() if math.isfinite(estimate.standard_uncertainty)}
+    of_rig = {name.removeprefix("rig."): estimate.value for name, estimate in known.items() if name.startswith("rig.")}
+    effects, notes = _linear_effects(case, diagnosis)
+    faults = [effect for effect in effects if is_taken(effect)]
+    others = [effect for effect in effects if not is_taken(effect)]
+    shared = {name: value for name, value in of_rig.items() if name in case.vehicle.parameters}
+    places = set(case.vehicle.places())
+    rig = with_faults(case.rig.with_values(of_rig), faults).with_effects(*others)
+    vehicle = with_faults(case.vehicle.with_values(shared), faults)
+    vehicle = vehicle.with_effects(*(effect for effect in others if places.issuperset(effect.places)))
+    loop = case.loop
+    hold = loop["dead_time"] - loop.command_delay()
+    values = {}
+    if "loop.dead_time" in known:
+        values["dead_time"] = known["loop.dead_time"].value + hold
+    for name in ("inverter_lag", "torque_sensor_lag"):
+        if f"loop.{name}" in known:
+            values[name] = known[f"loop.{name}"].value
+    dynamometers = tuple(
+        replace(dynamometer, torque_gain=known[f"dynamometers.{dynamometer.name}{GAIN}"].value)
+        if f"dynamometers.{dynamometer.name}{GAIN}" in known else dynamometer
+        for dynamometer in loop.dynamometers
+    )  # fmt: skip
+    loop = replace(loop.with_values(values), dynamometers=dynamometers)
+    box = Box((
+        *(narrowed(quantity, known.get(quantity.name), hold) for quantity in case.uncertainty.uncertain),
+        *_of_faults(rig, faults, diagnosis, {quantity.name for quantity in case.uncertainty.uncertain}),
+    ))  # fmt: skip
+    moves = tuple(move for move in case.moves if not move.name.startswith("rig."))
+    made = replace(
+        case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig), loop=loop, uncertainty=box, moves=moves
+    )
+    return Identified(made, notes)
+
+
+def narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
+    """What is still not known of a quantity; gains of dynamometers are relative to their calibration.
+
+    ``hold`` (s) is what the loop's dead time counts beside the delay of a recording.
+    """
+    if estimate is None:
+        return quantity
+    value = estimate.value
+    # what the recording does not narrow stays as uncertain as it was
+    spread = quantity.half_width if estimate.note else COVERAGE * estimate.standard_uncertainty
+    least = LEAST_DELAY if quantity.name == "loop.dead_time" else LEAST_SHARE * abs(value)
+    half_width = min(max(spread, least), FIT_RANGE_RATIO * quantity.half_width)
+    if quantity.name.endswith(GAIN):
+        return Uncertain(quantity.name, 1.0, half_width / value)
+    return Uncertain(quantity.name, value + hold if quantity.name == "loop.dead_time" else value, half_width)
+
+
+def _of_faults(rig: System, faults: Sequence[Effect], diagnosis: Diagnosis, known: set[str]) -> Iterator[Uncertain]:
+    """What is not known exactly of the faults of sensors."""
+    for fault in faults:
+        ((key, _),) = fault.parameters
+        estimate = diagnosis.parameters.get(f"{fault.name}.{key}")
+        name = f"{as_states(fault).name}.{key}"
+        if estimate is None or f"rig.{name}" in known or not math.isfinite(estimate.standard_uncertainty):
+            continue
+        value = rig.parameters[name].value
+        least = max(COVERAGE * estimate.standard_uncertainty, LEAST_SHARE * abs(value))
+        yield Uncertain(f"rig.{name}", value, min(least, LARGEST_SHARE * abs(value)))
+
+
+def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
+    """Effects of the diagnosis that a linear model holds, at shafts, inertias and sensors; sentences on all others."""
+    before = set(bed_system(case).effects)
+    added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
+    linear = [
+        effect for effect in added
+        if is_taken(effect) or (effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias"))
+    ]  # fmt: skip
+    return linear, tuple(
+        _said(effect, effect in linear) for effect in added if effect not in linear or is_taken(effect)
+    )
+
+
+def _said(effect: Effect, taken: bool) -> str:
+    """What becomes of an effect that is no part of the bed's mechanics, or that the match leaves out."""
+    named = f"{effect.kind} at {place_in_words(effect.at)} was named"
+    if taken:
+        return f"{named}: the next match reads the sensor so, and compares vehicle and bed by what it reads"
+    if effect.kind in CONSTANT:
+        return f"{named}: the controller acts on deviations and does not see it, unless it changes while the bed runs"
+    if effect.at.startswith("sensors."):
+        return f"{named}: mend the sensor or its time stamps, for the match takes its readings as they are"
+    return f"{named}; the match is linear and leaves it out"
+
+
+# --- The vehicle from recordings of the road: its values and what is not known exactly of them, for the match.
+
+KNOWN = 0.1  # of half the range of a quantity
+
+
+@dataclass(frozen=True)
+class KnownVehicle:
+    """A case whose vehicle has the values of its recordings, what was said of each, and sentences on the rest."""
+
+    case: Case
+    values: tuple[IdentifiedValue, ...]
+    notes: tuple[str, ...]
+
+
+def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tuple[str, ...]]:
+    """The vehicle as its recordings are fitted, and notes: without the road's torques, which are not measured.
+
+    Quantities that the model file gives with a range are fitted in it, of others those that ``[uncertainty]`` names,
+    in twice its width. What it shares with the rig is taken as known where the bed tells it much better: where the
+    half-width under ``[uncertainty]`` is at most a tenth of half the range.
+
+    Raises
+    ------
+    InputError
+        If nothing of the vehicle is uncertain, or a recording cannot be read.
+    """
+    vehicle = replace(case.vehicle, operating_point=None)
+    on_rig = {part.name for part in case.rig.inputs}
+    beside = {part.name for part in vehicle.inputs} - on_rig
+    recorded = set()
+    for path in recordings:
+        recorded |= set(read_signals(path, beside, None).channels)
+    missing = sorted(beside - recorded)
+    places = {f"inputs.{name}" for name in missing}
+    vehicle = replace(
+        vehicle,
+        inputs=tuple(part for part in vehicle.inputs if part.name not in missing),
+        effects=tuple(effect for effect in vehicle.effects if places.isdisjoint(effect.places)),
+    )
+    box = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
+    ranges = {}
+    for name, quantity in vehicle.parameters.items():
+        width = box.get(f"vehicle.{name}", box.get(f"rig.{name}", 0.0))
+        if not quantity.uncertain and width > 0:
+            ranges[name] = around(quantity.value, width)
+        elif f"rig.{name}" in box and width <= KNOWN * FIT_RANGE_RATIO * _half_range(quantity):
+            ranges[name] = Quantity(quantity.value)
+    vehicle = with_quantities(vehicle, ranges)
+    if not vehicle.uncertain:
+        raise InputError(
+            "vehicle", "nothing of it is uncertain, so that a recording could tell nothing",
+            "give quantities of the vehicle's model file a range, or name them under [uncertainty]",
+        )  # fmt: skip
+    return vehicle, tuple(f"no recording holds {name}: it is taken as zero on the road" for name in missing)
+
+
+def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehicle:
+    """The case with the vehicle that a diagnosis of its recordings found.
+
+    What vehicle and rig share is the same hardware: it has the vehicle's values in both. Effects that a linear model
+    holds enter, those of the car's sensors and inputs do not: they are not those of the bed.
+
+    Raises
+    ------
+    InputError
+        If the values make no system.
+    """
+    estimates = {
+        name: estimate for name, estimate in diagnosis.parameters.items()
+        if name in case.vehicle.parameters and math.isfinite(estimate.standard_uncertainty)
+    }  # fmt: skip
+    values = {name: estimate.value for name, estimate in estimates.items()}
+    on_rig = case.rig.parameters
+    effects, notes = _effects(fitted, diagnosis)
+    there = set(case.rig.places())
+    vehicle = case.vehicle.with_values(values).with_effects(*effects)
+    rig = case.rig.with_values({name: value for name, value in values.items() if name in on_rig})
+    rig = rig.with_effects(*(effect for effect in effects if there.issuperset(effect.places)))
+    before = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
+    box, rows = dict(before), []
+    for name, estimate in estimates.items():
+        full = f"rig.{name}" if name in on_rig else f"vehicle.{name}"
+        start = case.vehicle.parameters[name]
+        stated = before.get(full, Uncertain(full, start.value, _half_range(fitted.parameters[name])))
+        box[full] = narrowed(stated, estimate, 0.0)
+        rows.append(IdentifiedValue(full, start.value, estimate.value, box[full].half_width))
+    made = replace(
+        case, vehicle=vehicle, rig=rig, residual_vehicle=cut(vehicle, rig), uncertainty=Box(tuple(box.values())),
+        moves=tuple(_moved(move, values) for move in case.moves),
+    )  # fmt: skip
+    return KnownVehicle(made, tuple(rows), notes)
+
+
+def _half_range(quantity: Quantity) -> float:
+    """Half of a quantity's range over :data:`FIT_RANGE_RATIO`, as a half-width of the box."""
+    lower, upper = quantity.lower, quantity.upper
+    return 0.0 if lower is None or upper is None else (upper - lower) / 2 / FIT_RANGE_RATIO
+
+
+def _moved(move: Move, values: dict[str, float]) -> Move:
+    """A quantity of the residual vehicle starts from what it is, between bounds as far away as before."""
+    name = move.name.removeprefix("residual_vehicle.")
+    if name == move.name or name not in values or not move.planned:
+        return move
+    factor = values[name] / move.planned
+    return replace(move, start=values[name], planned=values[name], lower=factor * move.lower, upper=factor * move.upper)
+
+
+def _effects(fitted: System, diagnosis: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
+    """What the recordings added: effects that the match takes, and sentences on the others."""
+    before = {effect.name for effect in fitted.effects}
+    added = [effect for effect in diagnosis.extended.effects if effect.name not in before]
+    taken, notes = [], []
+    for effect in added:
+        named = f"{effect.kind} at {place_in_words(effect.at)} was named"
+        if effect.at.split(".")[0] in ("sensors", "inputs"):
+            notes.append(f"{named}: it belongs to the car's recording and stays out of the vehicle that is emulated")
+        elif effect.law.linear:
+            taken.append(effect)
+        else:
+            notes.append(f"{named}; the match is linear and leaves it out")
+    return taken, tuple(notes)
+
+
+# --- From recordings
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A case with what recordings say of it.
+
+    Attributes
+    ----------
+    case : Case
+        With the values found, and under ``[uncertainty]`` what is still not known of them.
+    diagnosis : Diagnosis
+    values : tuple of IdentifiedValue
+        One a quantity.
+    notes : tuple of str
+        What of the diagnosis the case does not hold, and whether it ended early.
+    ended_early : float or None
+        The seconds that the diagnosis was allowed, where they ended it.
+    """
+
+    case: Case
+    diagnosis: Diagnosis
+    values: tuple[IdentifiedValue, ...]
+    notes: tuple[str, ...]
+    ended_early: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Verdict, causes, values and notes as JSON holds them."""
+        causes = self.diagnosis.to_dict()["causes"]
+        return {
+            "verdict": self.diagnosis.verdict,
+            "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],
+            "notes": list(self.notes), "values": [value.to_dict() for value in self.values],
+            "torque_gains": {part.name: part.torque_gain for part in self.case.loop.dynamometers},
+            "ended_early": self.ended_early,
+        }  # fmt: skip
+
+    def files(self) -> dict[str, str]:
+        """Texts of the case file with its models, the diagnosis, and the extended model."""
+        diagnosis = {"extended.toml": dumps(self.diagnosis.extended)}
+        return diagnosis | {"diagnosis.json": strict_json(self.diagnosis.to_dict())} | case_files(self.case)
+
+
+def vehicle_from_recordings(
+    case: Case, recordings: Sequence[Path], progress: Progress, seconds: float | None
+) -> Identification:
+    """The case with the vehicle that recordings of the road show.
+
+    ``seconds``: of the diagnosis, see :func:`_diagnosed`.
+
+    Raises
+    ------
+    InputError
+        If nothing of the vehicle is uncertain, or a recording cannot be read or fitted.
+    """
+    system, notes = recorded_vehicle(case, recordings)
+    diagnosis, limit = _diagnosed(system, recordings, progress, seconds)
+    known = known_vehicle(case, system, diagnosis)
+    early = _ended_early(limit)
+    ended = limit.seconds if early else None
+    return Identification(known.case, diagnosis, known.values, (*early, *notes, *known.notes), ended)
+
+
+def bed_from_recordings(
+    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None
+) -> Identification:
+    """The case with the bed that recordings without emulation show: torque commands and every sensor of the rig.
+
+    ``seconds``: of the diagnosis, see :func:`_diagnosed`.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or fitted.
+    """
+    diagnosis, limit = _diagnosed(bed_system(case), recordings, progress, seconds)
+    made = identified_case(case, diagnosis)
+    after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
+    values = tuple(
+        IdentifiedValue(quantity.name, quantity.value, after[quantity.name].value, after[quantity.name].half_width)
+        for quantity in case.uncertainty.uncertain
+    )
+    early = _ended_early(limit)
+    return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
+
+
+def _diagnosed(
+    system: System, recordings: Sequence[Path], progress: Progress, seconds: float | None
+) -> tuple[Diagnosis, TimeLimit]:
+    """The diagnosis of recordings, and whether its time was over.
+
+    After 0.7 of the seconds no further cause is searched for, after all of them every fit ends where it is: what is
+    then left takes some seconds more.
+    """
+    read = [read_recording(path, system) for path in recordings]
+    with limited(seconds) as limit:
+        return diagnose(system, read, None, progress), limit
+
+
+def _ended_early(limit: TimeLimit) -> tuple[str, ...]:
+    """A sentence on a diagnosis that its time ended."""
+    if not limit.ended_at:
+        return ()
+    ended = f"the time of the diagnosis was over ({limit.seconds:g} s, --diagnosis-limit)"
+    if limit.ended_at < 1:
+        return (f"{ended}: its causes are the best that it had until then",)
+    return (f"{ended}: causes and values are the best that it had until then, and less certain than they state",)
+
+
+@dataclass(frozen=True)
+class FromRecordings:
+    """A case known from recordings of bed and vehicle, each None where it was not recorded."""
+
+    case: Case
+    bed: Identification | None
+    vehicle: Identification | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``identification.json`` holds it."""
+        return {name: None if part is None else part.to_dict() for name, part in self._parts()}
+
+    def files(self) -> dict[str, str]:
+        """Texts of the case file with its models, ``identification.json``, and a folder for bed and vehicle each."""
+        files = {
+            f"{name}/{file}": text
+            for name, part in self._parts() if part is not None
+            for file, text in part.files().items()
+        }  # fmt: skip
+        return files | case_files(self.case) | {"identification.json": strict_json(self.to_dict())}
+
+    def _parts(self) -> tuple[tuple[str, Identification | None], ...]:
+        return ("bed", self.bed), ("vehicle", self.vehicle)
+
+
+def recordings_read(case: Case, vehicle: Sequence[Path], bed: Sequence[Path]) -> dict[str, str]:
+    """What recordings of vehicle and bed hold, in words, by file; nothing is fitted.
+
+    Raises
+    ------
+    InputError
+        As :func:`identify`, as far as reading shows it.
+    """
+    _check_any(vehicle, bed)
+    contents = {str(path): contents_of(read_recording(path, bed_system(case)), bed_system(case)) for path in bed}
+    if vehicle:
+        system, notes = recorded_vehicle(case, vehicle)
+        contents |= {
+            str(path): "; ".join((contents_of(read_recording(path, system), system), *notes)) for path in vehicle
+        }
+    return contents
+
+
+def _check_any(vehicle: Sequence[Path], bed: Sequence[Path]) -> None:
+    if not (vehicle or bed):
+        raise InputError("--vehicle, --bed", "no recording is given", "give one of the vehicle or of the bed")
+
+
+def identify(
+    case: Case,
+    vehicle: Sequence[Path],
+    bed: Sequence[Path],
+    progress: Progress = lambda _: None,
+    seconds: float | None = None,
+) -> FromRecordings:
+    """The case as recordings of vehicle and bed show it; the bed, whose commands are known, comes first.
+
+    ``seconds``: of each diagnosis at most; None: as many as it needs.
+
+    Raises
+    ------
+    InputError
+        If there is no recording, or as :func:`vehicle_from_recordings` and :func:`bed_from_recordings`.
+    """
+    _check_any(vehicle, bed)
+    of_bed = of_vehicle = None
+    if bed:
+        of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"), seconds)
+        case = of_bed.case
+    if vehicle:
+        of_vehicle = vehicle_from_recordings(case, vehicle, lambda step: progress(f"vehicle: {step}"), seconds)
+        case = of_vehicle.case
+    return FromRecordings(case, of_bed, of_vehicle)

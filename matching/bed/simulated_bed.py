@@ -1,0 +1,569 @@
+"""Runs on a bed: the identification recording under a slow speed hold, and the proof of the controlled bed."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Self
+
+import numpy as np
+
+from matching.bed.excite import ExcitationPlan, Proof
+from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
+from matching.match.case import Case, Uncertain
+from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, ControlLaw, SupervisedController
+from modelling.effects.effect import shared_place
+from modelling.effects.sensors_and_actuators import (
+    AllPass,
+    DeadTime,
+    InputGain,
+    Lag,
+    SensorDelay,
+    SensorDrift,
+    SensorGain,
+    SensorOffset,
+)
+from modelling.errors import InputError
+from modelling.recordings.read import csv_text
+from modelling.recordings.readers import LARGEST_FILE, READERS, WINDOWS
+from modelling.system import Effect, Quantity, System
+from modelling.writing import write_all
+
+# --- Ranges of a system's quantities, in which recordings are to find them.
+
+FIT_RANGE_RATIO = 2.0  # half-width of the range in a fit over that of the box, which may be too narrow
+LEAST_SHARE_OF_VALUE = 1e-6  # bounds stay above it: only positive values make sense
+_QUANTITIES = ("J", "drag", "stiffness", "damping", "ratio")
+
+
+def around(value: float, half_width: float) -> Quantity:
+    """A quantity with the range that a half-width of the box asks for."""
+    reach = FIT_RANGE_RATIO * half_width
+    return Quantity(value, max(value - reach, LEAST_SHARE_OF_VALUE * value), value + reach)
+
+
+def with_quantities(system: System, quantities: Mapping[str, Quantity]) -> System:
+    """A system with other quantities of inertias, shafts and effects, by name."""
+
+    def changed(table: str, part: Any) -> Any:
+        keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
+        return replace(part, **{key: quantities.get(f"{table}.{part.name}.{key}", getattr(part, key)) for key in keys})
+
+    def of_effect(effect: Effect) -> Effect:
+        values = {key: quantities.get(f"{effect.name}.{key}", quantity) for key, quantity in effect.parameters}
+        return replace(effect, parameters=tuple(values.items()))
+
+    return replace(
+        system,
+        inertias=tuple(changed("inertias", part) for part in system.inertias),
+        shafts=tuple(changed("shafts", part) for part in system.shafts),
+        effects=tuple(of_effect(effect) for effect in system.effects),
+    )
+
+
+# --- Sensors of a bed that read late, filtered or with a factor: what a diagnosis names of them enters the next match.
+#
+# The controller reads the sensor as it is, and vehicle and bed are compared by what the same sensor would read of both.
+# So the sensor of the vehicle gets the same fault, whatever stands there on the road.
+
+CONSTANT = (SensorOffset.kind, SensorDrift.kind)  # deviations from the state at the switch do not hold them
+_TAKEN = (SensorDelay.kind, AllPass.kind, Lag.kind, SensorGain.kind)
+
+
+def is_taken(effect: Effect) -> bool:
+    """Whether a match can take an effect of a sensor."""
+    return effect.at.startswith("sensors.") and effect.kind in _TAKEN
+
+
+def with_faults(system: System, faults: Iterable[Effect]) -> System:
+    """A system with faults of those sensors that it has; a fault that is there already is joined with the new one."""
+    there = set(system.places())
+    for fault in faults:
+        at = shared_place(place for place in fault.places if place in there)
+        if at:
+            system = _joined(system, replace(as_states(fault), at=at))
+    return system
+
+
+def as_states(effect: Effect) -> Effect:
+    """An effect that a linear model holds: a delay of a sensor as an all-pass."""
+    return replace(effect, kind=AllPass.kind) if effect.kind == SensorDelay.kind else effect
+
+
+def as_recorded(effect: Effect) -> Effect:
+    """An effect as a recording is fitted: the delay itself in place of its all-pass."""
+    return replace(effect, kind=SensorDelay.kind) if effect.kind == AllPass.kind else effect
+
+
+def _joined(system: System, fault: Effect) -> System:
+    known = {effect.name: effect for effect in system.effects}
+    if fault.name not in known:
+        return system.with_effects(fault)
+    ((key, before),), ((_, new),) = known[fault.name].parameters, fault.parameters
+    value = before.value * new.value if fault.kind == SensorGain.kind else before.value + new.value
+    return replace(
+        system,
+        effects=tuple(
+            replace(effect, parameters=((key, Quantity(value)),)) if effect.name == fault.name else effect
+            for effect in system.effects
+        ),
+    )
+
+
+# --- The bed without emulation as a model file's system, with a range on all that the case's box leaves open.
+
+
+def names_in_system(case: Case) -> dict[str, str]:
+    """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box."""
+    loop = case.loop
+    commands = _commands(case)
+    names = {}
+    for quantity in case.uncertainty.uncertain:
+        if quantity.name.startswith("rig."):
+            names[quantity.name] = _as_recorded(quantity.name.removeprefix("rig."))
+    names["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
+    names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
+    names["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
+    for dynamometer in loop.dynamometers:
+        names[f"dynamometers.{dynamometer.name}.torque_gain"] = (
+            f"inputs.{dynamometer.torque_input}.{InputGain.kind}.factor"
+        )
+    return names
+
+
+def bed_system(case: Case) -> System:
+    """The rig with the dynamometers' dead time, lag and gain, and the lag of their torque sensors, as effects.
+
+    Its inputs are torque commands as recorded, linear between samples: the half sample of hold that the loop's dead
+    time counts is none of the delay here. Gains of sensors are taken as known; the box counts them after the fit.
+    """
+    box = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
+    loop = case.loop
+    of_rig = {
+        name.removeprefix("rig."): around(quantity.value, quantity.half_width)
+        for name, quantity in box.items() if name.startswith("rig.")
+    }  # fmt: skip
+    commands, torques = _commands(case), _torques(case)
+    delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
+    effects = [
+        Effect(DeadTime.kind, commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
+        Effect(Lag.kind, commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
+        Effect(Lag.kind, torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
+    ]
+    for dynamometer in loop.dynamometers:
+        gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", dynamometer.torque_gain)
+        effects.append(Effect(InputGain.kind, f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
+    return _with_ranges(case.rig, of_rig).with_effects(*effects)
+
+
+def _commands(case: Case) -> str:
+    return shared_place(f"inputs.{dynamometer.torque_input}" for dynamometer in case.loop.dynamometers)
+
+
+def _torques(case: Case) -> str:
+    return shared_place(f"sensors.{dynamometer.torque_sensor}" for dynamometer in case.loop.dynamometers)
+
+
+def _of(box: dict[str, Uncertain], name: str, value: float) -> Quantity:
+    return around(value, box[name].half_width) if name in box else Quantity(value)
+
+
+def _shifted(delay: Uncertain | None, value: float, hold: float) -> Quantity:
+    return Quantity(value - hold) if delay is None else around(value - hold, delay.half_width)
+
+
+def _as_recorded(name: str) -> str:
+    """Name of a rig's quantity in the system that recordings are fitted with."""
+    return name.replace(f".{AllPass.kind}.", f".{SensorDelay.kind}.")
+
+
+def _with_ranges(rig: System, ranges: dict[str, Quantity]) -> System:
+    """The rig with ranges on some of its quantities, by name, and on no other; late sensors as recordings have them."""
+    of_effects = {f"{effect.name}.{key}" for effect in rig.effects for key, _ in effect.parameters}
+    fixed = {name: Quantity(quantity.value) for name, quantity in rig.parameters.items() if name not in of_effects}
+    rig = with_quantities(rig, fixed | ranges)
+    return replace(rig, effects=tuple(as_recorded(effect) for effect in rig.effects), operating_point=None)
+
+
+# --- Recordings that a person puts into a folder, whole or while they are being written.
+
+Tell = Callable[[str], None]
+KEPT = "recording"  # name of a step's recording, less the end that says its format
+
+
+class Waiting(Exception):
+    """A recording is not there yet: ``what`` says which, and where to put it."""
+
+    def __init__(self, what: str):
+        super().__init__(what)
+        self.what = what
+
+
+def so_far(verification: BedVerification) -> str:
+    """What a verification of a part of a recording shows, in words."""
+    errors = [
+        f"{error.name} torques {error.value:.3g} ± {COVERAGE_FACTOR * error.uncertainty:.2g}"
+        for error in verification.errors
+    ]
+    return f"so far {verification.status}: response error to {', '.join(errors)}"
+
+
+@dataclass(frozen=True)
+class HandedRecording:
+    """A recording as a step keeps it: the name of its file, and its content; text is kept as text."""
+
+    name: str
+    content: str | bytes
+
+
+def kept_recording(folder: Path) -> Path:
+    """Where a step keeps its recording, of whatever format it is."""
+    kept = [path for path in _places(folder, KEPT) if path.is_file()]
+    return kept[0] if kept else folder / f"{KEPT}.csv"
+
+
+def keep_recording(folder: Path, recording: HandedRecording) -> None:
+    """Write the recording of a step; one of another format, of an earlier run, goes away."""
+    write_all(folder, {recording.name: recording.content})
+    for path in _places(folder, KEPT):
+        if path.name != recording.name:
+            path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """A folder for recordings; ``follow`` (s) says how long one that grows has to stand still, None: it is whole."""
+
+    folder: Path
+    follow: float | None
+    tell: Tell
+
+    def recording(
+        self, name: str, files: Mapping[str, str], what: str, estimate: Callable[[Path], str]
+    ) -> HandedRecording:
+        """``NAME.csv`` of the folder, or in another format; until it is there, what it needs lies beside its place.
+
+        Parameters
+        ----------
+        files : mapping of str to str
+            By the end of their name.
+        what : str
+            What to record.
+        estimate : callable
+            What a recording shows so far, in words; it may raise an InputError.
+
+        Raises
+        ------
+        Waiting
+            If it is not there, and nobody follows it.
+        InputError
+            If it is there in two formats, or no recording can be read from it.
+        """
+        places = _places(self.folder, name)
+        if not any(place.is_file() for place in places):
+            write_all(self.folder, {f"{name}_{file}": text for file, text in files.items()})
+            if self.follow is None:
+                raise Waiting(f"{places[0]}: {what}; then run the same command again")
+            self.tell(f"waiting for {places[0]}: {what}")
+            appeared(places)
+        present = [place for place in places if place.is_file()]
+        if len(present) > 1:
+            raise InputError(str(present[0]), f"is there as {present[1].name} too", "leave one of them")
+        return self._taken(present[0], estimate)
+
+    def _taken(self, place: Path, estimate: Callable[[Path], str]) -> HandedRecording:
+        """The recording as it is, or as it is when it has stood still; what it shows until then is said."""
+        name = f"{KEPT}{place.suffix}"
+        if self.follow is None:
+            return HandedRecording(name, _content(place, place))
+        content: str | bytes = ""
+        with TemporaryDirectory(prefix="rigmatch-") as folder:
+            for (copy,) in snapshots([place], self.follow, Path(folder)):
+                content = _content(copy, place)
+                try:
+                    self.tell(f"{place.name}: {estimate(copy)}")
+                except InputError as fault:
+                    self.tell(f"{place.name}: not yet: {str(fault).replace(str(copy), str(place))}")
+        return HandedRecording(name, content)
+
+
+def _places(folder: Path, name: str) -> list[Path]:
+    """Where a recording of a name may lie, as CSV first."""
+    return [folder / f"{name}{suffix}" for suffix in READERS]
+
+
+def _content(path: Path, place: Path) -> str | bytes:
+    """Content of a recording, text in an encoding that recordings are read in.
+
+    Raises
+    ------
+    InputError
+        If it is too large, or to be text and none.
+    """
+    if path.stat().st_size > LARGEST_FILE:
+        raise InputError(str(place), "is too large", "cut the recording: at most 2 GB are read")
+    if path.suffix not in TEXT:
+        return path.read_bytes()
+    return _text(path, place)
+
+
+def _text(path: Path, place: Path) -> str:
+    """Text of a recording in either encoding."""
+    for encoding in ("utf-8-sig", WINDOWS):
+        try:
+            return path.read_text(encoding=encoding)
+        except UnicodeDecodeError:
+            continue
+    raise InputError(str(place), "is no text", "save it as UTF-8 CSV")
+
+
+# --- A bed as an FMU, stepped in real order: readings, controller, commands, one sample of the bed.
+
+START_SPEED = "start_speed"  # parameter of a bed's FMU, rad/s of its rotors, where it has one
+
+
+def check_bed(bed: Path) -> None:
+    """A folder for recordings need not be there yet; an FMU has to be.
+
+    Raises
+    ------
+    InputError
+        If there is no FMU, or something that is neither file nor folder.
+    """
+    if not (bed.is_file() or bed.is_dir()) and (bed.exists() or bed.suffix.lower() == ".fmu"):
+        wrong = "is no regular file and no folder" if bed.exists() else "does not exist"
+        raise InputError(str(bed), wrong, "give the FMU of a bed, or a folder for its recordings")
+
+
+class Slave:
+    """An FMI 2.0 co-simulation FMU, spoken to by the names of its variables.
+
+    Raises
+    ------
+    InputError
+        If FMPy is not installed, the file is no such FMU, lacks a variable that is needed, or does not run.
+    """
+
+    def __init__(self, path: Path, needed: Sequence[str]):
+        try:
+            import fmpy
+            from fmpy.fmi2 import FMU2Slave
+        except ImportError:
+            raise InputError(str(path), "needs FMPy to run", 'in rigmatch\'s folder: pip install -e ".[fmu]"') from None
+        try:
+            about = fmpy.read_model_description(str(path))
+        except Exception as fault:  # FMPy raises what its parsers raise
+            raise InputError(
+                str(path), f"cannot be read as an FMU: {fault or type(fault).__name__}", "give an FMU or a folder"
+            ) from None
+        if about.fmiVersion != "2.0" or about.coSimulation is None:
+            raise InputError(str(path), "is no FMI 2.0 FMU for co-simulation", "export the bed as one")
+        self._references = {variable.name: variable.valueReference for variable in about.modelVariables}
+        for name in needed:
+            if name not in self._references:
+                raise InputError(str(path), f"has no variable {name!r}", "its names are those of the rig file")
+        self._path, self._time = path, 0.0
+        with self._said():
+            self._folder = fmpy.extract(str(path))
+            self._slave: Any = FMU2Slave(
+                guid=about.guid, unzipDirectory=self._folder, modelIdentifier=about.coSimulation.modelIdentifier,
+                instanceName="rigmatch",
+            )  # fmt: skip
+            self._slave.instantiate()
+
+    @contextlib.contextmanager
+    def _said(self) -> Iterator[None]:
+        """What the FMU, or FMPy for it, complains of in one line."""
+        try:
+            yield
+        except Exception as fault:  # FMPy raises plain exceptions
+            raise InputError(f"{self._path}: t = {self._time:g} s", f"does not run: {fault}", "mend the FMU") from None
+
+    def initialise(self, values: Mapping[str, float]) -> None:
+        """Set parameters, SI, of which those that the FMU lacks are left out, and begin."""
+        with self._said():
+            self._slave.setupExperiment(startTime=0.0)
+        self.set({name: value for name, value in values.items() if name in self._references})
+        with self._said():
+            self._slave.enterInitializationMode()
+            self._slave.exitInitializationMode()
+
+    def set(self, values: Mapping[str, float]) -> None:
+        """Values by name, SI."""
+        if values:
+            with self._said():
+                self._slave.setReal(
+                    [self._references[name] for name in values], [float(value) for value in values.values()]
+                )
+
+    def get(self, names: Sequence[str]) -> np.ndarray:
+        """Values (v,) by name, SI."""
+        with self._said():
+            return np.array(self._slave.getReal([self._references[name] for name in names]))
+
+    def advance(self, span: float) -> None:
+        """One communication step, s."""
+        with self._said():
+            self._slave.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
+        self._time += span
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        with contextlib.suppress(Exception):  # it may have ended with an error already
+            self._slave.terminate()
+            self._slave.freeInstance()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class FmuBed(Slave):
+    """A bed whose FMU's inputs are the rig's inputs (u) and whose outputs are the rig's sensors (y).
+
+    Raises
+    ------
+    InputError
+        As :class:`Slave`.
+    """
+
+    def __init__(self, path: Path, inputs: Sequence[str], sensors: Sequence[str]):
+        super().__init__(path, [*inputs, *sensors])
+        self.inputs, self.sensors = tuple(inputs), tuple(sensors)
+
+    def begin(self, speed: float) -> None:
+        """Start with rotors at a speed, rad/s, where the FMU lets that be chosen; else at rest."""
+        self.initialise({START_SPEED: speed})
+
+    def readings(self) -> np.ndarray:
+        """What the sensors (y,) read now, SI."""
+        return self.get(self.sensors)
+
+    def step(self, commands: np.ndarray, span: float) -> None:
+        """Torques (u,), N·m, held over a span, s."""
+        self.set(dict(zip(self.inputs, commands, strict=True)))
+        self.advance(span)
+
+
+class FmuController(Slave):
+    """The exported controller's FMU, with the step of :class:`modelling.controller.law.SupervisedController`.
+
+    Raises
+    ------
+    InputError
+        As :class:`Slave`.
+    """
+
+    def __init__(self, path: Path, law: ControlLaw):
+        self._commands = [f"{name}.command" for name in law.dynamometers]
+        self._hold = [f"{name}.hold_speed" for name in law.dynamometers]
+        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold])
+        self._law = law
+        self.initialise({})
+
+    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int) -> Answer:
+        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s."""
+        values = dict(zip((*self._law.sensors, *self._law.known, *self._hold), (*readings, *known, *hold), strict=True))
+        self.set(values | {"mode": float(mode), "life": float(life)})
+        self.advance(self._law.sample_time)
+        *commands, active, fault = self.get([*self._commands, "active_mode", "fault"])
+        return Answer(np.array(commands), int(active), int(fault))
+
+
+def held_as_linear(torques: np.ndarray) -> np.ndarray:
+    """Samples (t, u) whose straight connection acts like ``torques`` (t, u) held over each sample.
+
+    A recording is read as straight between its samples. The four coefficients make both alike to the fourth order of
+    frequency over sampling frequency.
+    """
+    padded = np.vstack([torques[:1], torques[:1], torques, torques[-1:]])
+    return (7 * (padded[2:-1] + padded[1:-2]) - (padded[3:] + padded[:-3])) / 12
+
+
+def columns(names: Sequence[str], values: np.ndarray) -> Mapping[str, np.ndarray]:
+    """Columns (t,) of values (t, y) by name."""
+    return {name: values[:, i] for i, name in enumerate(names)}
+
+
+# --- Runs
+
+SETTLING_SECONDS = 2.0  # of speed hold before anything is recorded
+
+
+def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
+    """Text of the CSV recording of a planned excitation on a bed."""
+    step, k = case.loop["sample_time"], len(case.loop.dynamometers)
+    speeds = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
+    proportional, integral = (np.array([hold[i] for hold in plan.hold.values()]) for i in (0, 1))
+    before = round(SETTLING_SECONDS / step)
+    demands = np.vstack([np.zeros((before, len(plan.inputs))), plan.torques])
+    bed.begin(plan.speed)
+    sent, readings, total = np.zeros_like(demands), np.zeros((len(demands), len(bed.sensors))), np.zeros(k)
+    for i, demand in enumerate(demands):
+        readings[i] = bed.readings()
+        error = plan.speed - readings[i, speeds]
+        sent[i] = demand
+        sent[i, :k] += proportional * error + total
+        total += integral * step * error
+        bed.step(sent[i], step)
+    return _csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
+
+
+def proof_recording(  # bed and controller are both stepped: one more than six
+    bed: FmuBed,
+    case: Case,
+    law: ControlLaw,
+    controller: FmuController | SupervisedController,
+    wanted: Proof,
+    speed: float,
+) -> str:
+    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on.
+
+    Raises
+    ------
+    InputError
+        If the controller's watchdogs end the emulation.
+    """
+    step = wanted.step
+    k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
+    drives = [
+        name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    ]
+    at = [bed.sensors.index(name) for name in law.sensors]
+    torques = np.vstack([np.zeros((before, len(wanted.inputs))), wanted.torques])
+    readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
+    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+    sent = np.zeros((len(torques), k))
+    bed.begin(speed)
+    # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
+    as_linear = np.where([name in drives for name in wanted.inputs], held_as_linear(torques), torques)
+    for i, torque in enumerate(torques):
+        now, meant = (dict(zip(wanted.inputs, values, strict=True)) for values in (torque, as_linear[i]))
+        readings[i] = bed.readings()
+        known = np.array([meant.get(name, 0.0) for name in law.known])
+        answer = controller.step(readings[i, at], known, SPEED_HOLD if i < before // 2 else EMULATION, hold, i)
+        if answer.fault:
+            raise InputError(
+                "bed", f"{(i - before) * step:.3f} s after the start the controller gave up: {FAULTS[answer.fault]}",
+                "look at the recording, limits and watchdogs",
+            )  # fmt: skip
+        sent[i] = answer.commands
+        bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
+    held = np.hstack([as_linear, held_as_linear(sent)])[before:]
+    return _csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
+
+
+def _csv(
+    case: Case, bed: FmuBed, step: float, torques: np.ndarray, readings: np.ndarray, inputs: tuple[str, ...]
+) -> str:
+    units = {sensor.name: sensor.unit for sensor in case.rig.sensors} | dict.fromkeys(inputs, "N*m")
+    return csv_text(
+        np.arange(len(torques)) * step, {**columns(inputs, torques), **columns(bed.sensors, readings)}, units
+    )

@@ -1,1 +1,0 @@
-"""Judges recordings of the controlled bed: does it answer as the match predicted, and as the vehicle does."""

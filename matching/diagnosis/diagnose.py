@@ -1,0 +1,409 @@
+"""The diagnosis: recordings → base fit → causes → verdict → extended model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from matching.diagnosis.causes import extended_system, simulated_motion
+from matching.diagnosis.data import FitData, prepare_data
+from matching.diagnosis.fit import Fit, balanced_fit, base_problem, compile_models, solve
+from matching.diagnosis.holdout import (
+    RESTART_SECONDS,
+    Holdout,
+    HoldoutData,
+    ModelResiduals,
+    OtherRecordings,
+    RestartedRest,
+    RestOfRecordings,
+    fidelity,
+    holdout_data,
+    holdout_residuals,
+    rms_by_sensor,
+    split_holdout,
+)
+from matching.diagnosis.loggers import with_clocks
+from matching.diagnosis.result import (
+    Diagnosis,
+    FittedCandidate,
+    KeptTable,
+    KnownScreening,
+    Pictured,
+    PlotData,
+    correlated_uncertainties,
+    discrepancy_curves,
+    errors_by_sensor,
+    kept_table,
+    pooled_errors,
+    remaining_errors,
+    residual_once,
+    scatter_notes,
+)
+from matching.diagnosis.screening import (
+    Screening,
+    as_late_as_contact,
+    bounded_below,
+    fit_extended,
+    window_uncertainties,
+)
+from matching.diagnosis.search import (
+    FIT_ERRORS,
+    Progress,
+    RememberedHoldout,
+    SearchState,
+    first_readings,
+    search_causes,
+    search_is_over,
+    search_window,
+    simpler_hypotheses,
+    with_sharpest_friction,
+)
+from matching.diagnosis.selection import (
+    Hypothesis,
+    UnseenData,
+    at_noise,
+    equivalent_fits,
+    scatters_only,
+    widened,
+    with_balanced_sensors,
+)
+from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates
+from matching.diagnosis.verdict import (
+    JudgedCause,
+    RatedCause,
+    chi_square_inflation,
+    closed_loop_notes,
+    final_fit,
+    final_fit_on,
+    fitted_candidates,
+    named_causes,
+    rate_rivals,
+    recording_to_tell_rivals,
+    refitted_candidates,
+)
+from modelling.effects import EFFECTS
+from modelling.recordings.recording import Recording
+from modelling.simulation.simulate import check_speed_units
+from modelling.system import System
+
+# --- From a base fit to causes with their rivals; of long data by way of a time window.
+
+SEARCHED_RATIO = 1.5  # of χ², up to which a fit of the search may become one as good as the final one
+FAR_FROM_NOISE = 100.0  # times the noise, of a base model: a search by noise weights alone is not even begun
+LEFT_BY_MODEL = 3.0  # times the noise, of the best hypothesis: more than a noise that is stated too small
+
+
+@dataclass(frozen=True)
+class IdentifiedCauses:
+    """The state of the search at its end, for each cause its rivals, itself included, and all fitted candidates."""
+
+    state: SearchState
+    rated: list[list[RatedCause]]
+    fitted: list[FittedCandidate]
+
+
+def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+    """The causes that a base fit lacks, and for each its rivals, itself included.
+
+    Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
+    searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
+    better. With one sensor there is nothing to weigh: the error of its free simulation is what counts.
+    """
+    several = (base.problem.data.readings_by_sensor > 0).sum() > 1
+    if several and _largest_error(base) > FAR_FROM_NOISE:
+        return _identify(system, _balanced(system, base), holdout, progress)
+    identified = _identify(system, base, holdout, progress)
+    best = identified.state.best
+    if not several or scatters_only(best) or _largest_error(best.fit) < LEFT_BY_MODEL or search_is_over():
+        return identified
+    progress("sensors weighted by what the model leaves")
+    balanced = _identify(system, _balanced(system, base), holdout, progress)
+    better = UnseenData(holdout).earns_place(balanced.state.best, best)
+    return balanced if better else identified
+
+
+def _identify(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+    """Causes with their rivals, sensors weighted as in the base fit.
+
+    Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
+    the residual of all data is not noise though that of the window is, they are searched for in all data.
+    """
+    window = search_window(base)
+    if window is not None:
+        progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
+        judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data)))
+        identified = _search_and_rate(system, _solved_as(base, system, window), judge, progress)
+        state = identified.state
+        progress("all data")
+        best = final_fit_on(state.best, base)
+        if at_noise(best) or not at_noise(state.best) or search_is_over():
+            state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
+            state.screened = []
+            return identified
+    return _search_and_rate(system, base, holdout, progress)
+
+
+def _largest_error(fit: Fit) -> float:
+    """Root mean square error of the sensor with the largest one, in times its noise."""
+    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
+    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
+
+
+def _balanced(system: System, base: Fit) -> Fit:
+    return balanced_fit(base, base_problem(system, base.problem.data)[1])
+
+
+def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
+    """A base fit of other data, weighted as another is."""
+    problem, v = base_problem(system, data)
+    return solve(replace(problem, weighting=base.problem.weighting), v)
+
+
+def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+    unseen = UnseenData(holdout)
+    state = search_causes(system, base, unseen, progress)
+    progress("final fit")
+    if not at_noise(state.best):
+        _drop_without_gain_unseen(state, unseen)
+    state.best = final_fit(state.best)
+    if not state.best.causes:
+        state.base = state.best
+    _drop_not_needed(state)
+    _simplify(state)
+    rated = []
+    for index in range(len(state.best.causes)):
+        progress("rivals")
+        rated.append(rate_rivals(state, index, holdout))
+    return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
+
+
+def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
+    """Drop each cause, the last first, without which unseen data are met as well: it fitted what does not repeat."""
+    for index in reversed(range(len(state.best.causes))):
+        rest = _others(state, index)
+        if rest is None:
+            continue
+        rest = with_balanced_sensors(rest)
+        if state.best.model.negligible(state.best.fit, index) or not unseen.earns_place(state.best, rest):
+            state.best = rest
+            del state.rivals[index : index + 1]
+    if state.best.causes and unseen.error(state.best) is not None and not unseen.gains(state.best, state.base):
+        state.best, state.rivals = state.base, []  # each helps the others, and all together help nothing
+    if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
+        others = [hypothesis for hypothesis in state.with_one_cause if hypothesis.places != state.best.places]
+        state.rivals = [[state.best, *others]]
+
+
+def _drop_not_needed(state: SearchState) -> None:
+    """Drop causes of several without which the final fit is as good, e.g. backlash of no width."""
+    index = 0
+    while len(state.best.causes) > 1 and index < len(state.best.causes):
+        rest = _others(state, index)
+        if rest is None:
+            index += 1
+            continue
+        rest, fit = final_fit(rest), state.best.fit
+        price = len(state.best.causes[index].keys) * float(np.log(fit.problem.data.readings_count))
+        if rest.fit.cost < fit.cost + max(state.noise_threshold, price) * chi_square_inflation(state.best):
+            state.best = rest
+            del state.rivals[index : index + 1]
+        else:
+            index += 1
+
+
+def _simplify(state: SearchState) -> None:
+    """Exchange causes for simpler kinds that behave alike at their values, where these fit as well: a further cause has
+    taken what the simpler one left when it was searched for."""
+    for cause in state.best.causes:
+        best = state.best
+        index = best.causes.index(cause)
+        for simpler in simpler_hypotheses(best, index):
+            saved = len(best.fit.v) - len(simpler.fit.v)
+            price = saved * float(np.log(best.fit.problem.data.readings_count)) * chi_square_inflation(best)
+            if saved <= 0 or simpler.fit.cost > SEARCHED_RATIO * best.fit.cost:
+                continue
+            simpler = final_fit(simpler)
+            if simpler.fit.cost < best.fit.cost + price or not _possible(best, index):
+                state.best = simpler
+                del state.rivals[index : index + 1]
+                break
+
+
+def _possible(hypothesis: Hypothesis, index: int) -> bool:
+    """Whether the fitted parameters of a cause make sense together."""
+    cause = hypothesis.causes[index]
+    return EFFECTS[cause.kind].possible({key: hypothesis.fit.values[name] for key, name in cause.names().items()})
+
+
+def best_without(state: SearchState, index: int) -> Hypothesis:
+    """The best hypothesis without one of its causes; the base model where the others alone do not simulate."""
+    return _others(state, index) or state.base
+
+
+def _others(state: SearchState, index: int) -> Hypothesis | None:
+    """All causes of the best hypothesis but one, fitted; None where they do not simulate without it."""
+    if len(state.best.causes) == 1:
+        return state.base
+    model = state.best.model.without_cause(index, state.best.fit)
+    try:
+        fit = fit_extended(model, state.best.fit)
+    except FIT_ERRORS:
+        return None
+    return with_sharpest_friction(Hypothesis(model, fit))
+
+
+# --- Diagnosis
+
+EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up to which causes count as explaining all
+
+
+def diagnose(
+    system: System,
+    recordings: Sequence[Recording],
+    holdout: Recording | Sequence[Recording] | None = None,
+    progress: Progress = lambda _: None,
+    keep_rest: bool = False,
+    pictured: Callable[[Pictured], None] = lambda _: None,
+) -> Diagnosis:
+    """Find out what a model lacks against recordings of the system.
+
+    Parameters
+    ----------
+    system : System
+        Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
+    recordings : sequence of Recording
+    holdout : Recording or sequence of Recording, optional
+        Judges all fits and is not fitted; without it the last 30 % of every recording.
+    progress : callable
+        Is given the name of each step.
+    keep_rest : bool
+        Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
+    pictured : callable
+        Is given what the figures show before the causes are judged.
+
+    Raises
+    ------
+    InputError
+        If the recordings lack what is needed, or have speeds without a unit that fit in 1/min only.
+    """
+    judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
+    stated, system = system, with_clocks(system, [*recordings, *judging])
+    whole, train, judge, notes = _data(system, recordings, judging)
+    remembered = RememberedHoldout(judge)
+    progress("base model")
+    compile_models([system])
+    identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
+    state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
+    base, final = state.base, replace(state.best, fit=fits[0])
+    state.best = final
+    judge, restarted = _predictable(final, judge, remembered)
+    notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
+    residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
+    before, after = (rms_by_sensor(parts) for parts in residuals)
+    verdict, rest = _verdict(final, after), remaining_errors(final)
+    explained = verdict == "explained"
+    unseen = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
+    curves = discrepancy_curves(final) if rest else []
+    errors = errors_by_sensor(system, base, final, before, after)
+    pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, unseen)))
+    values = _estimates(final, fits)
+    judged = _judged_causes(identified)
+    kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
+    return Diagnosis(
+        verdict, named_causes(system, final, values, judged, explained),
+        {name: value for name, value in values.items() if name in system.uncertain}, system.units,
+        errors, pooled_errors(whole, before, after), fidelity(system, unseen), refitted_candidates(judged),
+        identified.fitted, rest, curves, recording_to_tell_rivals(final, judged, explained), notes,
+        _extended(stated, final, kept), plot_data, kept,
+    )  # fmt: skip
+
+
+def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:
+    """The residuals of several models on held-out data with the segments they belong to."""
+    return (ModelResiduals(judge.segments(model.fit), r) for model, r in zip(models, residuals, strict=True))
+
+
+def _estimates(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
+    """All fitted parameters by name; ``fits`` are equivalent to the final one, which comes first."""
+    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
+    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
+    if _rattles(final):
+        values = at_least(values, window_uncertainties(final.fit))
+    return bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
+
+
+def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> System:
+    """The stated system with the causes, and with a table of what they leave where one is kept."""
+    if kept is None:
+        return extended_system(stated, final.causes, final.fit.values)
+    return extended_system(stated.with_effects(kept.effect), final.causes, kept.values)
+
+
+def _data(
+    system: System, recordings: Sequence[Recording], judging: Sequence[Recording]
+) -> tuple[FitData, FitData, Holdout, list[str]]:
+    """All data of the recordings, those to fit, those to judge, and notes."""
+    for recording in [*recordings, *judging]:
+        check_speed_units(system, recording)
+    whole, remarks = prepare_data(system, recordings)
+    notes = [note for recording in recordings for note in recording.notes] + remarks
+    if not judging:
+        train, counts = split_holdout(whole)
+        return whole, train, RestOfRecordings(whole, counts), notes
+    other, remarks = prepare_data(system, judging)
+    notes += [f"hold-out: {note}" for note in (*(note for recording in judging for note in recording.notes), *remarks)]
+    return whole, whole, OtherRecordings(FitData(other.segments, whole.noise)), notes
+
+
+def _rattles(hypothesis: Hypothesis) -> bool:
+    return any(effect.law.abrupt for effect in hypothesis.fit.problem.system.effects)
+
+
+def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldout) -> tuple[Holdout, list[str]]:
+    """Held-out data as far as a model predicts them, and notes.
+
+    Where a shaft rattles and the free continuation of the fit loses the way: windows with start states of their own.
+    """
+    if not (isinstance(judge, RestOfRecordings) and at_noise(final) and _rattles(final)):
+        return remembered, []
+    errors = rms_by_sensor(holdout_residuals(remembered.simulate(final.fit)))
+    if np.nanmax(errors, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO:
+        return remembered, []
+    note = f"held-out data are simulated in windows of {RESTART_SECONDS:g} s: rattling forgets where it began"
+    return RestartedRest(judge.whole, judge.counts), [note]
+
+
+def _verdict(final: Hypothesis, after_holdout: np.ndarray) -> str:
+    """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise."""
+    if not at_noise(final):
+        return "unexplained"
+    if not final.causes:
+        return "adequate"
+    return "unexplained" if np.nanmax(after_holdout, initial=0.0) > EXPLAINED_HOLDOUT_RATIO else "explained"
+
+
+def _judged_causes(identified: IdentifiedCauses) -> list[JudgedCause]:
+    """Every cause of the best hypothesis with its rivals, and the best hypothesis without it."""
+    state = identified.state
+    causes = zip(state.best.causes, identified.rated, strict=True)
+    known = KnownScreening(state.screening, state.screened)
+    return [
+        JudgedCause(cause, ratings, best_without(state, place), known) for place, (cause, ratings) in enumerate(causes)
+    ]
+
+
+def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> PlotData:
+    data, balance, system = state.base.fit.problem.data, state.screening.balance, state.base.model.base
+    measured = np.concatenate([segment.readings for segment in data.segments])
+    before, after = (
+        np.where(np.isfinite(measured), residual_once(hypothesis) * data.noise, np.nan)
+        for hypothesis in (state.base, final)
+    )
+    return PlotData(
+        simulated_motion(state.base.fit), simulated_motion(final.fit), measured, before, after,
+        {part.name: balance.inertias[:, i] for i, part in enumerate(system.inertias)},
+        {part.name: balance.shafts[:, i] for i, part in enumerate(system.shafts)},
+        [sensor.name for sensor in system.sensors], data.noise, unseen,
+    )  # fmt: skip

@@ -1,0 +1,682 @@
+"""Screening: what each candidate could take of a fit's residual, to first order, after the base parameters did."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby, islice, pairwise
+
+import numpy as np
+from scipy import fft
+from scipy.linalg import qr
+from scipy.special import chdtrc, chdtri
+
+from matching.diagnosis.causes import (
+    Cause,
+    ExtendedModel,
+    known_jacobian,
+    simulated_motion,
+    start_states,
+    states_from,
+    torque_balance,
+)
+from matching.diagnosis.data import Segment
+from matching.diagnosis.fit import (
+    STEPS_PER_RADIAN,
+    Fit,
+    FitOptions,
+    FitProblem,
+    chi_square,
+    flank_shifts,
+    jacobian,
+    simulate_readings,
+    solve,
+    steps_and_stick_speed,
+)
+from matching.diagnosis.statistics import Estimate, covariance, discretisation_shift, inflation
+from modelling.effects import EFFECTS
+from modelling.effects.effect import Guess, members
+from modelling.equations.casadi_code import compiled
+from modelling.interruption import time_is_over
+from modelling.system import Input, System
+
+# --- Backlash: what neither noise nor the Jacobian of a fit tells of the uncertainty of its gap.
+#
+# A recording may show one flank only.
+#
+# With drive torque throughout, a shaft crosses its backlash once at most: what part of the gap was ahead at the start
+# is
+# known, what part was behind is not. χ² is then constant in the gap from some value on, so the fit ends anywhere there,
+# and its Jacobian takes that value for well known.
+#
+# The gap is the way from one flank to the other, so it is known no better than the time of contact. A rattling shaft
+# magnifies every difference, and its Jacobian takes that for knowledge of times far below a sampling interval, where
+# neither the channels of a sample nor two integrations of the motion agree.
+
+CONTACT_TIME_SHARE = 0.01  # of the sampling interval: how well the channels of a sample belong to the same instant
+CONTACT_SHARE = 0.02  # of the largest torque of the shaft, from which a flank is in contact
+
+
+def bounded_below(estimates: Mapping[str, Estimate], fit: Fit, causes: Sequence[Cause]) -> dict[str, Estimate]:
+    """Estimates with gaps of which one flank was touched as uncertain as they are large, with a note that says so."""
+    out = dict(estimates)
+    backlashes = [cause for cause in causes if EFFECTS[cause.kind].free_play]
+    if not backlashes:
+        return out
+    motion = simulated_motion(fit)
+    for cause in backlashes:
+        shaft, name = cause.at.split(".")[1], cause.names()[EFFECTS[cause.kind].free_play]
+        torque, twist, gap = motion.torque[shaft], motion.twist[shaft], out[name]
+        contact = CONTACT_SHARE * abs(torque).max()
+        if torque.min() > -contact:
+            crossed = gap.value / 2 - float(twist.min())
+        elif torque.max() < contact:
+            crossed = gap.value / 2 + float(twist.max())
+        else:
+            continue
+        note = f"only one side of the free play is touched: it is at least {min(crossed, gap.value):.3g} rad"
+        uncertainty = max(gap.standard_uncertainty, abs(gap.value))
+        out[name] = replace(gap, standard_uncertainty=uncertainty, note=note)
+    return out
+
+
+def as_late_as_contact(estimates: Mapping[str, Estimate], fit: Fit, causes: Sequence[Cause]) -> dict[str, Estimate]:
+    """Estimates with gaps as uncertain, besides noise, as the twist that passes while a contact may be."""
+    out = dict(estimates)
+    backlashes = [cause for cause in causes if EFFECTS[cause.kind].free_play]
+    if not backlashes:
+        return out
+    motion = simulated_motion(fit)
+    unknown_time = CONTACT_TIME_SHARE * fit.problem.data.sampling_interval
+    for cause in backlashes:
+        shaft, name = cause.at.split(".")[1], cause.names()[EFFECTS[cause.kind].free_play]
+        gap = out[name]
+        crossing = motion.twist_rate[shaft][np.abs(motion.twist[shaft]) < gap.value / 2]
+        if len(crossing):
+            passed = unknown_time * float(np.sqrt(np.mean(crossing**2)))
+            out[name] = replace(gap, standard_uncertainty=float(np.hypot(gap.standard_uncertainty, passed)))
+    return out
+
+
+# --- Which decrease of χ² the best of all candidates reaches in pure noise: a parametric bootstrap of the screening.
+#
+# White noise stands beside the residual; every guess that is screened may take what it can of both. A candidate counts
+# where it takes more of the residual than the best candidate takes of noise in all but one of a thousand cases.
+
+DRAWS = 40
+PASSED_BY_NOISE = 1e-3  # probability with which noise alone passes the threshold
+EULER_GAMMA = 0.5772156649
+
+
+class NoiseDraws:
+    """White noise and what the guesses took of it.
+
+    Parameters
+    ----------
+    mask : ndarray (r,)
+        Which residuals are readings.
+    free : callable
+        Signals (r, d) → without what base parameters and start states can take of them.
+    """
+
+    def __init__(self, mask: np.ndarray, free: Callable[[np.ndarray], np.ndarray], seed: int = 0):
+        noise = np.random.default_rng(seed).standard_normal((len(mask), DRAWS)).astype(np.float32)
+        noise[~mask] = 0.0
+        self.noise = free(noise).astype(np.float32)
+        self.decreases: list[np.ndarray] = []
+
+    def offer(self, spans: list[np.ndarray], chosen_from: list[float]) -> None:
+        """Let several guesses take what they can.
+
+        Parameters
+        ----------
+        spans : list of ndarray (r, c)
+            Orthonormal signatures of each guess.
+        chosen_from : list of float
+            How many independent guesses each stands for.
+        """
+        squares = (np.concatenate([span.T for span in spans], dtype=np.float32) @ self.noise) ** 2
+        ends = np.cumsum([span.shape[1] for span in spans])
+        for span, count, square in zip(spans, chosen_from, np.split(squares, ends[:-1]), strict=True):
+            self.decreases.append(best_of(count, square.sum(axis=0), span.shape[1]))
+
+    def threshold(self) -> float:
+        """Decrease of χ² that noise reaches with the probability ``PASSED_BY_NOISE``.
+
+        The largest decreases of many draws follow Gumbel's distribution, fitted by its moments.
+        """
+        if not self.decreases:
+            return 0.0
+        largest = np.max(self.decreases, axis=0)
+        scale = float(largest.std(ddof=1)) * np.sqrt(6) / np.pi
+        location = float(largest.mean()) - EULER_GAMMA * scale
+        return location - scale * float(np.log(-np.log1p(-PASSED_BY_NOISE)))
+
+
+def best_of(count: float, decrease: np.ndarray, c: int) -> np.ndarray:
+    """What the best of ``count`` guesses takes of noise, given what one of them takes (d,).
+
+    χ² with c degrees of freedom mapped, at equal probability, to the largest of that many.
+    """
+    if count <= 1:
+        return decrease
+    exceeded = np.clip(chdtrc(c, np.asarray(decrease, float)), 0.0, 1 - 1e-12)
+    return chdtri(c, -np.expm1(np.log1p(-exceeded) / count))
+
+
+# --- The fit of an extended model, begun where the fit of its parent ended.
+
+ABRUPT_STEPS = 8  # integration steps a sample where a torque jumps: with fewer, χ² is too rough to descend
+SMOOTH_STEPS = 2  # the same for other effects in a search; twice as many in the final fit, as of the fastest mode
+MOST_START_STATES = 4  # at which the fastest rate is looked at, besides rest
+SEARCH = FitOptions(exact=False)
+
+
+def fit_extended(
+    model: ExtendedModel, parent: Fit, options: FitOptions = SEARCH, steps_per_radian: float = STEPS_PER_RADIAN
+) -> Fit:
+    """Fit an extended model, beginning at values, start states and Jacobian of the fit it came from.
+
+    Raises
+    ------
+    FloatingPointError
+        If it does not simulate from there.
+    """
+    problem, p = extended_problem(model, parent, steps_per_radian)
+    v = problem.pack(model.values, list(model.starts) or start_states(problem, parent, p))
+    v = np.clip(v, problem.lower, problem.upper)
+    return solve(problem, v, known_jacobian(problem, parent, v), options)
+
+
+def extended_problem(
+    model: ExtendedModel, parent: Fit, steps_per_radian: float = STEPS_PER_RADIAN
+) -> tuple[FitProblem, np.ndarray]:
+    """The problem of an extended model on the data of its parent, and its parameters (p,) to begin with."""
+    system = model.system()
+    equations, data = compiled(system), parent.problem.data
+    starts = states_from(parent.starts[:MOST_START_STATES], equations.states, parent)
+    rest = np.zeros(len(equations.states))
+    sampling = 1 / data.sampling_interval
+    p = equations.vector({name: value for name, value in model.values.items() if name in equations.parameters})
+    least = SMOOTH_STEPS * steps_per_radian / STEPS_PER_RADIAN * sampling
+    if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
+        least = ABRUPT_STEPS * sampling
+    if np.isfinite(parent.problem.stick_speed):  # friction that had to be sharper stays so
+        least = max(least, min(parent.problem.steps_per_second, ABRUPT_STEPS * sampling))
+    steps, stick_speed = steps_and_stick_speed(
+        equations, p, np.array([*starts, rest]), sampling, steps_per_radian, least
+    )
+    held = parent.problem.held_states
+    held = None if held is None else states_from(held, equations.states, parent)
+    return FitProblem(system, data, model.bounds, steps, stick_speed, held, parent.problem.weighting), p
+
+
+# --- Readings that torques on the inertias add, by the linear base model.
+#
+# Inputs are linear between samples, so the response to any sampled torque is exactly the convolution with the
+# response to
+# one triangular pulse; it is done by FFT.
+
+
+class TorqueResponse:
+    """The linear response of the readings of a fit to torques on its inertias.
+
+    Attributes
+    ----------
+    parts : tuple of slice
+        The segments, one after another.
+    """
+
+    def __init__(self, fit: Fit, parts: tuple[slice, ...]):
+        self.parts = parts
+        self._pulses = _pulse_responses(fit)
+        self._sensors = len(fit.problem.data.noise)
+        self._spectra: dict[tuple[str, int], np.ndarray] = {}
+
+    def readings(self, torques: dict[str, np.ndarray]) -> np.ndarray:
+        """Readings (t, y), SI, that torques (t,) on inertias, N·m, add."""
+        out = np.zeros((self.parts[-1].stop, self._sensors))
+        for part in self.parts if torques else ():
+            size = part.stop - part.start
+            length = fft.next_fast_len(2 * size, real=True)
+            total = np.zeros((self._sensors, length // 2 + 1), dtype=complex)
+            for name, torque in torques.items():
+                total += self._spectrum(name, size) * fft.rfft(torque[part], length)
+            out[part] = fft.irfft(total, length)[:, :size].T
+        return out
+
+    def correlation(self, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """By inertia (t,): Σ weights·readings for a torque of 1 N·m at each sample; the adjoint of ``readings``.
+
+        Parameters
+        ----------
+        weights : ndarray (t, y)
+        """
+        out = {}
+        for name in self._pulses:
+            values = np.zeros(len(weights))
+            for part in self.parts:
+                size = part.stop - part.start
+                length = fft.next_fast_len(2 * size, real=True)
+                spectrum = np.conj(self._spectrum(name, size)) * fft.rfft(weights[part].T, length)
+                values[part] = fft.irfft(spectrum.sum(axis=0), length)[:size]
+            out[name] = values
+        return out
+
+    def _spectrum(self, name: str, size: int) -> np.ndarray:
+        """Spectrum (y, f) of the readings after a pulse on an inertia, for as many samples."""
+        if (name, size) not in self._spectra:
+            length = fft.next_fast_len(2 * size, real=True)
+            self._spectra[name, size] = fft.rfft(self._pulses[name][:size].T, length)
+        return self._spectra[name, size]
+
+
+def _pulse_responses(fit: Fit) -> dict[str, np.ndarray]:
+    """By inertia: readings (t, y) of the linear model after a torque that is 1 N·m at the first sample and falls
+    linearly to 0 at its neighbours."""
+    plain = without_effects(fit.problem.system)
+    imposed = (effect for effect in fit.problem.system.effects if effect.law.imposes_motion)
+    plain = plain.with_effects(*imposed)  # what is imposed, no torque moves
+    plain = plain.with_values({name: value for name, value in fit.values.items() if name in plain.parameters})
+    probes = tuple(Input(f"probe{i}", part.name, "torque") for i, part in enumerate(plain.inertias))
+    model = compiled(replace(plain, inputs=probes))
+    longest = max(fit.problem.data.segments, key=lambda segment: len(segment.time))
+    step = float(np.median(np.diff(longest.time)))
+    time = step * np.arange(len(longest.time) + 1)
+    start = np.zeros((1, len(model.states)))
+    out = {}
+    for i, part in enumerate(plain.inertias):
+        inputs = np.zeros((len(time), len(plain.inertias)))
+        inputs[1, i] = 1.0
+        segment = Segment(time, inputs, np.full((len(time), len(plain.sensors)), np.nan))
+        steps = fit.problem.steps_per_second
+        out[part.name] = simulate_readings(model, [segment], model.p0[None], [start], steps)[0][0, 1:]
+    return out
+
+
+def without_effects(system: System) -> System:
+    """The linear drivetrain of a system, all inputs torques; a wrong parameter stays as it is said to be."""
+    inputs = tuple(replace(part, measures="torque") for part in system.inputs)
+    return replace(system, inputs=inputs, effects=tuple(e for e in system.effects if e.law.replaces_quantity))
+
+
+# --- Screening
+
+WORTHWHILE, WORTHWHILE_SHARE = 100.0, 0.5  # decrease of χ², absolute and of a kind's best, to look at nearby guesses
+HOPEFUL_SHARE = 0.1  # of the best of all kinds: nearby guesses gain a few times as much, not ten times
+TOGETHER = 16  # guesses that are projected at once
+DEPENDENT = 1e-6  # of a signature's length: what is left by others that take its place
+VALUE_STEP = 1e-3  # relative, of the differences by a known quantity
+
+
+@dataclass(frozen=True)
+class ScreenedCandidate:
+    """A candidate with its best guess: how much of χ² it would take to first order."""
+
+    kind: str
+    at: str
+    parameters: dict[str, float]
+    reduction: float
+    guess: Guess | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def kind_and_place(self) -> tuple[str, str]:
+        """What it is and where."""
+        return self.kind, self.at
+
+
+class Screening:
+    """The residual of a fit, what base parameters can take of it, and what further effects could.
+
+    Attributes
+    ----------
+    fit : Fit
+    residual : ndarray (r,)
+        In times the noise, without what base parameters and start states can take.
+    basis : ndarray (r, v)
+        Orthonormal, of what base parameters and start states change.
+    motion : FittedMotion
+        Of the fit, with the deviations of the measurement.
+    balance : TorqueBalance
+        Torques that the measurement asks for.
+    draws : NoiseDraws, optional
+        Noise that every guess may take from too.
+    """
+
+    def __init__(self, fit: Fit):
+        self.fit = fit
+        self.system = fit.problem.system
+        self.noise = fit.problem.data.noise
+        self.draws: NoiseDraws | None = None
+        self.mask = np.concatenate([segment.measured for segment in fit.problem.data.segments])
+        columns = fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
+        self.basis = qr(columns, mode="economic", check_finite=False)[0]
+        self.residual = self.free(fit.residual)
+        motion = simulated_motion(fit)
+        self.response = TorqueResponse(fit, motion.segments)
+        torques = [float(np.std(torque)) for torque in (*motion.torque.values(), *motion.input.values())]
+        self.balance = torque_balance(fit, without_effects(self.system), dict(motion.value), max(torques, default=1.0))
+        weights = self._gradient_by_readings() / self.noise
+        self.motion = replace(simulated_motion(fit, self.balance), torque_gradient=self.response.correlation(weights))
+
+    def free(self, signal: np.ndarray) -> np.ndarray:
+        """A signal (r,) or (r, c) without what base parameters and start states can take of it."""
+        return signal - self.basis @ (self.basis.T @ signal)
+
+    def signature(self, addition: dict[str, np.ndarray | float]) -> np.ndarray:
+        """What an addition of a guess changes in the readings, in times the noise, (r,)."""
+        torques: dict[str, np.ndarray] = {}
+        direct = np.zeros(self.mask.shape)
+        column = np.zeros(direct.size)
+        inertia_of_input = {part.name: part.on for part in self.system.inputs}
+        for place, what in addition.items():
+            table, name = place.split(".")[:2]
+            if place.count(".") == 2:
+                column += self._by_value(place) * what
+            elif table == "sensors":
+                direct[:, [sensor.name for sensor in self.system.sensors].index(name)] += what
+            elif table == "shafts":
+                self._add_shaft_torque(name, np.asarray(what), torques, direct)
+            else:
+                inertia = name if table == "inertias" else inertia_of_input[name]
+                torques[inertia] = torques.get(inertia, 0.0) + np.asarray(what)
+        total = (self.response.readings(torques) + direct) / self.noise
+        total[~self.mask] = 0.0
+        return self._weighted(total) + column
+
+    def _add_shaft_torque(
+        self, name: str, torque: np.ndarray, torques: dict[str, np.ndarray], direct: np.ndarray
+    ) -> None:
+        """Add, in place, a further torque (t,) of a shaft: on both inertias, and in its sensors (t, y)."""
+        shaft = next(shaft for shaft in self.system.shafts if shaft.name == name)
+        first, second = shaft.between
+        ratio = self.motion.value.get(f"shafts.{name}.ratio", 1.0)
+        torques[first] = torques.get(first, 0.0) - torque / ratio
+        torques[second] = torques.get(second, 0.0) + torque
+        for j, sensor in enumerate(self.system.sensors):
+            if sensor.measures == "torque" and sensor.of == name:
+                direct[:, j] += torque
+
+    def _by_value(self, name: str) -> np.ndarray:
+        """Derivative (r,) of the simulated readings, in times the noise, by a known quantity."""
+        problem = self.fit.problem
+        index = problem.model.parameters.index(name)
+        p, starts = problem.unpack(self.fit.v)
+        step = VALUE_STEP * (abs(p[index]) or 1.0)
+        moved = p.copy()
+        moved[index] += step
+        segments, pairs = problem.data.segments, [np.array([start, start]) for start in starts]
+        simulated = simulate_readings(problem.model, segments, np.array([moved, p]), pairs, problem.steps_per_second)
+        out = []
+        for segment, y in zip(segments, simulated, strict=True):
+            difference = (y[0] - y[1]) / step / self.noise
+            difference[~segment.measured] = 0.0
+            out.append(difference)
+        return self._weighted(np.concatenate(out))
+
+    def _weighted(self, errors: np.ndarray) -> np.ndarray:
+        """Errors (t, y) of all segments, in times the noise, as they count, (r,)."""
+        parts = [
+            self.fit.problem.counted(errors[part][None], i)[0].ravel() for i, part in enumerate(self.response.parts)
+        ]
+        return np.concatenate(parts)
+
+    def _gradient_by_readings(self) -> np.ndarray:
+        """(t, y) −½·∂χ²/∂reading, in times the noise."""
+        weighted = self.residual.reshape(-1, len(self.noise))
+        weighting = self.fit.problem.weighting
+        if weighting is None:
+            return weighted
+        return np.concatenate([weighting.weigh_transposed(weighted[p], self.mask[p]) for p in self.response.parts])
+
+    def candidates(
+        self, system: System | None = None, left_out: Collection[tuple[str, str]] = ()
+    ) -> Iterator[ScreenedCandidate]:
+        """Every kind at every place that can lower χ², each guess by itself, unsorted.
+
+        Parameters
+        ----------
+        system : System, optional
+            Effects that it has are not repeated; the fit's system if not given.
+        left_out : collection of (str, str), optional
+            Kinds and places that are not asked for.
+        """
+        system = system or self.system
+        present = {(effect.kind, place) for effect in system.effects for place in effect.places}
+        by_kind: dict[str, list[ScreenedCandidate]] = {}
+        for kind, effect in EFFECTS.items():
+            places = [
+                at
+                for at in (*effect.candidate_places(system), *effect.shared_places(system))
+                if (kind, at) not in left_out
+                and not any((kind, place) in present for place in members(at))
+                and not (effect.replaces_quantity and system.parameters[at].uncertain)
+            ]
+            guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))
+            by_kind[kind] = list(self._screened(kind, guesses))
+            yield from by_kind[kind]
+        hopeful = HOPEFUL_SHARE * max(
+            (candidate.reduction for some in by_kind.values() for candidate in some), default=0.0
+        )
+        for kind, screened in by_kind.items():
+            best: dict[str, ScreenedCandidate] = {}
+            for candidate in sorted(screened, key=lambda candidate: -candidate.reduction):
+                best.setdefault(candidate.at, candidate)
+            largest = max((candidate.reduction for candidate in best.values()), default=0.0)
+            least = max(WORTHWHILE, WORTHWHILE_SHARE * largest, hopeful)
+            good = [c for c in best.values() if c.reduction > least]
+            nearby = ((c.at, guess) for c in good for guess in EFFECTS[kind].nearby(self.motion, c.at, c.parameters))
+            yield from self._screened(kind, nearby)
+
+    def _screened(self, kind: str, guesses: Iterable[tuple[str, Guess]]) -> Iterator[ScreenedCandidate]:
+        """The guesses at places that lower χ²."""
+        rest = iter(guesses)
+        while some := list(islice(rest, TOGETHER)):
+            reductions = self.reductions([guess for _, guess in some])
+            for (at, guess), (reduction, parameters) in zip(some, reductions, strict=True):
+                if parameters is not None and reduction > 0:
+                    yield ScreenedCandidate(kind, at, parameters, reduction, guess)
+
+    def reductions(self, guesses: Sequence[Guess]) -> list[tuple[float, dict[str, float] | None]]:
+        """How much each guess lowers χ² at its best amplitudes, and its parameters then (None: no such effect).
+
+        All are projected at once: the basis is long, and reading it is what takes the time.
+        """
+        signatures = [np.array([self.signature(dict(addition)) for addition in guess.additions]) for guess in guesses]
+        finite = [i for i, rows in enumerate(signatures) if np.isfinite(rows).all()]
+        out: list[tuple[float, dict[str, float] | None]] = [(0.0, None)] * len(guesses)
+        if not finite:
+            return out
+        every = np.concatenate([signatures[i] for i in finite])
+        lengths = np.linalg.norm(every, axis=1)
+        every -= (every @ self.basis) @ self.basis.T
+        ends = np.cumsum([len(signatures[i]) for i in finite])[:-1]
+        spans, counts = [], []
+        for i, rows, length in zip(finite, np.split(every, ends), np.split(lengths, ends), strict=True):
+            factors = _orthonormal(rows.T, length)
+            if factors is None:
+                continue
+            span, triangle = factors
+            along = span.T @ self.residual
+            out[i] = float(along @ along), guesses[i].parameters(np.linalg.solve(triangle, along))
+            spans.append(span)
+            counts.append(guesses[i].chosen_from)
+        if self.draws is not None and spans:
+            self.draws.offer(spans, counts)
+        return out
+
+
+def _orthonormal(columns: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """QR factors of projected signatures (r, c), of these lengths (c,) before; None where they depend on each other or
+    on the base parameters."""
+    left = np.linalg.norm(columns, axis=0)
+    if np.any(left < DEPENDENT * lengths) or not np.all(left > 0):
+        return None
+    span, triangle = (columns / left, np.eye(1)) if len(left) == 1 else np.linalg.qr(columns / left)
+    if np.abs(np.diag(triangle)).min() < DEPENDENT:
+        return None
+    return span, triangle * left
+
+
+# --- Fits over short windows, each with its own start state: multiple shooting without matching conditions.
+#
+# Over a short horizon χ² is nearly convex in the parameters, where over a long one phases slip past each other and
+# rattling forgets where it began (multiple shooting: Bock and Plitt 1984).
+
+SHORTEST_WINDOW = 0.5  # s
+MOST_WINDOWS = 24
+POOR_RATIO = 3.0  # of the median of the windows' mean squares, from which one began on the wrong flank
+MOST_FLANKS, FLANK_ITERATIONS = 3, 12  # windows begun on every flank in a round, and the iterations of each fit
+ITERATIONS, AGAIN_ITERATIONS = 30, 15
+ROUNDS = 8  # at most, in which windows may begin where the one before ends
+GOOD = 1.02  # mean square of the residual in times the noise, which needs no further round
+PROGRESS = 0.98  # of χ², for a round to count
+LOST_RATIO = 2.0  # of χ² to that of windows half as long, from which longer ones have lost the way
+
+
+def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> Fit:
+    """Fit an extended model over short windows.
+
+    Parameters
+    ----------
+    motion : ndarray (t, x)
+        States of the parent's model as measured, segments one after another: windows begin there.
+
+    Raises
+    ------
+    FloatingPointError
+        If it does not simulate from there.
+    """
+    windows = _cut(parent, motion)
+    problem, p = extended_problem(model, windows)
+    problem.held_states = start_states(problem, windows, p)
+    return _again(solve(problem, problem.pack(model.values, problem.held_states), None, FitOptions(ITERATIONS)))
+
+
+def _again(fit: Fit) -> Fit:
+    """A fit over windows begun again from better start states while that pays."""
+    for _ in range(ROUNDS):
+        if fit.cost < GOOD * fit.problem.data.readings_count or time_is_over():
+            break
+        again = solve(fit.problem, _joined(fit), None, FitOptions(AGAIN_ITERATIONS))
+        if again.cost > PROGRESS * fit.cost:
+            break
+        fit = again
+    return fit
+
+
+def fit_longer_windows(fit: Fit) -> Fit:
+    """The fit of short windows carried on over windows twice as long, again and again, until they are whole segments.
+
+    A fit over long windows finds its way only from near the minimum, and that of windows half as long is near enough.
+    Where it does not keep what those reached (rattling forgets where it began), the last that did is returned.
+    """
+    while True:
+        segments, starts = _pairs(fit)
+        if len(segments) == len(fit.problem.data.segments) or time_is_over():
+            return fit
+        problem = replace(fit.problem, data=replace(fit.problem.data, segments=tuple(segments)), held_states=starts)
+        begun = replace(fit, problem=problem, v=problem.pack(fit.values, starts))
+        longer = _again(solve(problem, _joined(begun), None, SEARCH))
+        if longer.cost > LOST_RATIO * fit.cost:
+            return fit
+        fit = longer
+
+
+def window_uncertainties(fit: Fit) -> dict[str, float]:
+    """Standard uncertainties of a fit's parameters as short windows along its own motion determine them.
+
+    Where torques jump, a long simulation magnifies the smallest change of a parameter until readings have nothing in
+    common with before: its Jacobian at one point takes that for knowledge. Over a short window it is none.
+    """
+    windows = _cut(fit, np.concatenate(fit.problem.states(fit.v)))
+    residual = windows.problem.residuals(windows.v[None])[0]
+    derivatives = jacobian(windows.problem, windows.v, residual)
+    refitted = replace(windows, residual=residual, jacobian=derivatives, cost=chi_square(residual))
+    sigma = np.hypot(np.sqrt(np.diag(covariance(refitted, inflation(refitted)))), discretisation_shift(refitted))
+    return dict(zip(fit.problem.free, (float(s) for s in sigma), strict=False))
+
+
+def _pairs(fit: Fit) -> tuple[list[Segment], list[np.ndarray]]:
+    """Windows of a fit joined two by two where one begins at the other's last sample, and their start states (x,)."""
+    windows = list(zip(fit.problem.data.segments, fit.starts, strict=True))
+    run, begins_run = 0, []
+    for i, (segment, _) in enumerate(windows):
+        before = windows[i - 1][0] if i else None
+        run += not (before and before.name == segment.name and before.time[-1] == segment.time[0])
+        begins_run.append(run)
+    segments, starts = [], []
+    for _, group in groupby(zip(windows, begins_run, strict=True), key=lambda pair: pair[1]):
+        members = [window for window, _ in group]
+        for i in range(0, len(members), 2):
+            segments.append(_joined_segment([segment for segment, _ in members[i : i + 2]]))
+            starts.append(members[i][1])
+    return segments, starts
+
+
+def _joined_segment(parts: list[Segment]) -> Segment:
+    """Windows that share the last sample of one with the first of the next, as one."""
+    pieces = [parts[0], *(part.part(1, len(part.time)) for part in parts[1:])]
+    time, inputs, readings = (
+        np.concatenate(arrays)
+        for arrays in zip(*((piece.time, piece.inputs, piece.readings) for piece in pieces), strict=True)
+    )
+    return replace(parts[0], time=time, inputs=inputs, readings=readings)
+
+
+def _cut(parent: Fit, motion: np.ndarray) -> Fit:
+    """The parent fit over windows that begin in a motion (t, x); residual and Jacobian are those of the segments."""
+    data = parent.problem.data
+    total = sum(float(np.ptp(segment.time)) for segment in data.segments)
+    length = max(SHORTEST_WINDOW, total / MOST_WINDOWS)
+    windows, starts, begin = [], [], 0
+    for segment in data.segments:
+        count = max(1, round(float(np.ptp(segment.time)) / length))
+        edges = np.linspace(0, len(segment.time), count + 1).astype(int)
+        for first, last in pairwise(edges):
+            windows.append(segment.part(int(first), int(last) + 1))  # the last sample is also the next window's first
+            starts.append(motion[begin + first])
+        begin += len(segment.time)
+    problem = replace(parent.problem, data=replace(data, segments=tuple(windows)), held_states=starts)
+    return replace(parent, problem=problem, v=problem.pack(parent.values, starts))
+
+
+def _joined(fit: Fit) -> np.ndarray:
+    """Variables of a fit over windows, each beginning where the one before ends if it fits better from there; poor ones
+    on the flank of a free play from which they fit best."""
+    problem, starts = fit.problem, fit.starts
+    ends = [states[-1] for states in problem.states(fit.v)]
+    v = problem.pack(fit.values, [starts[0], *ends[:-1]])
+    kept, moved = (_squares(problem, point) for point in (fit.v, v))
+    starts = [
+        end if b < a else start for start, end, a, b in zip(starts, problem.unpack(v)[1], kept, moved, strict=True)
+    ]
+    squares = np.minimum(kept, moved)
+    count = np.array([segment.measured.sum() for segment in problem.data.segments])
+    share = squares / np.maximum(count, 1)
+    poor = share > max(GOOD, POOR_RATIO * float(np.median(share)))
+    for i in sorted(np.flatnonzero(poor).tolist(), key=lambda i: -share[i])[:MOST_FLANKS]:
+        starts[i] = _best_flank(fit, i, starts[i])
+    return problem.pack(fit.values, starts)
+
+
+def _best_flank(fit: Fit, i: int, start: np.ndarray) -> np.ndarray:
+    """The start state (x,) of a window that fits best, begun on the flanks of a free play, the parameters held.
+
+    From within a free play, or from its wrong flank, no small step leads to the right one.
+    """
+    known = {name: value for name, value in fit.values.items() if name in fit.problem.system.parameters}
+    system = fit.problem.system.with_values(known)
+    data = replace(fit.problem.data, segments=(fit.problem.data.segments[i],))
+    window = replace(fit.problem, system=system, data=data, bounds={}, held_states=[start])
+    shifts = flank_shifts(system, window.model)
+    if len(shifts) == 1:
+        return start
+    begins = [start + share * shift for shift in shifts for share in (1, 2)][1:]
+    fits = [solve(window, window.pack({}, [begin]), None, FitOptions(FLANK_ITERATIONS)) for begin in begins]
+    return min(fits, key=lambda fit: fit.cost).starts[0]
+
+
+def _squares(problem: FitProblem, v: np.ndarray) -> np.ndarray:
+    """χ² (w,) of every window for variables v (v,)."""
+    return np.array([chi_square(part.ravel()) for part in problem.by_sensor(problem.residuals(v[None])[0])])

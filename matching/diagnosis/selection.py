@@ -1,0 +1,375 @@
+"""Whether a cause earns its place on data that no fit has used.
+
+What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat. A
+cause is kept only if the error of all sensors together falls on unseen data and that of none rises beyond its
+uncertainty and beyond a slight part of that fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from matching.diagnosis.causes import Cause, ExtendedModel
+from matching.diagnosis.fit import Fit, FitOptions, iteratively_reweighted, polished, power_left, power_left_by, solve
+from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.statistics import (
+    BLOCK_LENGTHS,
+    Estimate,
+    WhitenessTest,
+    covariance,
+    effective_share,
+    mean_square,
+    shares_of_ranges,
+    whiteness,
+)
+from modelling.effects import EFFECTS
+from modelling.interruption import time_is_over
+
+# --- A hypothesis: causes with the fit of the model they extend, and how far its residual is from noise.
+
+NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is more than noise
+NOISE_EXCESS = 0.006  # power beyond that of the noise, in times it, that matters
+INDEPENDENT = 0.8  # share of independent samples in what is white
+NOISE_EXCESS_ABRUPT = 0.02  # the same where torques jump: χ² is too rough to reach its very minimum
+MOST_LOST = 1.5  # times the pooled error of fitted data that a fit in its own balanced weights may have
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Causes and the fit with them.
+
+    Attributes
+    ----------
+    model : ExtendedModel
+        What the fit began from.
+    fit : Fit
+    screened : float
+        Decrease of χ² that the screening promised for the last cause.
+    """
+
+    model: ExtendedModel
+    fit: Fit
+    screened: float = 0.0
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The causes, in the order they were found."""
+        return self.model.causes
+
+    @property
+    def places(self) -> set[tuple[str, str]]:
+        """Kind and place of each cause."""
+        return {(cause.kind, cause.at) for cause in self.causes}
+
+    @cached_property
+    def mean_squares(self) -> np.ndarray:
+        """(y,) mean square of each sensor's error in times its noise; NaN without readings."""
+        square = np.sum([np.sum(part**2, axis=0) for part in self.fit.errors], axis=0)
+        count = self.fit.problem.data.readings_by_sensor
+        return np.where(count, square / np.maximum(count, 1), np.nan)
+
+    @cached_property
+    def chi_square(self) -> float:
+        """How much the fit leaves, in times the noise: χ².
+
+        Where sensors are weighted by what the model leaves of them: the number of readings times the geometric mean of
+        what it leaves of each, fast and slow (:func:`power_left`). It does not depend on the weights that the fit had.
+        """
+        data = self.fit.problem.data
+        if self.fit.problem.weighting is None:
+            return self.fit.cost
+        logarithms = np.log(power_left_by(self.fit))
+        return data.readings_count * float(np.exp(logarithms @ data.readings_by_sensor / data.readings_count))
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of all errors in times the noise."""
+        count = self.fit.problem.data.readings_by_sensor
+        return float(np.sqrt(np.nansum(self.mean_squares * count) / count.sum()))
+
+    @property
+    def cost(self) -> float:
+        """χ² and ln of the number of readings for each variable (Schwarz, Annals of Statistics 6, 1978)."""
+        return self.chi_square + len(self.fit.v) * float(np.log(self.fit.problem.data.readings_count))
+
+    def at_fit(self) -> ExtendedModel:
+        """The model at fitted values and bounds, to begin another fit."""
+        values = self.model.values | self.fit.values
+        return replace(self.model, bounds=self.fit.problem.bounds, values=values, starts=())
+
+    def whiteness(self) -> list[WhitenessTest]:
+        """The error of each sensor against white noise of its stated uncertainty."""
+        return self._whiteness
+
+    @cached_property
+    def _whiteness(self) -> list[WhitenessTest]:
+        parts = [
+            np.where(segment.measured, errors, np.nan)
+            for errors, segment in zip(self.fit.errors, self.fit.problem.data.segments, strict=True)
+        ]
+        return [whiteness([part[:, j] for part in parts]) for j in range(len(self.fit.problem.data.noise))]
+
+
+def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them.
+
+    Where what is left is slow, its memory takes the place of parameters that hold the slow part: the next fit lets it
+    grow, and so on. A fit that loses its way so is not taken.
+    """
+    if hypothesis.fit.problem.weighting is None:
+        return hypothesis
+    balanced = iteratively_reweighted(hypothesis.fit)
+    lost = pooled_error(balanced) > MOST_LOST * pooled_error(hypothesis.fit)
+    return hypothesis if lost else replace(hypothesis, fit=balanced)
+
+
+def pooled_error(fit: Fit) -> float:
+    """Root mean square over the sensors of the error of fitted data over the sensor's range."""
+    segments = fit.problem.data.segments
+    left = [np.where(segment.measured, part, np.nan) for part, segment in zip(fit.errors, segments, strict=True)]
+    readings = [segment.readings for segment in segments]
+    shares = shares_of_ranges(np.concatenate(left), np.concatenate(readings), fit.problem.data.noise)
+    return float(np.sqrt(np.nanmean(shares**2)))
+
+
+def at_noise(hypothesis: Hypothesis) -> bool:
+    """Whether every sensor's residual is white noise of the stated uncertainty, as far as it matters."""
+    tests = hypothesis.whiteness()
+    return not any(scales.any() for scales in _beyond_noise(hypothesis.fit, tests))
+
+
+def scatters_only(hypothesis: Hypothesis) -> bool:
+    """Whether every sensor's residual is white noise, of whatever size: nothing in it that a cause could explain.
+
+    An encoder reads to its resolution; where its uncertainty is stated smaller, what the right model leaves is more
+    than noise of that size, and without any pattern.
+    """
+    if at_noise(hypothesis):
+        return True
+    parts = [
+        np.where(segment.measured, errors, np.nan)
+        for errors, segment in zip(hypothesis.fit.errors, hypothesis.fit.problem.data.segments, strict=True)
+    ]
+    sizes = np.maximum(np.sqrt(np.nan_to_num(hypothesis.mean_squares)), 1.0)
+    tests = [whiteness([part[:, j] / size for part in parts]) for j, size in enumerate(sizes)]
+    if any(scales.any() for scales in _beyond_noise(hypothesis.fit, tests)):
+        return False
+    columns = (part[:, j] for part in parts for j in range(part.shape[1]))
+    return all(effective_share(column) > INDEPENDENT for column in columns if np.isfinite(column).any())
+
+
+def sensors_beyond_noise(hypothesis: Hypothesis) -> list[tuple[int, int]]:
+    """Sensors (index) whose residual is more than noise, with the number of samples over which that shows best."""
+    tests = hypothesis.whiteness()
+    out = []
+    for j, (test, scales) in enumerate(zip(tests, _beyond_noise(hypothesis.fit, tests), strict=True)):
+        if scales.any():
+            out.append((j, BLOCK_LENGTHS[int(np.argmax(np.where(scales, test.score, 0)))]))
+    return out
+
+
+def _beyond_noise(fit: Fit, tests: Sequence[WhitenessTest]) -> list[np.ndarray]:
+    """For each sensor, at which block lengths (l,) its residual is more than white noise of the stated uncertainty."""
+    abrupt = any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects)
+    excess = NOISE_EXCESS_ABRUPT if abrupt else NOISE_EXCESS
+    return [(test.score > NOISE_SIGMA) & (test.excess > excess) for test in tests]
+
+
+def share_explained(parent: Hypothesis, child: Hypothesis) -> float:
+    """Share of the misfit beyond noise that a further cause explains; 1 where there is hardly any misfit."""
+    excess = parent.chi_square - parent.fit.problem.data.readings_count
+    decrease = parent.chi_square - child.chi_square
+    return min(decrease / excess, 1.0) if excess > max(decrease, 0.0) else float(decrease > 0)
+
+
+# --- Fits far from the best that are as good: the profile likelihood of parameters that others can compensate.
+#
+# A further spring in series with a shaft is the example: as long as its own resonance is not excited, only the sum of
+# both compliances shows, and the resonance settles wherever noise happens to look like it. The Jacobian at the end of a
+# fit then gives the width of a local minimum, not that of all equivalent fits.
+
+STEP_FACTOR, MOST_STEPS = 1.5, 8  # between two values of a profile, and how many to each side
+CONFOUNDED = 4.0  # times: how much less certain a parameter is when the others are free, from which it is profiled
+EQUIVALENT = 9.0  # of χ² above the best: within three standard uncertainties
+
+
+def equivalent_fits(fit: Fit, causes: tuple[Cause, ...]) -> list[Fit]:
+    """Fits along the profiles of χ² that are equivalent to the best of them, which comes first.
+
+    Each positive parameter of a cause that others can compensate is moved step by step and held while the others are
+    fitted (Venzon and Moolgavkar, Applied Statistics 37, 1988). Where that finds a lower χ² than the fit's, the search
+    for the minimum goes on from there.
+    """
+    sigma, length = np.sqrt(np.diag(covariance(fit))), np.linalg.norm(fit.jacobian, axis=0)
+    names = [name for cause in causes if not cause.replaces_quantity for name in cause.names().values()]
+    fits = [fit]
+    for name in names:
+        i = fit.problem.free.index(name)
+        if fit.problem.lower[i] > 0 and sigma[i] * length[i] >= CONFOUNDED:
+            fits += [other for factor in (1 / STEP_FACTOR, STEP_FACTOR) for other in _profile(fit, i, factor)]
+    best = min(fits, key=lambda fit: fit.cost)
+    if best is not fit:
+        fits.append(polished(solve(best.problem, best.v)))
+    fits.sort(key=lambda fit: fit.cost)
+    return [fit for fit in fits if fit.cost < fits[0].cost + EQUIVALENT]
+
+
+def _profile(fit: Fit, i: int, factor: float) -> list[Fit]:
+    """Fits with variable ``i`` held ever further away, until χ² has clearly risen."""
+    fits, last, lowest = [], fit, fit.cost
+    for _ in range(MOST_STEPS):
+        v = last.v.copy()
+        v[i] *= factor
+        if time_is_over() or not fit.problem.lower[i] <= v[i] <= fit.problem.upper[i]:
+            break
+        try:
+            last = solve(fit.problem, v, last.jacobian, FitOptions(held=(i,)))
+        except (FloatingPointError, np.linalg.LinAlgError):
+            break
+        lowest = min(lowest, last.cost)
+        if last.cost > lowest + 2 * EQUIVALENT:
+            break
+        fits.append(last)
+    return fits
+
+
+def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Estimate]:
+    """Estimates of the best of several equivalent fits, uncertain at least as far as the others are away from it.
+
+    On a parabola, a point that is d away and χ² higher by c makes the standard uncertainty d/√c; where χ² hardly rises,
+    d is taken.
+    """
+    best, *others = fits
+    out = dict(estimates)
+    for other in others:
+        sigmas = max(1.0, float(np.sqrt(other.cost - best.cost)))
+        for name, estimate in out.items():
+            away = abs(other.values[name] - best.values[name]) / sigmas
+            out[name] = replace(estimate, standard_uncertainty=max(estimate.standard_uncertainty, away))
+    return out
+
+
+# --- Unseen data
+
+BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
+CERTAIN = 2.0  # standard errors of the mean difference from which a sensor is worse
+WORSE_RATIO = 1.04  # mean square, from which it matters
+SLIGHT_RISE = 0.005  # of what all sensors together gain, in squares of shares of their ranges
+AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
+
+UNSEEN_ERRORS = (FloatingPointError, np.linalg.LinAlgError)  # of a model that does not simulate unseen data
+
+
+@dataclass(frozen=True)
+class UnseenError:
+    """Errors of one hypothesis on unseen data.
+
+    Attributes
+    ----------
+    blocks : ndarray (b, y)
+        Mean squares over blocks of the data, in times the noise; NaN without readings.
+    shares : ndarray (y,)
+        Root mean square error of each sensor over its range; NaN where it has no readings or never changes.
+    power_left : float
+        Geometric mean over the sensors of what is left of each, fast and slow, in times the noise.
+    """
+
+    blocks: np.ndarray
+    shares: np.ndarray
+    power_left: float
+
+    @property
+    def pooled(self) -> float:
+        """Root mean square over the sensors of the error over the sensor's range; NaN without any."""
+        known = self.shares[np.isfinite(self.shares)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
+
+    @property
+    def mean_squares(self) -> np.ndarray:
+        """(y,) mean square of each sensor."""
+        known = np.isfinite(self.blocks)
+        return np.where(known, self.blocks, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+
+
+class UnseenData:
+    """Held-out data and the errors of hypotheses on them, each simulated once."""
+
+    def __init__(self, holdout: Holdout):
+        self.holdout = holdout
+        self._known: dict[int, tuple[Hypothesis, UnseenError | None]] = {}
+
+    def error(self, hypothesis: Hypothesis) -> UnseenError | None:
+        """The errors of a hypothesis; None where it does not simulate the data."""
+        key = id(hypothesis)
+        if key not in self._known:
+            self._known[key] = hypothesis, self._simulated(hypothesis)
+        return self._known[key][1]
+
+    def may_gain(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether a hypothesis that may lack further causes meets unseen data better than another.
+
+        Where sensors are weighted by the model's residual, the slow part of the error, which a further cause may
+        explain, counts no more than the part that the error's past does not predict.
+        """
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None or child.fit.problem.weighting is None:
+            return self.gains(child, parent)
+        return bool(after.power_left < before.power_left)
+
+    def gains(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether the pooled error of a hypothesis is smaller than that of another."""
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None:
+            return before is None
+        return bool(after.pooled < before.pooled)
+
+    def earns_place(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether the pooled error falls and that of no sensor rises beyond its uncertainty."""
+        return self.gains(child, parent) and not self.worse_sensors(child, parent)
+
+    def worse_sensors(self, child: Hypothesis, parent: Hypothesis) -> list[int]:
+        """Sensors (index) whose error is larger than that of another hypothesis beyond its uncertainty.
+
+        Block by block, the difference of the mean squares: its mean against its standard error. A rise that is slight
+        against what all sensors together gain does not count: beside a cause that is still missing, the right one may
+        move a little of its error to another sensor.
+        """
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None or after.blocks.shape != before.blocks.shape:
+            return []
+        worse = []
+        gained = float(before.pooled**2 - after.pooled**2) * np.isfinite(after.shares).sum()
+        rises = after.shares**2 - before.shares**2
+        for j in range(after.blocks.shape[1]):
+            rise = after.blocks[:, j] - before.blocks[:, j]
+            rise = rise[np.isfinite(rise)]
+            square, square_before = after.mean_squares[j], before.mean_squares[j]
+            if len(rise) < 2 or square < AT_NOISE or square < WORSE_RATIO * square_before:
+                continue
+            if rises[j] < SLIGHT_RISE * gained:
+                continue
+            if rise.mean() > CERTAIN * rise.std(ddof=1) / np.sqrt(len(rise)):
+                worse.append(j)
+        return worse
+
+    def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
+        try:
+            residuals = holdout_residuals(self.holdout.simulate(hypothesis.fit))
+        except UNSEEN_ERRORS:
+            return None
+        if not residuals or not all(np.isfinite(part[~np.isnan(part)]).all() for part in residuals):
+            return None
+        data = hypothesis.fit.problem.data
+        readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
+        total = np.concatenate(residuals)
+        blocks = np.array([mean_square(part) for part in np.array_split(total, min(BLOCKS, len(total)))])
+        shares = shares_of_ranges(total, readings, data.noise)
+        pooled = np.isfinite(shares)
+        if not pooled.any():
+            return UnseenError(blocks, shares, np.nan)
+        left = power_left([np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals])
+        return UnseenError(blocks, shares, float(np.exp(np.mean(np.log(left[pooled])))))

@@ -1,0 +1,675 @@
+"""What a search has found, judged on held-out data: confidence, values, evidence, and what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft, special
+
+from matching.diagnosis.causes import Cause
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import (
+    FINAL_STEPS,
+    STEPS_PER_RADIAN,
+    Fit,
+    FitOptions,
+    discrepancy,
+    polished,
+    reweighted,
+    simulate_readings,
+    with_sharper_friction,
+)
+from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.result import (
+    Alternative,
+    Candidate,
+    CauseParameter,
+    FittedCandidate,
+    KnownScreening,
+    NamedCause,
+    not_told_apart,
+)
+from matching.diagnosis.screening import fit_extended
+from matching.diagnosis.search import (
+    LEAST_MOVED,
+    SearchState,
+    chi_square_per_reading,
+    instrumented_fit,
+    with_sharpest_friction,
+)
+from matching.diagnosis.selection import Hypothesis, at_noise
+from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
+from modelling.effects import EFFECTS
+from modelling.effects.effect import place_in_words
+from modelling.interruption import time_is_over
+from modelling.recordings.recording import Recording
+from modelling.system import System
+
+# --- Whether the recorded inputs follow the sensors' noise, as those of a controlled drive do.
+#
+# A fit by output error takes the inputs as known and independent of the noise. Under feedback a part of them is noise
+# that has gone through the controller, and parameters are biased by about the share of that part (Ljung, System
+# Identification, 1999, section 13.4). White noise that nobody feeds back is uncorrelated with all later inputs. Where
+# the
+# residual follows earlier inputs too, it is an error of the model, and nothing is said.
+#
+# How much a parameter is off is decided where the controller's reference was recorded: it is an instrument
+# (:mod:`matching.diagnosis.search`).
+
+LAGS = 32  # samples after a reading in which a controller answers it
+PASSED_BY_CHANCE = 1e-5  # probability that an input without feedback is taken to have it
+MODEL_ERROR = 1e-3  # probability of the correlation with earlier inputs from which the residual is no noise
+LARGEST_REST = 1.5  # mean square of a residual in times the noise: more is an error of the model
+SMALLEST_SHARE = 1e-3  # of the power of an input's changes; less biases nothing beyond other uncertainties
+
+
+def closed_loop_notes(final: Hypothesis, recordings: Sequence[Recording]) -> list[str]:
+    """What feedback does to the parameters: by the references of controlled inputs where they were recorded, and a note
+    for each other input that follows a sensor's noise.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        That were fitted; they hold the references.
+    """
+    references = _recorded_references(final, recordings)
+    notes = [_decided(final, references)] if references else []
+    return notes + _undecided(final, references)
+
+
+def _recorded_references(final: Hypothesis, recordings: Sequence[Recording]) -> dict[int, list[np.ndarray]]:
+    """References (t,) on every segment, by controlled input (index)."""
+    out = {}
+    for i, part in enumerate(final.model.base.inputs):
+        name = part.reference
+        if recordings and name is not None and all(name in recording.channels for recording in recordings):
+            values = [
+                np.interp(segment.time, recording.time, recording[name])
+                for segment in final.fit.problem.data.segments
+                for recording in [recordings[segment.recording - 1]]
+            ]
+            if all(np.isfinite(value).all() for value in values):
+                out[i] = values
+    return out
+
+
+def _decided(final: Hypothesis, references: dict[int, list[np.ndarray]]) -> str:
+    """What instruments say of the parameters."""
+    inputs, units = final.model.base.inputs, final.fit.problem.system.units
+    controlled = ", ".join(f"{inputs[i].name} (reference {inputs[i].reference})" for i in references)
+    instrumented = instrumented_fit(final.fit, references)
+    if np.nanmax(final.mean_squares, initial=0.0) > LARGEST_REST:
+        why = "more than the sensors' noise is left, so it is an error of the model"
+    elif instrumented.moved < LEAST_MOVED:
+        why = f"the reference moves {100 * max(instrumented.moved, 0.0):.2g} % of its power"
+    elif instrumented.rest_follows:
+        why = "what is left follows the reference too, so it is an error of the model"
+    elif instrumented.biased:
+        values = "; ".join(
+            f"{name} {instrumented.values[name]:.4g} ± {instrumented.uncertainties[name]:.2g} {units[name]} "
+            f"instead of {final.fit.values[name]:.4g}"
+            for name in instrumented.biased
+        )
+        return f"closed loop of {controlled}: noise that is fed back biases parameters; with the reference: {values}"
+    else:
+        return f"closed loop of {controlled}: checked with the reference, no parameter is off by more than chance"
+    return f"closed loop of {controlled}: whether it biases parameters cannot be decided: {why}"
+
+
+def _undecided(final: Hypothesis, references: dict[int, list[np.ndarray]]) -> list[str]:
+    """A note for each input without a reference that follows a sensor's noise; none where more than noise is left."""
+    if not at_noise(final):
+        return []
+    model, segments = final.fit.problem.model, final.fit.problem.data.segments
+    notes = []
+    for i, name in enumerate(model.inputs):
+        shares = {}
+        for j, sensor in enumerate(model.sensors):
+            share = share_fed_back(
+                [(e[:, j], segment.inputs[:, i]) for e, segment in zip(final.fit.errors, segments, strict=True)]
+            )
+            if share > SMALLEST_SHARE:
+                shares[sensor] = share
+        if shares and i not in references:
+            strongest = max(shares, key=lambda sensor: shares[sensor])
+            notes.append(
+                f"{name} follows the noise of {strongest} (closed loop): {100 * shares[strongest]:.2g} % of the power "
+                "of its changes; parameters may be off by about that share, which an open loop would not have; whether "
+                "they are cannot be decided without the controller's reference as a channel"
+            )
+    return notes
+
+
+def share_fed_back(pairs: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Share of the power of an input's changes that the sensor's noise before them explains; 0 where that is chance.
+
+    Parameters
+    ----------
+    pairs : list of (ndarray (t,), ndarray (t,))
+        White noise of a sensor and the input, of each segment.
+    """
+    after, before_it = np.zeros(LAGS), np.zeros(LAGS)  # products with the input's later and earlier changes
+    count, power, noise = 0, 0.0, 0.0
+    for errors, signal in pairs:
+        change = np.diff(signal) - np.mean(np.diff(signal))
+        before = errors[:-1] - np.mean(errors[:-1])  # the reading at the beginning of each change
+        size = fft.next_fast_len(2 * len(change), real=True)
+        correlation = fft.irfft(np.conj(fft.rfft(before, size)) * fft.rfft(change, size), size)
+        after += correlation[:LAGS]
+        before_it += correlation[-LAGS:]
+        count, power, noise = count + len(change), power + float(change @ change), noise + float(before @ before)
+    if not power * noise > 0:
+        return 0.0
+    share, earlier = (float(products @ products) / (power * noise) for products in (after, before_it))
+    chance, chance_earlier = (special.chdtrc(LAGS, count * value) for value in (share, earlier))
+    if chance > PASSED_BY_CHANCE or chance_earlier < MODEL_ERROR:
+        return 0.0
+    return max(share - LAGS / count, 0.0)
+
+
+# --- The final fit of a hypothesis: finer integration steps, sharper friction, exact derivatives.
+
+ITERATIONS = 12
+WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
+
+
+def final_fit(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis fitted with steps half as long, ending on a Jacobian of its own point, if that is no worse."""
+    if time_is_over():
+        return hypothesis
+    if not hypothesis.causes:
+        return replace(hypothesis, fit=polished(hypothesis.fit))
+    model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
+    try:
+        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), 2 * STEPS_PER_RADIAN)
+        fit = polished(with_sharper_friction(fit, FINAL_STEPS))
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return hypothesis
+    finer = with_sharpest_friction(replace(hypothesis, fit=fit))
+    return finer if finer.fit.cost < (1 + WORSE_SHARE) * hypothesis.fit.cost + WORSE else hypothesis
+
+
+def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
+    """A hypothesis of a part of the data fitted to all that a base fit has."""
+    model = hypothesis.at_fit()
+    fit = fit_extended(model, base, FitOptions()) if hypothesis.causes else base
+    return final_fit(Hypothesis(model, fit))
+
+
+# --- The confidence in a cause: its share of the evidence among its rivals, and of the misfit that it explains.
+#
+# Evidence of a hypothesis is −½ of χ² + (variables)·ln(readings) on the fitted data (Schwarz 1978) and of the score of
+# its prediction of held-out data (:mod:`matching.diagnosis.statistics`). χ² is first divided by how much larger
+# than noise the best residual is and by the share of independent samples in it: a model that is not perfect must not
+# count its error as if it were noise, thousands of times over.
+
+MOST_RIVALS = 4  # that are fitted as finely as the best
+OUT_OF_QUESTION = 60.0  # difference of χ², over its inflation: a share of the evidence below 1e-13
+NOT_SIMULATED = 1e30  # χ² of what does not simulate
+UNEXPLAINED_SHARE, EXPLAINED_SHARE = 0.49, 0.85  # confidence per share where a misfit remains; see ``confidence``
+EXPLAINS_ALL, EXPLAINS_ALMOST = 1.0, 0.95  # shares of the misfit between which these are interpolated
+NOISE_MEAN_SQUARE = 1.05  # of a residual that needs no test for correlation
+
+
+@dataclass(frozen=True)
+class RatedCause:
+    """A cause, or a rival in its place, with its share of the evidence."""
+
+    kind: str
+    at: str
+    share: float
+    hypothesis: Hypothesis
+
+
+def confidence(share: float, explained: bool, part_explained: float) -> float:
+    """Confidence in a cause from its share of the evidence.
+
+    Where the verdict is not ``explained``, what explains little of the misfit may stand for something that the
+    vocabulary lacks: its share counts 0.49, rising to 0.85 for a cause that explains more than 95 % of the misfit.
+
+    Parameters
+    ----------
+    part_explained : float
+        Share of the misfit beyond noise that the cause explains.
+    """
+    if explained:
+        return share
+    rise = np.clip((part_explained - EXPLAINS_ALMOST) / (EXPLAINS_ALL - EXPLAINS_ALMOST), 0.0, 1.0)
+    return share * float(UNEXPLAINED_SHARE + (EXPLAINED_SHARE - UNEXPLAINED_SHARE) * rise)
+
+
+def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedCause]:
+    """A cause of the best hypothesis and its rivals with their shares of the evidence, largest first.
+
+    Rivals near a best fit at the noise are refitted as finely as it. A rival with more evidence replaces a cause.
+    """
+    best, cause = state.best, state.best.causes[index]
+    others = [_weighted_as(best, rival) for rival in _rivals(state, index)]
+    inflation = chi_square_inflation(best)
+    scores = fitted_scores([best, *others], inflation)
+    near = [rival for rival, s in zip(others, scores[1:], strict=True) if s - scores[0] < OUT_OF_QUESTION][:MOST_RIVALS]
+    hypotheses = [best, *([final_fit(rival) for rival in near] if at_noise(best) else near)]
+    names = [(cause.kind, cause.at)] + [
+        (hypothesis.causes[-1].kind, hypothesis.causes[-1].at) for hypothesis in hypotheses[1:]
+    ]
+    shares = evidence_shares(_scores(hypotheses, holdout, inflation)) if near else np.ones(1)
+    rated = [
+        RatedCause(*name, float(p), hypothesis) for name, p, hypothesis in zip(names, shares, hypotheses, strict=True)
+    ]
+    rated += [
+        RatedCause(rival.causes[-1].kind, rival.causes[-1].at, 0.0, rival) for rival in others if rival not in near
+    ]
+    rated.sort(key=lambda rating: -rating.share)
+    leading = next(rating.hypothesis for rating in rated if rating.hypothesis is best or _meant(rating.hypothesis))
+    if leading is not best:
+        state.best = _in_place(leading, index)
+    return rated
+
+
+def _meant(rival: Hypothesis) -> bool:
+    """Whether a rival may replace a cause: its values are possible and within the recorded range."""
+    return not rival.model.not_taken(rival.fit)
+
+
+def _rivals(state: SearchState, index: int) -> list[Hypothesis]:
+    """Hypotheses with another cause in the place of one of the best's, beside the others of it."""
+    best, cause = state.best, state.best.causes[index]
+    beside = best.places - {(cause.kind, cause.at)}
+    rivals = state.rivals[index] if index < len(state.rivals) else []
+    return [
+        rival
+        for rival in rivals
+        if rival.places != best.places and beside < rival.places and len(rival.causes) == len(best.causes)
+    ]
+
+
+def _scores(hypotheses: list[Hypothesis], holdout: Holdout, inflation: float) -> np.ndarray:
+    """(h,) −2 ln of the evidence of several hypotheses, but for a constant."""
+    predictions = [_predicted(hypothesis, holdout, inflation) for hypothesis in hypotheses]
+    variance = min((residual_inflation(prediction.updated) for prediction in predictions if prediction), default=1.0)
+    unseen = [prediction.score(variance) if prediction else NOT_SIMULATED for prediction in predictions]
+    return fitted_scores(hypotheses, inflation) + np.array(unseen)
+
+
+def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndarray:
+    """(h,) −2 ln of the evidence of fitted data, but for a constant, the first hypothesis being the best.
+
+    Where sensors are weighted by what the model leaves of them, memory and scale are estimated: n·ln of the
+    squared innovation of each, n the number of independent samples in what the best leaves.
+    """
+    best = hypotheses[0]
+    if best.fit.problem.weighting is None:
+        return np.array([hypothesis.cost / inflation for hypothesis in hypotheses])
+    segments, residuals = best.fit.problem.data.segments, best.fit.by_sensor()
+    count = np.array([
+        sum(
+            effective_share(r[s.measured[:, j], j]) * s.measured[:, j].sum()
+            for s, r in zip(segments, residuals, strict=True) if s.measured[:, j].any()
+        )
+        for j in range(len(best.fit.problem.data.noise))
+    ])  # fmt: skip
+    logarithms = [np.log(discrepancy(hypothesis.fit).scale ** 2) for hypothesis in hypotheses]
+    price = [len(hypothesis.fit.v) * np.log(max(count.sum(), 2.0)) for hypothesis in hypotheses]
+    return np.array(
+        [float(count @ part) + parameters_price for part, parameters_price in zip(logarithms, price, strict=True)]
+    )
+
+
+def _weighted_as(best: Hypothesis, other: Hypothesis) -> Hypothesis:
+    """A hypothesis with its sensors weighted as those of the best."""
+    weighting = best.fit.problem.weighting
+    return other if weighting is None else replace(other, fit=reweighted(other.fit, weighting))
+
+
+def evidence_shares(scores: np.ndarray) -> np.ndarray:
+    """Shares (h,) of the evidence, which add to 1, from −2 ln of each (h,)."""
+    evidence = np.exp(-0.5 * (scores - scores.min()))
+    return evidence / evidence.sum()
+
+
+def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
+    """The same with its last cause at a place among the others."""
+    *rest, last = hypothesis.causes
+    causes = (*rest[:index], last, *rest[index:])
+    return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
+
+
+def _predicted(hypothesis: Hypothesis, holdout: Holdout, factor: float) -> Prediction | None:
+    """What a hypothesis predicts of held-out data; None where it does not simulate."""
+    try:
+        return prediction(hypothesis.fit, holdout.simulate(hypothesis.fit), factor)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+
+
+def chi_square_inflation(hypothesis: Hypothesis) -> float:
+    """By how much the χ² of a hypothesis overstates what it knows, see :func:`residual_inflation`."""
+    segments, residuals = hypothesis.fit.problem.data.segments, hypothesis.fit.by_sensor()
+    return residual_inflation([np.where(s.measured, r, np.nan) for s, r in zip(segments, residuals, strict=True)])
+
+
+def residual_inflation(parts: list[np.ndarray]) -> float:
+    """Mean square of a residual, (t, y) in times the noise, over the share of independent samples in it; at least 1."""
+    count = sum(int(np.isfinite(part).sum()) for part in parts)
+    mean_square = float(sum(np.nansum(part**2) for part in parts)) / count if count else NOT_SIMULATED
+    if mean_square < NOISE_MEAN_SQUARE:
+        return max(mean_square, 1.0)
+    shares = [effective_share(part[:, j]) for part in parts for j in range(part.shape[1]) if np.nansum(part[:, j] ** 2)]
+    return mean_square / min(shares, default=1.0)
+
+
+# --- Every candidate that was fitted alone, with its misfit and why it was not taken.
+
+FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError)
+
+
+def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandidate]:
+    """The candidates that were added to the base model by themselves, best first, and the causes of the best
+    hypothesis among them as taken."""
+    base_holdout = holdout_misfit(state.base, holdout)
+    out = []
+    for hypothesis in state.with_one_cause:
+        (cause,) = hypothesis.causes
+        misfit_holdout = holdout_misfit(hypothesis, holdout)
+        taken = (cause.kind, cause.at) in state.best.places
+        reason = "" if taken else _reason(state, hypothesis, misfit_holdout, base_holdout)
+        out.append(
+            FittedCandidate(cause.kind, cause.at, hypothesis.misfit, misfit_holdout, hypothesis.chi_square, reason)
+        )
+    return out
+
+
+def holdout_misfit(hypothesis: Hypothesis, holdout: Holdout) -> float:
+    """Root mean square of all residuals on held-out data, in times the noise; infinite where it does not simulate."""
+    try:
+        residuals = holdout_residuals(holdout.simulate(hypothesis.fit))
+    except FIT_ERRORS:
+        return np.inf
+    values = np.concatenate([part.ravel() for part in residuals]) if residuals else np.empty(0)
+    values = values[~np.isnan(values)]
+    with np.errstate(over="ignore"):
+        return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
+
+
+def _reason(state: SearchState, hypothesis: Hypothesis, misfit_holdout: float, base_holdout: float) -> str:
+    """Why a candidate was not taken, in the words of ``diagnosis.json``."""
+    least = state.noise_threshold * chi_square_per_reading(hypothesis)
+    if hypothesis.chi_square > state.base.chi_square - least or hypothesis.model.negligible(hypothesis.fit):
+        return "not_better"
+    impossible = hypothesis.model.not_taken(hypothesis.fit)
+    if impossible:
+        return impossible
+    if misfit_holdout > base_holdout:
+        return "worse_unseen"
+    (cause,) = hypothesis.causes
+    notes = estimates(hypothesis.fit)
+    if any(notes[name].note.startswith("at the bound") for name in cause.names().values()):
+        return "at_bound"
+    return "rival"
+
+
+# --- What to record to tell rivals apart: both are simulated over several manoeuvres.
+
+DURATION = 8.0  # s
+STEP_TIME = 0.5  # s
+STEPS_PER_RUN = 4.0  # periods of the alternating steps
+SLOW_HZ, SWEEP_HZ = 0.5, (0.5, 30.0)  # the band of drivability
+FACTORS = (1.0, 0.5, 0.25, 0.1)  # of the largest recorded torque: a bed is only known to bear what was recorded
+BEYOND_RECORDED = 1.05  # of the largest reading; a manoeuvre that drives a sensor further is not proposed
+CLEARLY_BETTER = 1.2  # times the separation for a later manoeuvre to be preferred
+
+
+@dataclass(frozen=True)
+class ProposedManoeuvre:
+    """One input's waveform, and by how much two rivals then differ.
+
+    Attributes
+    ----------
+    input, waveform : str
+    amplitude : float
+        N·m.
+    duration : float
+        s.
+    separation : float
+        Root mean square of the difference, in times the noise of ``sensor``.
+    sensor : str
+    """
+
+    input: str
+    waveform: str
+    amplitude: float
+    duration: float
+    separation: float
+    sensor: str
+
+    def sentence(self, cause: str, rival: str) -> str:
+        """What to record, in words."""
+        what = f"{self.waveform} of {self.amplitude:.3g} N·m on {self.input} for {self.duration:g} s"
+        if self.separation < 1:
+            return (
+                f"no torque on the inputs tells {cause} from {rival}: at best {self.separation:.2g} times the noise "
+                f"of {self.sensor} ({what}); measure a further shaft torque or speed next to them"
+            )
+        return (
+            f"record {what}: {cause} and {rival} would differ by {self.separation:.3g} times the noise of {self.sensor}"
+        )
+
+
+def waveforms(time: np.ndarray) -> dict[str, np.ndarray]:
+    """Shapes (t,) between −1 and 1 over time (t,), s, by name."""
+    span = time[-1]
+    low, high = SWEEP_HZ
+    sweep = np.sin(2 * np.pi * (low * time + (high - low) * time**2 / (2 * span)))
+    return {
+        "a step": np.where(time > STEP_TIME, 1.0, 0.0),
+        "steps to and fro": np.sign(np.sin(2 * np.pi * STEPS_PER_RUN * time / span + 1e-9)),
+        f"a slow sine ({SLOW_HZ:g} Hz)": np.sin(2 * np.pi * SLOW_HZ * time),
+        f"a sweep from {low:g} to {high:g} Hz": sweep,
+        f"a sweep from {low:g} to {high:g} Hz about a constant torque": 0.5 + 0.5 * sweep,
+    }
+
+
+def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> ProposedManoeuvre | None:
+    """The manoeuvre in which two hypotheses differ most, from rest; None if nothing could be simulated.
+
+    Simpler waveforms come first and are kept unless a later one is clearly better. Each has the largest amplitude that
+    drives no speed, acceleration or shaft torque beyond what was recorded.
+    """
+    data, model = hypothesis.fit.problem.data, hypothesis.fit.problem.model
+    time = data.sampling_interval * np.arange(round(DURATION / data.sampling_interval))
+    largest = np.max([np.abs(segment.inputs).max(axis=0) for segment in data.segments], axis=0)
+    recorded = _largest_readings(data, model.system)
+    best: ProposedManoeuvre | None = None
+    for i, name in enumerate(model.inputs):
+        for waveform, shape in waveforms(time).items():
+            for factor in FACTORS:
+                amplitude = factor * float(largest[i])
+                torque = np.zeros((len(time), len(model.inputs)))
+                torque[:, i] = amplitude * shape
+                readings = _readings(hypothesis, time, torque)
+                difference = readings - _readings(rival, time, torque)
+                separation = np.sqrt(np.mean((difference / data.noise) ** 2, axis=0))
+                if not np.isfinite(separation).all() or np.any(np.abs(readings).max(axis=0) > recorded):
+                    continue
+                j = int(np.argmax(separation))
+                if best is None or separation[j] > CLEARLY_BETTER * best.separation:
+                    best = ProposedManoeuvre(
+                        name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j]
+                    )
+                break
+    return best
+
+
+def _largest_readings(data: FitData, system: System) -> np.ndarray:
+    """(y,) largest magnitudes that may be reached; infinite for angles, and for sensors that were not recorded."""
+    readings = np.abs(np.concatenate([segment.readings for segment in data.segments]))
+    largest = BEYOND_RECORDED * np.max(np.where(np.isfinite(readings), readings, 0.0), axis=0)
+    free = [sensor.measures == "angle" for sensor in system.sensors]
+    return np.where(free | (largest == 0), np.inf, largest)
+
+
+def _readings(hypothesis: Hypothesis, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Readings (t, y), SI, of a hypothesis from rest."""
+    problem = hypothesis.fit.problem
+    p, _ = problem.unpack(hypothesis.fit.v)
+    segment = Segment(time, inputs, np.full((len(time), len(problem.data.noise)), np.nan))
+    start = np.zeros((1, len(problem.model.states)))
+    return simulate_readings(problem.model, [segment], p[None], [start], problem.steps_per_second)[0][0]
+
+
+# --- Named causes with values, confidence, evidence and rivals, and what to record to tell them apart.
+
+WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
+COVERAGE = 2.0  # standard uncertainties, from which a size is told from nothing
+RISES = 1.05  # ratio of errors from which one is said to rise
+SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
+
+
+@dataclass(frozen=True)
+class JudgedCause:
+    """A cause of the final hypothesis.
+
+    Attributes
+    ----------
+    cause : Cause
+    rated : list of RatedCause
+        Itself and its rivals, with their shares of the evidence.
+    without : Hypothesis
+        The final hypothesis without it.
+    known : KnownScreening or None
+        The screening of what that leaves, where the search has made it.
+    """
+
+    cause: Cause
+    rated: Sequence[RatedCause]
+    without: Hypothesis
+    known: KnownScreening | None
+
+
+def named_causes(
+    system: System,
+    final: Hypothesis,
+    estimates: Mapping[str, Estimate],
+    judged: Sequence[JudgedCause],
+    explained: bool,
+) -> list[NamedCause]:
+    """The causes of the final hypothesis, strongest first.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+        Of all fitted parameters, by name.
+    explained : bool
+        Whether the verdict is ``explained``.
+    """
+    causes = []
+    for judgement in judged:
+        cause, part = judgement.cause, share_explained_by(final, judgement.without)
+        rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
+        rivals = _rated_rivals(judgement)
+        weighed = {(rival.kind, rival.at) for rival in rivals if rival.share > 0}
+        alike = _all_alike(system, final, judgement)
+        same = [name for name in alike if name not in weighed]
+        certain = confidence(rating.share, explained, part) / (1 + len(same))
+        parameters = _parameters(system, cause, estimates)
+        if not told_from_nothing(parameters):
+            certain = min(certain, UNEXPLAINED_SHARE)
+        alternatives = [Alternative(kind, at, certain) for kind, at in same]
+        alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
+        causes.append(
+            NamedCause(
+                cause.kind, cause.at, parameters, certain,
+                _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None)
+                + _in_words(alike),
+                [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
+                judgement.without.chi_square / final.chi_square,
+            )
+        )  # fmt: skip
+    return sorted(causes, key=lambda cause: -cause.gain)
+
+
+def told_from_nothing(parameters: Mapping[str, CauseParameter]) -> bool:
+    """Whether one of the torques of a cause, if it has any, is more than its uncertainty."""
+    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
+    return not torques or any(abs(torque.value) > COVERAGE * torque.standard_uncertainty for torque in torques)
+
+
+def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
+    """Share of the misfit beyond noise that the final hypothesis explains more than one without a cause."""
+    excess = without.chi_square - final.fit.problem.data.readings_count
+    return (without.chi_square - final.chi_square) / max(excess, 1.0)
+
+
+def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], explained: bool) -> str | None:
+    """What to record to tell the most likely rival from its cause; None where none is likely enough."""
+    proposals: list[tuple[float, str]] = []
+    for judgement in judged:
+        part = share_explained_by(final, judgement.without)
+        rival = next(iter(_rated_rivals(judgement)), None)
+        if rival and confidence(rival.share, explained, part) > WORTH_RECORDING:
+            manoeuvre = propose_manoeuvre(final, rival.hypothesis)
+            if manoeuvre:
+                names = (f"{named.kind} at {place_in_words(named.at)}" for named in (judgement.cause, rival))
+                proposals.append((confidence(rival.share, explained, part), manoeuvre.sentence(*names)))
+    return max(proposals)[1] if proposals else None
+
+
+def refitted_candidates(judged: Sequence[JudgedCause]) -> list[Candidate]:
+    """What was refitted in the place of each cause."""
+    out = []
+    for judgement in judged:
+        for rated in judgement.rated:
+            misfit, chi_square = rated.hypothesis.misfit, rated.hypothesis.chi_square
+            instead_of = f"{judgement.cause.kind} at {place_in_words(judgement.cause.at)}"
+            out.append(Candidate(rated.kind, rated.at, instead_of, misfit, chi_square, rated.share))
+    return out
+
+
+def _all_alike(system: System, final: Hypothesis, judgement: JudgedCause) -> list[tuple[str, str]]:
+    """What no recording tells from a cause, then what this one does not, with what no recording tells from that."""
+    cause = judgement.cause
+    alike = not_told_apart(final, judgement.without, cause, chi_square_inflation(final), judgement.known)
+    names = [(cause.kind, cause.at), *alike]
+    names += [same for kind, at in names for same in EFFECTS[kind].same_as(at, system)]
+    return list(dict.fromkeys(names))[1:]
+
+
+def _in_words(same: Sequence[tuple[str, str]]) -> str:
+    """What the recording does not tell from a cause, in words; empty where there is nothing."""
+    if not same:
+        return ""
+    return f"; this recording does not tell it from {' or '.join(f'{k} at {place_in_words(at)}' for k, at in same)}"
+
+
+def _rated_rivals(judged: JudgedCause) -> list[RatedCause]:
+    """The rivals of a cause, the most likely first."""
+    return [rating for rating in judged.rated if (rating.kind, rating.at) != (judged.cause.kind, judged.cause.at)]
+
+
+def _parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+    kind, names = EFFECTS[cause.kind], cause.names()
+    values = kind.canonical({key: estimates[name].value for key, name in names.items()})
+    return {
+        key: CauseParameter(
+            values[key], estimates[name].standard_uncertainty, kind.unit(key, cause.at, system), estimates[name].note
+        )
+        for key, name in names.items()
+    }
+
+
+def _evidence(system: System, without: Hypothesis, final: Hypothesis, next_best: Hypothesis | None) -> str:
+    before, after = (np.array([test.ratio for test in fit.whiteness()]) for fit in (without, final))
+    j = int(np.nanargmax(before - after))
+    text = f"with it the error of {system.sensors[j].name} falls from {before[j]:.3g} to {after[j]:.3g} times the noise"
+    i = int(np.nanargmax(after / np.maximum(before, 1.0)))
+    if after[i] > RISES * max(before[i], 1.0):
+        text += f", that of {system.sensors[i].name} rises from {before[i]:.3g} to {after[i]:.3g}"
+    if next_best:
+        left = np.array([test.ratio for test in next_best.whiteness()])
+        i = int(np.nanargmax(left))
+        cause = next_best.causes[-1]
+        text += f"; the next best, {cause.kind} at {place_in_words(cause.at)}, leaves {left[i]:.3g} times the noise"
+        text += f" in {system.sensors[i].name}"
+    return text

@@ -1,0 +1,641 @@
+"""Files that are edited in the browser: values, forms, undo, saving with comments kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from matching.match.case import Case, limit_units
+from matching.match.case_file import case_files, case_from_tables, is_case, load_case
+from matching.match.map import held_at, quantities
+from modelling.effects.effect import shared_place
+from modelling.errors import InputError, unknown
+from modelling.fidelity.measures import DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN
+from modelling.model_file import from_dict
+from modelling.recordings.readers import READERS
+from modelling.system import TABLES_WITH_QUANTITIES
+from modelling.toml import read_toml
+from modelling.units import factor
+from modelling.writing import write_all
+
+# --- A TOML file that is edited: values change, comments and order stay, every change can be undone.
+
+Keys = tuple[str | int, ...]  # of tables and places in lists, from the top of the file to a value
+
+
+class Document:
+    """The text of a TOML file with its changes.
+
+    Attributes
+    ----------
+    path : Path
+    text : str
+        As it would be saved.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or tomlkit is not installed.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        read_toml(self.path)  # one line that says what is wrong, and the limits of size
+        self._texts = [self.path.read_bytes().decode()]
+
+    @property
+    def text(self) -> str:
+        """As it would be saved."""
+        return self._texts[-1]
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What the text holds, in Python's own types."""
+        return _toolkit().parse(self.text).unwrap()
+
+    @property
+    def saved_content(self) -> dict[str, Any]:
+        """What the file held when it was opened or last saved."""
+        return _toolkit().parse(self._texts[0]).unwrap()
+
+    @property
+    def changed(self) -> bool:
+        """Whether something is not saved."""
+        return self.text != self._texts[0]
+
+    def value(self, keys: Keys) -> Any:
+        """The value at a place, as the file writes it (number, text with unit, table).
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
+        return _at(self.content, keys)
+
+    def replaced(self, keys: Keys, value: Any) -> str:
+        """The text with another value at a place; the value's comment stays. A missing last key is added."""
+        return edited(self.text, {keys: value})
+
+    def without(self, keys: Keys) -> str:
+        """The text without a value."""
+        document = _toolkit().parse(self.text)
+        del _at(document, keys[:-1])[keys[-1]]
+        return _toolkit().dumps(document)
+
+    def change(self, keys: Keys, value: Any) -> None:
+        """Put another value at a place."""
+        self.change_text(self.replaced(keys, value))
+
+    def change_text(self, text: str) -> None:
+        """Take a whole text as a change."""
+        if text != self.text:
+            self._texts.append(text)
+
+    def undo(self) -> bool:
+        """Take the last change back; whether there was one."""
+        if len(self._texts) == 1:
+            return False
+        self._texts.pop()
+        return True
+
+    def save(self) -> None:
+        """Write the file; it is whole at every moment.
+
+        Raises
+        ------
+        InputError
+            If it was changed by something else meanwhile, or cannot be written.
+        """
+        if self.path.read_bytes().decode() != self._texts[0]:
+            raise InputError(str(self.path), "was changed by another program since it was opened", "open it again")
+        write_all(self.path.parent, {self.path.name: self.text.encode()})
+        self._texts = [self.text]
+
+
+def edited(text: str, values: Mapping[Keys, Any]) -> str:
+    """The text of a TOML file with other values at some places; a missing last key is added.
+
+    Raises
+    ------
+    InputError
+        If tomlkit is not installed.
+    """
+    document = _toolkit().parse(text)
+    for keys, value in values.items():
+        _at(document, keys[:-1])[keys[-1]] = value
+    return str(_toolkit().dumps(document))
+
+
+def _at(content: Any, keys: Sequence[str | int]) -> Any:
+    for key in keys:
+        content = content[key]
+    return content
+
+
+def _toolkit() -> Any:
+    try:
+        import tomlkit
+    except ImportError:
+        raise InputError("tomlkit", "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"') from None
+    return tomlkit
+
+
+# --- A model file that is edited by the names of its quantities.
+
+DIGITS = 6  # of a value that a slider sets
+
+
+class ModelDocument(Document):
+    """A model file with its system.
+
+    Attributes
+    ----------
+    system : System
+        With all changes, saved or not.
+
+    Raises
+    ------
+    InputError
+        As :func:`modelling.model_file.load` does.
+    """
+
+    def __init__(self, path: str | Path):
+        super().__init__(path)
+        self.system = from_dict(self.content, str(path))
+        self._saved = self.system
+
+    @property
+    def changes(self) -> dict[str, tuple[float, float]]:
+        """Saved and present value (SI) of every quantity that differs, by name."""
+        before, after = self._saved.parameters, self.system.parameters
+        return {name: (before[name].value, after[name].value) for name in after if before[name] != after[name]}
+
+    @property
+    def changed_parts(self) -> frozenset[str]:
+        """Parts with a changed quantity, as ``shafts.link``."""
+        return frozenset(part_of(name) for name in self.changes)
+
+    def written(self, name: str) -> str:
+        """A quantity's value as the file writes it, unit included if it has one there."""
+        value = self._bare(name)
+        return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+    def set_text(self, name: str, text: str) -> None:
+        """Set a quantity to what a user wrote: a number in SI, or a number with a unit.
+
+        Raises
+        ------
+        InputError
+            If it is no such number, or the model is none with it; then nothing has changed.
+        """
+        self._set(name, number_or_text(text))
+
+    def set_value(self, name: str, value: float) -> None:
+        """Set a quantity to a value in SI; it is written in the unit that the file has for it.
+
+        Raises
+        ------
+        InputError
+            If the model is none with it; then nothing has changed.
+        """
+        before = self._bare(name)
+        unit = before.strip().lstrip("+-0123456789.eE").strip() if isinstance(before, str) else ""
+        scale = factor(unit, self.system.units[name]) if unit else 1.0
+        rounded = float(f"{value / scale:.{DIGITS}g}")
+        self._set(name, f"{rounded:g} {unit}" if unit else rounded)
+
+    def undo(self) -> bool:
+        """Take the last change back; whether there was one."""
+        undone = super().undo()
+        self.system = from_dict(self.content, str(self.path))
+        return undone
+
+    def save(self) -> None:
+        """Write the file; raises as :meth:`Document.save` does."""
+        super().save()
+        self._saved = self.system
+
+    def _set(self, name: str, value: Any) -> None:
+        keys = self._keys(name)
+        if isinstance(self._value_in_file(keys), Mapping):
+            keys = (*keys, "value")
+        text = self.replaced(keys, value)
+        before = self.system
+        self.change_text(text)
+        try:
+            self.system = from_dict(self.content, str(self.path))
+        except InputError:
+            Document.undo(self)
+            self.system = before
+            raise
+
+    def _bare(self, name: str) -> Any:
+        value = self._value_in_file(self._keys(name))
+        if value is None:
+            return self.system.parameters[name].value
+        return value["value"] if isinstance(value, Mapping) else value
+
+    def _value_in_file(self, keys: Keys) -> Any:
+        """None where the file leaves a quantity at its default."""
+        try:
+            return self.value(keys)
+        except KeyError:
+            return None
+
+    def _keys(self, name: str) -> Keys:
+        """Where a quantity stands in the file."""
+        if name not in self.system.parameters:
+            raise unknown(name, list(self.system.parameters), str(self.path))
+        for number, effect in enumerate(self.content.get("effects", ())):
+            at = effect["at"]
+            place = shared_place(at) if isinstance(at, list) else at
+            if name.startswith(f"{place}.{effect['kind']}."):
+                return ("effects", number, name.removeprefix(f"{place}.{effect['kind']}."))
+        table, part, key = name.split(".", 2)
+        return table, part, key
+
+
+def part_of(name: str) -> str:
+    """The part that a quantity belongs to: ``shafts.link`` of ``shafts.link.backlash.gap``."""
+    table, _, rest = name.partition(".")
+    return f"{table}.{rest.partition('.')[0]}" if table in (*TABLES_WITH_QUANTITIES, "inputs", "sensors") else name
+
+
+def number_or_text(text: str) -> float | int | str:
+    """What a user wrote as TOML has it: a number where it is one, else text with a unit."""
+    bare = text.strip()
+    for kind in (int, float):
+        try:
+            return kind(bare)
+        except ValueError:
+            continue
+    return bare
+
+
+# --- The files that are open: what each is, and what is changed in it.
+
+
+@dataclass
+class Workspace:
+    """Open files.
+
+    Attributes
+    ----------
+    out : Path
+        Folder for results.
+    models : dict of str to ModelDocument
+        ``vehicle`` and ``rig`` of a case, or ``model``.
+    case : Document or None
+    recordings : list of Path
+    budget, fidelity : Document or None
+    """
+
+    out: Path
+    models: dict[str, ModelDocument] = field(default_factory=dict)
+    case: Document | None = None
+    recordings: list[Path] = field(default_factory=list)
+    budget: Document | None = None
+    fidelity: Document | None = None
+
+    @property
+    def unsaved(self) -> list[Path]:
+        """Files with changes that are not saved."""
+        return [each.path for each in self.documents if each.changed]
+
+    @property
+    def documents(self) -> list[Document]:
+        """Everything that can be edited."""
+        others = (self.case, self.budget, self.fidelity)
+        return [*self.models.values(), *(each for each in others if each is not None)]
+
+    def load_case(self) -> Case:
+        """The case as it is saved.
+
+        Raises
+        ------
+        InputError
+            If there is none, it is wrong, or one of its files has changes that are not saved.
+        """
+        if self.case is None:
+            raise InputError("", "no case file is open", "start with: rigmatch explore CASE")
+        return load_case(self.case.path)
+
+
+def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
+    """The workspace of some files: models, cases, recordings, budgets, fidelity cases.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, or two of one kind are given.
+    """
+    workspace = Workspace(Path(out))
+    for file in map(Path, paths):
+        if file.suffix.lower() in READERS:
+            if not file.is_file():
+                raise InputError(str(file), "does not exist", "name an existing file")
+            workspace.recordings.append(file)
+        else:
+            _open_table(workspace, file)
+    return workspace
+
+
+def required_packages() -> None:
+    """Check that the packages of the page are installed.
+
+    Raises
+    ------
+    InputError
+        If one is missing.
+    """
+    if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
+        raise InputError(", ".join(missing), "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"')
+
+
+def starter(out: Path) -> Path:
+    """The starter case in a folder ``case`` there; it is written where it is not yet."""
+    folder = out / "case"
+    if not (folder / "case.toml").exists():
+        parts = files("matching").joinpath("starter").iterdir()
+        write_all(folder, {part.name: part.read_text(encoding="utf-8") for part in parts})
+    return folder / "case.toml"
+
+
+def _open_table(workspace: Workspace, file: Path) -> None:
+    content = read_toml(file)
+    if not content.keys().isdisjoint({"measurand", "measurands"}):
+        _only_one(workspace.budget, file, "budget")
+        workspace.budget = Document(file)
+    elif not content.keys().isdisjoint({*DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN}):
+        _only_one(workspace.fidelity, file, "fidelity case")
+        workspace.fidelity = Document(file)
+    elif is_case(content):
+        _only_one(workspace.case or next(iter(workspace.models.values()), None), file, "case or model")
+        load_case(file)
+        workspace.case = Document(file)
+        workspace.models = {role: ModelDocument(file.parent / content[role]) for role in ("vehicle", "rig")}
+    else:
+        _only_one(workspace.case or next(iter(workspace.models.values()), None), file, "case or model")
+        workspace.models = {"model": ModelDocument(file)}
+
+
+def _only_one(present: Document | None, file: Path, kind: str) -> None:
+    if present is not None:
+        raise InputError(str(file), f"is a second {kind}", "open one of each kind")
+
+
+# --- The open files as the page shows them, for a command to read: where something is not saved, copies.
+
+FOLDER = "as_shown"  # of the copies, in the folder of results
+ROLES = ("vehicle", "rig")
+
+
+def case_path(workspace: Workspace) -> Path:
+    """Where a command finds the case as it is shown: its own file, or a copy once :func:`write_case` wrote it.
+
+    Raises
+    ------
+    InputError
+        If no case is open.
+    """
+    if workspace.case is None:
+        raise InputError("", "no case file is open", "start with: rigmatch explore CASE")
+    files = (workspace.case, *workspace.models.values())
+    return workspace.out / FOLDER / "case.toml" if any(file.changed for file in files) else workspace.case.path
+
+
+def write_case(workspace: Workspace) -> Path:
+    """Write the case as it is shown, with its models, and return where; comments and order of the files stay.
+
+    Raises
+    ------
+    InputError
+        If no case is open, or the copy cannot be written.
+    """
+    path = case_path(workspace)
+    if workspace.case is not None and path != workspace.case.path:
+        folder, content = workspace.case.path.parent.absolute(), workspace.case.content
+        named = {keys: str(folder / name) for keys, name in _named_files(content).items()}
+        named |= {(role,): f"{role}.toml" for role in ROLES}
+        texts = {f"{role}.toml": workspace.models[role].text for role in ROLES}
+        write_all(path.parent, texts | {path.name: edited(workspace.case.text, named)})
+    return path
+
+
+def write_model(workspace: Workspace, role: str) -> Path:
+    """Where a command finds a model as it is shown; a copy is written if it has changes that are not saved.
+
+    Raises
+    ------
+    InputError
+        If the copy cannot be written.
+    """
+    model = workspace.models[role]
+    if not model.changed:
+        return model.path
+    folder = workspace.out / FOLDER
+    write_all(folder, {f"{role}.toml": model.text})
+    return folder / f"{role}.toml"
+
+
+def case_tables(workspace: Workspace, content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of the case with its models as they are shown."""
+    changed = {role: write_model(workspace, role) for role in ROLES if workspace.models[role].changed}
+    return {**content, **{role: str(path.absolute()) for role, path in changed.items()}}
+
+
+def _named_files(content: Mapping[str, Any]) -> dict[Keys, str]:
+    """Files other than the two models that a case names, by where it names them."""
+    named: dict[Keys, str] = {}
+    if "model" in content.get("residual_vehicle", {}):
+        named["residual_vehicle", "model"] = content["residual_vehicle"]["model"]
+    for torque, table in content.get("manoeuvre", {}).items():
+        if isinstance(table, Mapping) and "file" in table:
+            named["manoeuvre", torque, "file"] = table["file"]
+    return named
+
+
+# --- The values of a file as fields of a form: which there are, and setting one with the file checked as a whole.
+
+HIDDEN_TEXTS = ("vehicle", "rig", "formula")  # changed in the file, where more than one value belongs together
+
+
+@dataclass(frozen=True)
+class Field:
+    """A value of a file that can be written: its table and key for a reader, and where it stands."""
+
+    table: str
+    key: str
+    keys: Keys
+    text: str
+
+
+def fields(document: Document, tables: Mapping[str, Any] | None = None, above: Keys = ()) -> list[Field]:
+    """Every single value of a file, in its order; lists of tables by their number."""
+    form: list[Field] = []
+    for key, value in (document.content if tables is None else tables).items():
+        keys = (*above, key)
+        if isinstance(value, Mapping):
+            form += fields(document, value, keys)
+        elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
+            for number, each in enumerate(value):
+                form += fields(document, each, (*keys, number))
+        elif isinstance(value, int | float | str) and not isinstance(value, bool) and key not in HIDDEN_TEXTS:
+            table = " ".join(str(part + 1) if isinstance(part, int) else part for part in above)
+            form.append(Field(table, key, keys, f"{value:.10g}" if isinstance(value, float) else str(value)))
+    return form
+
+
+def set_field(document: Document, keys: Keys, text: str, check: Callable[[dict[str, Any]], Any]) -> Any:
+    """Write a value, and return what the file then holds.
+
+    Parameters
+    ----------
+    check : callable
+        Reads the content of the file; what it returns is returned.
+
+    Raises
+    ------
+    InputError
+        If the file is wrong with it; then nothing has changed.
+    """
+    value = number_or_text(text)
+    before = document.value(keys)
+    if isinstance(before, float) and isinstance(value, int):
+        value = float(value)
+    if isinstance(before, str) and isinstance(value, str) is False and not _is_quantity(before):
+        raise InputError(".".join(map(str, keys)), f"{text!r} is a number", "write a text")
+    document.change(keys, value)
+    try:
+        return check(document.content)
+    except InputError:
+        document.undo()
+        raise
+
+
+def _is_quantity(text: str) -> bool:
+    return text.strip()[:1] in "+-.0123456789" and bool(text.strip())
+
+
+# --- A case as a form: what may move within which bounds, what is held; the case beside it at other values.
+
+FORM_TABLES = ("loop", "limits", "response", "move", "targets", "manoeuvre", "operating_point", "uncertainty")
+SPREAD = 2.0  # a quantity that begins to move may do so by this factor up and down
+
+
+class CaseForm:
+    """An open case file with its fields.
+
+    Parameters
+    ----------
+    document : Document
+    with_models : callable, optional
+        The content of the case with its models as they are edited; as they are saved without it.
+
+    Attributes
+    ----------
+    case : Case
+        With all changes, saved or not.
+
+    Raises
+    ------
+    InputError
+        If the case is wrong.
+    """
+
+    def __init__(self, document: Document, with_models: Callable[[dict[str, Any]], dict[str, Any]] = dict):
+        self.document, self._with_models = document, with_models
+        self.case: Case = self._read(document.content)
+
+    @property
+    def fields(self) -> dict[str, list[Field]]:
+        """Fields by table of the file."""
+        by_table: dict[str, list[Field]] = {}
+        for field in fields(self.document):
+            if field.keys[0] in FORM_TABLES:
+                by_table.setdefault(str(field.keys[0]), []).append(field)
+        return by_table
+
+    @property
+    def addable(self) -> list[str]:
+        """Quantities that might move and do not yet."""
+        moving = {name for move in self.case.moves for name in move.together}
+        return [name for name in quantities(self.case) if name not in moving]
+
+    @property
+    def statable(self) -> dict[str, str]:
+        """Units of limits that the case might state and does not, by their key."""
+        stated = self.document.content.get("limits", {})
+        return {key: si for key, si in limit_units(self.case.rig).items() if key not in stated}
+
+    def set(self, keys: Keys, text: str) -> None:
+        """Write the field at ``keys``; raises ``InputError`` where the case is wrong with it; then nothing changed."""
+        self.case = set_field(self.document, keys, text, self._read)
+
+    def move(self, name: str) -> None:
+        """Let a quantity move, by a factor of two up and down to begin with.
+
+        Raises
+        ------
+        InputError
+            If the name is unknown, or the case is wrong with it.
+        """
+        if name not in self.addable:
+            raise unknown(name, self.addable, "move")
+        value = quantities(self.case)[name][0]
+        bounds = {"lower": value / SPREAD, "upper": value * SPREAD if value else 1.0}
+        self._change(("move", name), bounds)
+
+    def limit(self, key: str, text: str) -> None:
+        """State a limit; raises ``InputError`` where it is none, or the case is wrong with it."""
+        self._change(("limits", key), number_or_text(text))
+
+    def hold(self, name: str) -> None:
+        """Let a quantity stay; raises ``InputError`` where the case is wrong without it."""
+        text = self.document.without(("move", name))
+        self._take(text)
+
+    def undo(self) -> bool:
+        """Take the last change back; whether there was one."""
+        undone = self.document.undo()
+        self.read_again()
+        return undone
+
+    def read_again(self) -> None:
+        """Take the models as they are by now; raises ``InputError`` where the case is wrong with them."""
+        self.case = self._read(self.document.content)
+
+    def _change(self, keys: tuple[str, str], value: Any) -> None:
+        table, key = keys
+        first = table not in self.document.content
+        self._take(self.document.replaced((table,), {key: value}) if first else self.document.replaced(keys, value))
+
+    def _take(self, text: str) -> None:
+        self.document.change_text(text)
+        try:
+            self.case = self._read(self.document.content)
+        except BaseException:
+            self.document.undo()
+            raise
+
+    def _read(self, content: dict[str, Any]) -> Case:
+        return case_from_tables(self._with_models(content), str(self.document.path))
+
+
+def write_case_at(case: Case, values: Mapping[str, float], folder: Path) -> Path:
+    """Write the case with quantities (SI) held at values, all its models beside it; the path of the case file.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, a value impossible, or nothing would be left to move.
+    """
+    for name, value in values.items():
+        case = held_at(case, name, value)
+    write_all(folder, dict(case_files(case)))
+    return folder / "case.toml"

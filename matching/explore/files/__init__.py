@@ -1,1 +1,0 @@
-"""Files that are edited in the browser: values, forms, undo, saving with comments kept."""

@@ -1,0 +1,260 @@
+"""The tab *Measurement*: a file is dropped, its channels are named, looked at, compared and diagnosed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import panel as pn
+from bokeh.models import ColumnDataSource, PlainText, Range1d
+
+from matching.explore import common
+from matching.explore.common import (
+    PANE_STYLE,
+    WIDE,
+    Ended,
+    EquivalentBox,
+    Measurement,
+    Message,
+    Runner,
+    address_of,
+    heading,
+    in_units_of,
+    opened_measurement,
+    paragraph,
+    plain_figure,
+    wanted_channels,
+)
+from matching.explore.files import Workspace, write_model
+from matching.report.common import RIG, VEHICLE
+from matching.report.diagnosis import summary
+from modelling.errors import InputError
+from modelling.escape import file_name, html
+from modelling.recordings.readers import read_table
+from modelling.writing import write_all
+
+LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
+NOT_RECORDED = "not recorded"
+COLUMN_PX, UNIT_PX = 215, 125  # of two fields that stand beside each other, on a screen of 400 px too
+
+
+class MeasurementTab:
+    """A recording beside one of the open models; ``opened`` is called when another file is open."""
+
+    def __init__(self, workspace: Workspace):
+        self.workspace = workspace
+        self.file: Measurement | None = None
+        self.role = pn.widgets.Select(name="Model", options=list(workspace.models), width=200)
+        self.drop = pn.widgets.FileDropper(
+            name="Drop a recording here", max_file_size=LARGEST_UPLOAD, height=130, sizing_mode=WIDE
+        )
+        self.path = pn.widgets.TextInput(name="or its path on this machine", sizing_mode=WIDE)
+        self.message = Message()
+        self.channels = pn.Column(sizing_mode=WIDE)
+        self.signal = pn.widgets.Select(name="Signal", width=300)
+        self.source = ColumnDataSource({"t": [], "y": []})
+        self.simulated = ColumnDataSource({"t": [], "y": []})
+        self.figure = self._figure()
+        self.signals = pn.Column(self.signal, pn.pane.Bokeh(self.figure, sizing_mode=WIDE), sizing_mode=WIDE)
+        self.signals.visible = False
+        self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        self.compare = Runner("Simulate", self._simulate_words, self._show_simulated)
+        self.diagnose = Runner("Diagnose", self._diagnose_words, self._show_diagnosis)
+        self.keep_as = pn.widgets.TextInput(name="Keep the extended model as", width=340, visible=False)
+        self.keep = pn.widgets.Button(name="Keep", width=100, visible=False)
+        self.kept = Message()
+        self.same = EquivalentBox(self._equivalent("RECORDING", ""))
+        self.drop.param.watch(self._dropped, "value")
+        self.path.param.watch(self._named, "value")
+        self.role.param.watch(self._other_model, "value")
+        self.signal.param.watch(lambda _: self.show_signal(), "value")
+        self.keep.on_click(lambda _: self._keep())
+        if workspace.recordings:
+            self.open(workspace.recordings[0])
+
+    def panel(self) -> Any:
+        """The tab's content."""
+        return pn.Column(
+            heading("Recording"),
+            self.role,
+            self.drop,
+            self.path,
+            self.message,
+            self.channels,
+            self.signals,
+            heading("Model against recording"),
+            self.compare.panel(),
+            self.diagnose.panel(),
+            self.result,
+            pn.FlexBox(self.keep_as, self.keep, align_items="end"),
+            self.kept,
+            self.same,
+            sizing_mode=WIDE,
+        )
+
+    def open(self, path: Path) -> None:
+        """Read a file, suggest its channels and draw its first signal."""
+        try:
+            self.file = opened_measurement(path)
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        file, system = self.file, self.workspace.models[self.role.value].system
+        self.workspace.recordings = [path, *(each for each in self.workspace.recordings if each != path)]
+        self.message.say(f"{path.name}: {len(file.table.values)} samples, columns {', '.join(file.columns)}")
+        suggested = file.suggestions(system)
+        self._choosers: dict[str, tuple[Any, Any]] = {}
+        for wanted in wanted_channels(system):
+            options = {NOT_RECORDED: ""} | {name: name for name in file.columns}
+            label = f"{wanted.name.replace('_', ' ')} ({'input, ' if wanted.needed else ''}{wanted.kind})"
+            column = pn.widgets.Select(
+                name=label, options=options, value=suggested[wanted.name].column, width=COLUMN_PX
+            )
+            unit = pn.widgets.TextInput(
+                name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=UNIT_PX
+            )
+            for chooser in (column, unit):
+                chooser.param.watch(lambda _: self._name_files(), "value")
+            self._choosers[wanted.name] = column, unit
+        self.channels[:] = [
+            heading("Channels"),
+            paragraph("Suggested from names and units; correct what is wrong."),
+            pn.FlexBox(*(pn.Row(*pair) for pair in self._choosers.values())),
+        ]
+        low, high = file.span
+        self.figure.x_range.update(start=low, end=high, bounds=(low, high))
+        self.signals.visible = True
+        names = list(file.columns)
+        self.signal.param.update(options=names, value=names[0] if names else None)
+        self._name_files()
+        self.show_signal()
+
+    def _name_files(self) -> None:
+        """Write the channel file as chosen, so that the command shown finds it."""
+        assert self.file is not None
+        try:
+            self.same.set(self._equivalent(str(self.file.path), str(self._write_channels())))
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+
+    def _equivalent(self, recording: str, channels: str) -> common.Equivalent:
+        model = str(write_model(self.workspace, self.role.value))
+        return common.diagnose(model, [recording], channels, str(self.workspace.out / "diagnosis"))
+
+    def show_signal(self) -> None:
+        """Draw what is in sight of the chosen signal."""
+        if self.file is None or self.signal.value not in self.file.columns:
+            return
+        low, high = self.figure.x_range.start, self.figure.x_range.end
+        time, values = self.file.signal(self.signal.value, low, high)
+        self.source.data = {"t": time, "y": values}
+        unit = self.file.columns[self.signal.value]
+        # as plain text: Bokeh fetches a library from the network for a label with $$
+        self.figure.yaxis.axis_label = PlainText(text=f"{self.signal.value} [{unit or 'SI'}]")
+        self._draw_simulated(unit)
+
+    def _figure(self) -> Any:
+        fig = plain_figure("Recording", "time [s]", "", x_range=Range1d(0, 1))
+        fig.line("t", "y", source=self.source, color=VEHICLE, line_width=1.2, legend_label="recorded")
+        fig.line("t", "y", source=self.simulated, color=RIG, line_width=1.2, legend_label="model")
+        fig.legend.click_policy = "hide"
+        fig.add_layout(fig.legend[0], "below")  # within the frame it would cover the signal
+        fig.legend[0].orientation = "horizontal"
+        self._waiting = False
+        for end in ("start", "end"):
+            fig.x_range.on_change(end, lambda attr, old, new: self._moved())
+        return fig
+
+    def _moved(self) -> None:
+        if self._waiting or pn.state.curdoc is None:
+            return
+        self._waiting = True
+        pn.state.curdoc.add_next_tick_callback(self._draw_again)
+
+    def _draw_again(self) -> None:
+        self._waiting = False
+        self.show_signal()
+
+    def _named(self, event: Any) -> None:
+        if not event.new:
+            return
+        if pn.state.curdoc is None:
+            self.open(Path(event.new))
+        else:  # the figure may be changed in the page's own turn alone, not while a field's text is taken
+            pn.state.curdoc.add_next_tick_callback(lambda: self.open(Path(event.new)))
+
+    def _other_model(self, _: Any) -> None:
+        if self.file is not None:
+            self.open(self.file.path)
+
+    def _dropped(self, event: Any) -> None:
+        for name, content in (event.new or {}).items():
+            folder = self.workspace.out / "recordings"
+            data = content.encode() if isinstance(content, str) else content
+            write_all(folder, {file_name(name): data})
+            self.open(folder / file_name(name))
+
+    def _write_channels(self) -> Path:
+        if self.file is None:
+            raise InputError("", "no recording is open", "drop one")
+        chosen = {name: (column.value, unit.value) for name, (column, unit) in self._choosers.items()}
+        return self.file.write_channels(chosen, self.workspace.out / "recordings")
+
+    def _arguments(self, out: str) -> list[str]:
+        channels, file = self._write_channels(), self.file
+        assert file is not None
+        model = str(write_model(self.workspace, self.role.value))
+        return [model, str(file.path), "--channels", str(channels), "--out", str(self.workspace.out / out)]
+
+    def _simulate_words(self) -> list[str]:
+        return ["simulate", *self._arguments("simulated")]
+
+    def _diagnose_words(self) -> list[str]:
+        return ["diagnose", *self._arguments("diagnosis")]
+
+    def _show_simulated(self, _: Ended) -> None:
+        self._table = read_table(self.workspace.out / "simulated" / "simulated.csv")
+        self.show_signal()
+
+    def _draw_simulated(self, unit: str) -> None:
+        table, column = getattr(self, "_table", None), self.signal.value
+        name = next((name for name, (chosen, _) in self._choosers.items() if chosen.value == column), "")
+        if table is None or name not in table.names:
+            self.simulated.data = {"t": [], "y": []}
+            return
+        system = self.workspace.models[self.role.value].system
+        si = next((wanted.si for wanted in wanted_channels(system) if wanted.name == name), "")
+        drawn = Measurement(Path(), table, table.names[0])
+        time, values = drawn.signal(name, self.figure.x_range.start, self.figure.x_range.end)
+        self.simulated.data = {"t": time, "y": in_units_of(values, si, unit)}
+
+    def _show_diagnosis(self, ended: Ended) -> None:
+        out = self.workspace.out / "diagnosis"
+        report = address_of(out / "report.html", self.workspace.out)
+        self.result.object = (
+            f'<pre class="words" tabindex="0" aria-label="Diagnosis">{html(summary(ended.result))}</pre>'
+            f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>'
+        )
+        model = self.workspace.models[self.role.value].path
+        self.keep_as.param.update(value=str(model.with_name(f"{model.stem}_extended.toml")), visible=True)
+        self.keep.visible = True
+
+    def _keep(self) -> None:
+        target = Path(self.keep_as.value)
+        if target.exists():
+            self.kept.say(f"{target} is there already; name another file", wrong=True)
+            return
+        text = (self.workspace.out / "diagnosis" / "extended.toml").read_text(encoding="utf-8")
+        try:
+            write_all(target.parent, {target.name: text})
+        except InputError as error:
+            self.kept.say(str(error), wrong=True)
+            return
+        self.kept.say(f"written: {target}")
+
+
+def measurement_tab(workspace: Workspace) -> Any:
+    """The tab's content, also without a model."""
+    if workspace.models:
+        return MeasurementTab(workspace).panel()
+    return pn.Column(heading("Measurement"), paragraph("Open a model beside it: rigmatch explore MODEL RECORDING"))

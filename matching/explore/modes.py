@@ -1,0 +1,348 @@
+"""The tab *Modes*: table, energies, the mode swinging on the drawing, responses; a slider moves all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import panel as pn
+
+from matching.explore import common
+from matching.explore.common import (
+    PANE_STYLE,
+    WIDE,
+    DrivetrainView,
+    Editing,
+    EnergyBars,
+    Entry,
+    EquivalentBox,
+    MeasuredCurves,
+    Message,
+    ResponseFigures,
+    Slider,
+    WhatIf,
+    heading,
+    largest_shares,
+    lay_out,
+    measured_curves,
+    offer,
+    paragraph,
+    pictures,
+    read_as_suggested,
+    table,
+)
+from matching.explore.files import Document, Workspace, part_of, write_case, write_model
+from matching.report.common import amount, hertz, number, spaced, unit
+from matching.report.drivetrain import LEGEND, Marks, Picture, drivetrain_svg
+from modelling.errors import InputError
+from modelling.escape import html
+
+# --- The tab *Drivetrain*: the drawing, the values of a part, changes that are marked, undone and saved.
+
+
+class DrivetrainTab:
+    """Drawing and values of the open models; ``changed`` is called after every change."""
+
+    def __init__(self, workspace: Workspace, changed: Callable[[], None]):
+        self.workspace, self._changed = workspace, changed
+        self._role, self._part = next(iter(workspace.models)), ""
+        self._pictures: dict[str, Picture] = {}
+        self.views = {role: DrivetrainView(label=f"the {spaced(role)}", sizing_mode=WIDE) for role in workspace.models}
+        self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
+        self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
+        self.values = pn.Column(sizing_mode=WIDE)
+        self.changes = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        for role, view in self.views.items():
+            view.param.watch(partial(self._picked, role), "picked")
+        self.chooser.param.watch(lambda event: self.select(*event.new), "value")
+        self.same = EquivalentBox(self._equivalent())
+        self.select(*self.chooser.value)
+
+    def panel(self) -> Any:
+        """The tab's content."""
+        drawings = [part for role, view in self.views.items() for part in (heading(self._title(role), 2), view)]
+        return pn.Column(
+            *drawings,
+            paragraph(
+                f"Click a part, or choose it below, to see and change its values. {LEGEND[0].upper()}{LEGEND[1:]}."
+            ),
+            heading("Values", 2),
+            self.chooser,
+            self.values,
+            self.editing.message,
+            self.changes,
+            self.editing.buttons(),
+            self.same,
+            sizing_mode=WIDE,
+        )
+
+    def select(self, role: str, part: str) -> None:
+        """Show the values of a part."""
+        self._role, self._part = role, part
+        if self.chooser.value != (role, part):
+            self.chooser.value = (role, part)
+            return
+        lay_out(self.values, self.editing.entries.show(self._entries()))
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Draw everything anew; pictures only where a value has changed."""
+        for role, view in self.views.items():
+            document = self.workspace.models[role]
+            chosen = self._part if role == self._role else ""
+            marks = Marks(selected=chosen, changed=document.changed_parts)
+            view.svg = drivetrain_svg(self._picture(role), marks, reacts=True, prefix=role)
+        rows = [
+            html(
+                f"{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
+                f"{amount(after, document.system.units[name])}"
+            )
+            for role, document in self.workspace.models.items()
+            for name, (before, after) in document.changes.items()
+        ]
+        listed = "".join(f"<li>{row}</li>" for row in rows)
+        self.same.set(self._equivalent())
+        self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
+
+    def after_change(self) -> None:
+        """Show values that were changed here or elsewhere."""
+        self._pictures.clear()
+        lay_out(self.values, self.editing.entries.show(self._entries()))
+        self.refresh()
+
+    def _equivalent(self) -> common.Equivalent:
+        has_case = self.workspace.case is not None
+        file = write_case(self.workspace) if has_case else write_model(self.workspace, self._role)
+        return common.show(str(file), str(self.workspace.out))
+
+    def _groups(self) -> dict[str, dict[str, tuple[str, str]]]:
+        groups = {}
+        for role, document in self.workspace.models.items():
+            names = dict.fromkeys(part_of(name) for name in document.system.parameters)
+            groups[role] = {f"{role}: {spaced(name.replace('.', ' '))}": (role, name) for name in names}
+        return groups
+
+    def _title(self, role: str) -> str:
+        title = self.workspace.models[role].system.title
+        return f"{role.capitalize()}: {title}" if title else role.capitalize()
+
+    def _picture(self, role: str) -> Picture:
+        if role not in self._pictures:
+            self._pictures |= pictures(self.workspace)
+        return self._pictures[role]
+
+    def _entries(self) -> list[Entry]:
+        document = self.workspace.models[self._role]
+        entries = []
+        for name in (name for name in document.system.parameters if part_of(name) == self._part):
+            quantity, si = document.system.parameters[name], unit(document.system.units[name])
+            between = (
+                f", uncertain: {amount(quantity.lower, '1')} … {amount(quantity.upper, document.system.units[name])}"
+                if quantity.uncertain
+                else ""
+            )
+            label = f"{spaced(name.removeprefix(self._part + '.').replace('.', ' '))} [{si or '1'}]{between}"
+            entries.append(Entry((self._role, name), label, document.written(name)))
+        return entries
+
+    def _enter(self, place: tuple[str, str], text: str) -> str:
+        role, name = place
+        document = self.workspace.models[role]
+        document.set_text(name, text)
+        return f"{name} is {text}" + ("" if name in document.changes else ", as in the file")
+
+    def _picked(self, role: str, event: Any) -> None:
+        part = event.new.rpartition(" ")[0]
+        if any(part_of(name) == part for name in self.workspace.models[role].system.parameters):
+            self.select(role, part)
+        else:
+            self.editing.message.say(f"{spaced(part)} has no values")
+
+    def _undo(self) -> bool:
+        changed = [role for role, document in self.workspace.models.items() if document.changed]
+        role = self._role if self._role in changed else (changed or [self._role])[0]
+        return self.workspace.models[role].undo()
+
+    def _documents(self) -> list[Document]:
+        return list(self.workspace.models.values())
+
+    def _after_change(self) -> None:
+        self.after_change()
+        self._changed()
+
+
+# --- Modes
+
+STEPS = 200  # of a slider
+HEAD = ("mode", "frequency [Hz]", "in the file [Hz]", "symmetry", "largest shares of energy")
+
+DAMPED_HEAD = ("mode", "frequency [Hz]", "damping ratio", "largest shares of energy")
+
+
+class ModesTab:
+    """Modes and responses of one of the open models; ``after_keeping`` is called when values were kept."""
+
+    def __init__(self, workspace: Workspace):
+        self.workspace, self._waiting = workspace, False
+        self.after_keeping: Callable[[], None] = lambda: None
+        roles = list(workspace.models)
+        self.role = pn.widgets.Select(name="Model", options=roles, value=roles[-1], width=200)
+        self.mode = pn.widgets.Select(name="Mode", width=300)
+        self.view, self.table = (
+            DrivetrainView(sizing_mode=WIDE),
+            pn.pane.HTML(stylesheets=[PANE_STYLE], sizing_mode=WIDE),
+        )
+        self.quantity = pn.widgets.Select(name="Quantity to try", width=300)
+        self.slider = Slider(width=300)
+        self.reset, self.keep = pn.widgets.Button(name="Reset", width=100), pn.widgets.Button(name="Keep", width=100)
+        self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
+        self.responses, self.message = ResponseFigures(), Message()
+        self.energies = pn.Column(sizing_mode=WIDE)
+        self.same = EquivalentBox(common.modes("", ""))
+        self.open_model()
+        self.role.param.watch(lambda _: self.open_model(), "value")
+        self.mode.param.watch(lambda _: self._show_mode(), "value")
+        self.quantity.param.watch(lambda _: self._set_slider(), "value")
+        self.slider.param.watch(lambda _: self._slide(), "value")
+        for chooser in (self.input, self.sensor):
+            chooser.param.watch(lambda _: self._show_responses(), "value")
+        self.reset.on_click(lambda _: self.open_model())
+        self.keep.on_click(lambda _: self._keep())
+
+    def panel(self) -> Any:
+        """The tab's content."""
+        return pn.Column(
+            pn.FlexBox(self.role, self.mode),
+            self.view,
+            pn.FlexBox(self.quantity, self.slider, self.reset, self.keep),
+            self.message,
+            self.table,
+            heading("Energy"),
+            self.energies,
+            heading("Frequency response"),
+            pn.FlexBox(self.input, self.sensor),
+            pn.pane.Bokeh(self.responses.modulus, sizing_mode=WIDE),
+            pn.pane.Bokeh(self.responses.phase, sizing_mode=WIDE),
+            self.same,
+            sizing_mode=WIDE,
+        )
+
+    def open_model(self) -> None:
+        """Take the chosen model with its values as edited, nothing tried."""
+        document = self.workspace.models[self.role.value]
+        try:
+            self.trial = WhatIf(document)
+            self._picture = pictures(self.workspace)[self.role.value]
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        modes = self.trial.before.modes
+        self.bars = EnergyBars([spaced(name) for name in (*modes.masses, *modes.springs)])
+        self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
+        elastic = [place for place in range(len(modes)) if modes.frequencies[place] > 0]
+        numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
+        offer(self.mode, numbers, elastic[0] if elastic else 0)
+        offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
+        offer(self.input, {part.name: part.name for part in document.system.inputs})
+        offer(self.sensor, {part.name: part.name for part in document.system.sensors})
+        self.measured = self._measured()
+        self.same.set(common.modes(str(write_model(self.workspace, self.role.value)), str(self.workspace.out)))
+        self._set_slider()
+        self.show()
+
+    def show(self) -> None:
+        """Draw what is tried."""
+        before, now = self.trial.before.modes, self.trial.now.modes
+        rows = [
+            (str(mode.number), hertz(mode.frequency), hertz(float(before.frequencies[mode.number - 1])),
+             "" if mode.symmetry == "none" else mode.symmetry, largest_shares(mode))
+            for mode in now
+        ]  # fmt: skip
+        damped = [
+            (str(mode.number), hertz(mode.frequency), number(mode.damping_ratio, 3), largest_shares(mode))
+            for mode in self.trial.now.damped
+        ]
+        self.table.object = table(HEAD, rows, "Modes without damping") + table(
+            DAMPED_HEAD, damped, "Modes with damping"
+        )
+        self._show_mode()
+        self._show_responses()
+
+    def _show_mode(self) -> None:
+        if self.mode.value is None or self.mode.value >= len(self.trial.now.modes):
+            return
+        mode = self.trial.now.modes[self.mode.value]
+        marks = Marks(mode=mode, changed={name.rpartition(".")[0] for name in self.trial.values})
+        self.view.svg = drivetrain_svg(self._picture, marks, prefix="mode")
+        self.bars.show({spaced(name): share for name, share in (mode.kinetic | mode.potential).items()})
+        self.bars.figure.title.text = f"Energy of mode {mode.number}, {hertz(mode.frequency)} Hz"
+
+    def _show_responses(self) -> None:
+        before, now = self.trial.before.response, self.trial.now.response
+        if before is None or now is None or not self.sensor.value or not self.input.value:
+            return
+        pair = (self.sensor.value, self.input.value)
+        if pair[0] not in now.sensors or pair[1] not in now.inputs:
+            return
+        figures = self.responses
+        figures.show(figures.before, before.frequencies, before[pair])
+        figures.show(figures.now, now.frequencies, now[pair])
+        figures.show_measured(self.measured, *pair)
+        of_sensor = next(part for part in self.trial.document.system.sensors if part.name == pair[0])
+        figures.modulus.yaxis.axis_label = f"modulus [{of_sensor.unit} / N·m]"
+
+    def _measured(self) -> MeasuredCurves | None:
+        for path in self.workspace.recordings:
+            try:
+                system = self.trial.document.system
+                return measured_curves(read_as_suggested(path, system), system)
+            except InputError:  # of another model
+                continue
+        return None
+
+    def _set_slider(self) -> None:
+        name = self.quantity.value
+        if name not in self.trial.movable:
+            return
+        low, high = self.trial.movable[name]
+        now = self.trial.values.get(name, self.trial.document.system.parameters[name].value)
+        low, high = min(low, now), max(high, now)
+        si = unit(self.trial.document.system.units[name])
+        self._waiting = True  # no slide of the user's
+        self.slider.param.update(
+            start=low, end=high, step=(high - low) / STEPS, value=now, label=f"value [{si or '1'}]"
+        )
+        self._waiting = False
+
+    def _slide(self) -> None:
+        """Follow the slider: once for all its events that have come meanwhile."""
+        if self._waiting:
+            return
+        self._waiting = True
+        if pn.state.curdoc:
+            pn.state.curdoc.add_next_tick_callback(self.follow)
+        else:
+            self.follow()
+
+    def follow(self) -> None:
+        """Show everything at the slider's value."""
+        self._waiting = False
+        name, value = self.quantity.value, self.slider.value
+        try:
+            self.trial.try_value(name, value)
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        self.message.say(f"tried: {amount(value, self.trial.document.system.units[name])} for {name}")
+        self.show()
+
+    def _keep(self) -> None:
+        try:
+            self.trial.keep()
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        self.message.say("Kept; save it in the tab Drivetrain")
+        self.open_model()
+        self.after_keeping()

@@ -1,0 +1,687 @@
+"""The page's server: on this machine only, with a secret in the address."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import secrets
+import socket
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+import panel as pn
+from bokeh.events import Tap
+from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
+from panel.io.server import get_server
+from tornado.web import RequestHandler
+
+from matching.explore import common
+from matching.explore.common import (
+    PANE_STYLE,
+    RESULTS,
+    WIDE,
+    Editing,
+    Ended,
+    Entry,
+    Equivalent,
+    EquivalentBox,
+    Message,
+    Runner,
+    TabBar,
+    address_of,
+    fidelity,
+    grid,
+    heading,
+    interpolated_error,
+    lay_out,
+    nearest_point,
+    offer,
+    paragraph,
+    plain_figure,
+    table,
+    uncertainty,
+)
+from matching.explore.files import (
+    CaseForm,
+    Document,
+    Field,
+    Keys,
+    Workspace,
+    case_path,
+    case_tables,
+    fields,
+    number_or_text,
+    set_field,
+    write_case,
+    write_case_at,
+)
+from matching.explore.measurement import measurement_tab
+from matching.explore.modes import DrivetrainTab, ModesTab
+from matching.fidelity import fidelity_from_tables, xil_fidelity
+from matching.match.case import Case
+from matching.match.map import axis, quantities
+from matching.report.common import amount, component, embedded, image, number, spaced, unit
+from matching.report.evidence import fidelity_text, plot_fidelity, plot_uncertainty, uncertainty_text
+from matching.report.match import PEAK_UNITS, SAME_RELATIVE, answer, summary
+from matching.uncertainty.budget import budget_from_tables
+from matching.uncertainty.evaluate import evaluate
+from modelling import escape
+from modelling.bed.controllers import STRUCTURES
+from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
+from modelling.errors import InputError
+from modelling.escape import html
+from modelling.units import to_si
+
+# --- A map of the response error over two quantities: click a point, ask between points, have one computed exactly.
+
+PALETTE = "Cividis256"  # read alike by colour-blind readers and in grey
+POINTS = 4  # an axis, to begin with
+
+
+class MapView:
+    """Run a map and ask it; ``case`` gives the case as it is, ``write_at`` writes it with quantities held."""
+
+    def __init__(self, workspace: Workspace, case: Callable[[], Case], write_at: Callable[[dict[str, float]], str]):
+        self.workspace, self._case, self._write_at = workspace, case, write_at
+        self.out, self.content = workspace.out / "map", dict[str, Any]()
+        names = {component(name): name for name in quantities(case())}
+        self.x = pn.widgets.Select(name="First quantity", options=names, value="loop.dead_time", width=300)
+        self.y = pn.widgets.Select(name="Second quantity", options=names, value="loop.inverter_lag", width=300)
+        self.points = pn.widgets.TextInput(name="Values of each", value=str(POINTS), width=140)
+        self.figure = pn.Column(sizing_mode=WIDE)
+        self.at_x, self.at_y = pn.widgets.TextInput(width=200), pn.widgets.TextInput(width=200)
+        self.answer, self.message = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE]), Message()
+        self.ask = pn.widgets.Button(name="Answer from the map", width=180)
+        self.runner = Runner("Run the map", self._words, self._show)
+        self.exactly = Runner("Compute exactly", self._exact_words, self._show_exactly)
+        self.ask.on_click(lambda _: self._ask())
+        self.questions = pn.Column(sizing_mode=WIDE)
+        self.same = EquivalentBox(self._equivalent())
+        for chooser in (self.x, self.y, self.points):
+            chooser.param.watch(lambda _: self.refresh(), "value")
+
+    def panel(self) -> Any:
+        """Form, figure and questions."""
+        return pn.Column(
+            heading("Map: what if …"),
+            paragraph("The response error that a match reaches over two quantities, each point a match of its own."),
+            pn.FlexBox(self.x, self.y, self.points),
+            self.runner.panel(),
+            self.figure,
+            self.questions,
+            self.same,
+            sizing_mode=WIDE,
+        )
+
+    def refresh(self) -> None:
+        """Name the files as the case is shown now."""
+        self.same.set(self._equivalent())
+
+    def _words(self) -> list[str]:
+        x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))
+        path = self._write_at({})
+        return ["map", path, "--x", x, "--y", y, "--starts", "1", "--out", str(self.out)]
+
+    def _range(self, name: str) -> str:
+        low, high = _usual_range(self._case(), name)
+        return f"={low:.6g}:{high:.6g}:{self.points.value}"
+
+    def _equivalent(self) -> common.Equivalent:
+        x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))
+        return common.map_of(str(case_path(self.workspace)), x, y, str(self.out))
+
+    def _show(self, ended: Ended) -> None:
+        self.show_map(ended.result)
+
+    def show_map(self, content: dict[str, Any]) -> None:
+        """Draw a map from the content of ``map.json``."""
+        self.content = json.loads(json.dumps(content))
+        x, y, errors = grid(content)
+        places = [(i, j) for j in range(len(y)) for i in range(len(x))]
+        points = content["points"]
+        source = ColumnDataSource({
+            "i": [i for i, _ in places], "j": [j for _, j in places], "x": [x[i] for i, _ in places],
+            "y": [y[j] for _, j in places], "error": errors.ravel(), "status": [point["status"] for point in points],
+        })  # fmt: skip
+        names = [f"{component(content[key]['name'])} [{content[key]['unit']}]" for key in ("x", "y")]
+        fig = plain_figure("Response error", *names)
+        for scale, values in ((fig.xaxis, x), (fig.yaxis, y)):
+            scale.ticker = list(range(len(values)))
+            scale.major_label_overrides = {place: number(value, 3) for place, value in enumerate(values)}
+        known = errors[np.isfinite(errors)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
+        colours = LogColorMapper(palette=PALETTE, low=low, high=max(high, low * 1.01), nan_color="#ffffff")
+        cells = fig.rect(
+            "i", "j", 1, 1, source=source, fill_color={"field": "error", "transform": colours}, line_color="#ffffff"
+        )
+        fig.add_layout(ColorBar(color_mapper=colours, title="error"), "right")
+        tips = [(names[0], "@x{0.0000}"), (names[1], "@y{0.0000}"), ("error", "@error{0.0000}"), ("", "@status")]
+        fig.add_tools(HoverTool(renderers=[cells], tooltips=tips))
+        fig.on_event(Tap, lambda event: self._tapped(event.x, event.y))
+        self.figure[:] = [pn.pane.Bokeh(fig, sizing_mode=WIDE)]
+        for field, key, label in ((self.at_x, "x", names[0]), (self.at_y, "y", names[1])):
+            if field.name != label:  # else what was asked last stays
+                field.param.update(name=label, value=number(content[key]["value_in_case"], 6))
+        self.questions[:] = [
+            pn.FlexBox(self.at_x, self.at_y, self.ask), self.message, self.answer, self.exactly.panel()
+        ]  # fmt: skip
+
+    def _tapped(self, i: float, j: float) -> None:
+        x, y = self.content["x"]["values"], self.content["y"]["values"]
+        if -0.5 <= i <= len(x) - 0.5 and -0.5 <= j <= len(y) - 0.5:
+            self.at_x.value, self.at_y.value = number(x[round(i)], 6), number(y[round(j)], 6)
+            self._ask()
+
+    def _asked(self) -> tuple[float, float]:
+        x, y = (
+            to_si(number_or_text(field.value), self.content[key]["unit"], component(self.content[key]["name"]))
+            for field, key in ((self.at_x, "x"), (self.at_y, "y"))
+        )
+        return x, y
+
+    def _ask(self) -> None:
+        try:
+            x, y = self._asked()
+            error = interpolated_error(self.content, x, y)
+        except InputError as fault:
+            self.message.say(str(fault), wrong=True)
+            return
+        near = nearest_point(self.content, x, y)
+        limits = "".join(f"<li>{html(limit)}</li>" for limit in near["limits"][:3])
+        self.message.say(f"From the map: response error about {number(error, 2)}")
+        self.answer.object = f"<p>The nearest point is {html(near['status'])}.</p><ul>{limits}</ul>"
+
+    def _exact_words(self) -> list[str]:
+        x, y = self._asked()
+        names = self.content["x"]["name"], self.content["y"]["name"]
+        path = self._write_at(dict(zip(names, (x, y), strict=True)))
+        return ["match", path, "--out", str(self.workspace.out / "what_if" / "match")]
+
+    def _show_exactly(self, ended: Ended) -> None:
+        error = ended.result["response_error"]["after"]
+        self.answer.object = f"<p>Exactly: response error {number(error, 3)}. {html(answer(ended.result))}</p>"
+
+
+def _usual_range(case: Case, name: str) -> tuple[float, float]:
+    values = axis(case, name).values
+    return values[0], values[-1]
+
+
+# --- What a match answered, on the page: in words, what to order, the figures that show it, its report.
+
+FIGURES = {
+    "trade": "The trade: response error for unmeasured torques over each adapter quantity, the rest tuned for it",
+    "overview": "Responses, manoeuvre and target modes of vehicle, rig and matched rig",
+}
+HEAD = ("adapter quantity", "as planned", "to order", "as good within 2 % between", "error as planned", "as ordered")
+
+
+def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
+    """The result of ``rigmatch match`` in ``folder``, which is served below ``out``."""
+    report = address_of(folder / "report.html", out)
+    rows = [_row(trade) for trade in result["adapters"]]
+    caption = "What to order (errors for unmeasured torques, the rest tuned for each"
+    unmeasured = result["response_error"]["unmeasured_after"]
+    ordered = [trade["error_as_ordered"] for trade in result["adapters"]]
+    if any(abs(error - unmeasured) > SAME_RELATIVE * unmeasured for error in ordered):
+        caption += f"; gains tuned over drawn beds after that make it {number(unmeasured, 2)}"
+    caption += ")"
+    order = table(HEAD, rows, caption) if rows else "<p>No quantity of an adapter was allowed to move.</p>"
+    figures = "".join(
+        f'<figure class="picture" tabindex="0">'
+        f'<img src="{html(address_of(folder / "figures" / f"{name}.svg", out))}" alt="{html(words)}">'
+        f"<figcaption>{html(words)}</figcaption></figure>"
+        for name, words in FIGURES.items()
+        if name != "trade" or rows
+    )
+    return (
+        f'<pre class="words" tabindex="0" aria-label="Result">{html(summary(result))}</pre>{order}'
+        f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>{figures}'
+    )
+
+
+def _row(trade: Mapping[str, Any]) -> tuple[str, ...]:
+    si = trade["unit"]
+    low, high = (number(value) for value in trade["acceptable"])
+    return (
+        component(trade["name"]), amount(trade["planned"], si), amount(trade["ordered"], si),
+        f"{low} and {high} {unit(si)}", number(trade["error_as_planned"], 2), number(trade["error_as_ordered"], 2),
+    )  # fmt: skip
+
+
+# --- The tab *Match*: the case as a form, a run with progress, results, and a map that answers what-if questions.
+
+STARTS = 14
+TITLES = {
+    "move": "What may move (bounds)", "loop": "Loop", "limits": "Limits", "response": "Compared responses",
+    "targets": "Target modes", "manoeuvre": "Manoeuvre", "operating_point": "Operating point",
+    "uncertainty": "What is not known exactly",
+}  # fmt: skip
+PAIRS = {"max-width": "690px"}  # two fields: lower and upper bound beside each other
+CHOICES: dict[Keys, tuple[str, ...]] = {("loop", "structure"): tuple(STRUCTURES)}
+OPEN = ("move", "loop")  # tables that are shown unfolded
+
+
+class MatchTab:
+    """The open case; ``rig_changed`` is called when values were taken into the rig."""
+
+    def __init__(self, workspace: Workspace, document: Any, rig_changed: Callable[[], None]):
+        self.workspace, self._rig_changed = workspace, rig_changed
+        self._ordered: dict[str, float] = {}  # of the match that is shown, SI
+        self.form = CaseForm(document, partial(case_tables, workspace))
+        self.editing = Editing(self._enter, self.form.undo, lambda: [document], self.refresh, width=320)
+        self.tables, self._cards = pn.Column(sizing_mode=WIDE), dict[str, Any]()
+        self.added = pn.widgets.Select(name="Let another quantity move", width=340)
+        self.held = pn.widgets.Select(name="Hold a quantity that moves", width=340)
+        self.add, self.hold = (pn.widgets.Button(name=name, width=100) for name in ("Add", "Hold"))
+        self.limit = pn.widgets.Select(name="State another limit", width=340)
+        self.limit_text = pn.widgets.TextInput(name="at most, or at least for a margin", width=220)
+        self.state = pn.widgets.Button(name="State", width=100)
+        self.take = pn.widgets.Button(name="Take the order into the rig", width=240, visible=False)
+        self.starts = pn.widgets.TextInput(name="Starting points", value=str(STARTS), width=140)
+        self.seed = pn.widgets.TextInput(name="Seed", value="0", width=140)
+        self.out = workspace.out / "match"
+        self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        self.runner = Runner("Run the match", self._words, self._show)
+        self.same = EquivalentBox(self._equivalent())
+        self.map = MapView(workspace, lambda: self.form.case, self._write_at)
+        self.add.on_click(lambda _: self.editing.do(self._add))
+        self.hold.on_click(lambda _: self.editing.do(self._hold))
+        self.state.on_click(lambda _: self.editing.do(self._state))
+        self.take.on_click(lambda _: self.editing.do(self._take))
+        for number in (self.starts, self.seed):
+            number.param.watch(lambda _: self.same.set(self._equivalent()), "value")
+        self._ran: list[str] = []  # texts of the files when they were run last
+        self.refresh()
+
+    def panel(self) -> Any:
+        """The tab's content."""
+        return pn.Column(
+            heading("Case"),
+            self.tables,
+            pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
+            pn.FlexBox(self.limit, self.limit_text, self.state, align_items="end"),
+            self.editing.message,
+            self.editing.buttons(),
+            heading("Run"),
+            paragraph("A run takes the values as they are shown, saved or not."),
+            pn.FlexBox(self.starts, self.seed),
+            self.runner.panel(),
+            self.result,
+            self.take,
+            self.same,
+            self.map.panel(),
+            sizing_mode=WIDE,
+        )
+
+    def refresh(self) -> None:
+        """Show the form as the case is; fields and tables that are there stay."""
+        by_table = self.form.fields
+        shown = [(table, field) for table in TITLES for field in by_table.get(table, ())]
+        members: dict[str, list[Any]] = {}
+        widgets = self.editing.entries.show(self._entry(field) for _, field in shown)
+        for (table, _), widget in zip(shown, widgets, strict=True):
+            members.setdefault(table, []).append(widget)
+        for table in members.keys() - self._cards.keys():
+            self._cards[table] = pn.Card(
+                pn.FlexBox(styles=PAIRS if table == "move" else {}),
+                title=TITLES[table],
+                collapsed=table not in OPEN,
+                sizing_mode=WIDE,
+                margin=(4, 5),
+            )
+        for table, inside in members.items():
+            lay_out(self._cards[table][0], inside)
+        lay_out(self.tables, [self._cards[table] for table in members])
+        for chooser, names in ((self.added, self.form.addable), (self.held, [m.name for m in self.form.case.moves])):
+            offer(chooser, {component(name) + f" ({name.partition('.')[0]})": name for name in names})
+        offer(
+            self.limit,
+            {f"{spaced(key.replace('.', ' '))} [{unit(si) or '1'}]": key for key, si in self.form.statable.items()},
+        )
+        self.same.set(self._equivalent())
+        self.map.refresh()
+        if self.result.object and self._texts() != self._ran:
+            self.runner.message.say("The result below is of the case before the last change")
+
+    def models_changed(self) -> None:
+        """Follow changes of the models in other tabs."""
+        self.editing.do(self._read_again)
+
+    def _read_again(self) -> str:
+        self.form.read_again()
+        return ""
+
+    def _add(self) -> str:
+        self.form.move(self.added.value)
+        return self._changed_words()
+
+    def _hold(self) -> str:
+        self.form.hold(self.held.value)
+        return self._changed_words()
+
+    def _state(self) -> str:
+        key = self.limit.value
+        self.form.limit(key, self.limit_text.value)
+        return f"limits.{key} is {self.limit_text.value}. {self._changed_words()}"
+
+    def _take(self) -> str:
+        rig = self.workspace.models["rig"]
+        ordered = {name: value for name, value in self._ordered.items() if name in rig.system.parameters}
+        for name, value in ordered.items():
+            rig.set_value(name, value)
+        self._rig_changed()
+        self.form.read_again()
+        return f"Taken into {rig.path.name}, not saved yet: {', '.join(ordered)}. Save it in the tab Drivetrain"
+
+    def _changed_words(self) -> str:
+        return "Changed; not saved yet" if self.form.document.changed else "As in the file"
+
+    def _entry(self, field: Field) -> Entry:
+        label = " ".join((*field.table.split()[1:], field.key)).replace("_", " ")
+        if field.keys[0] == "move":
+            name = str(field.keys[1])
+            label = f"{component(name)}, {field.key} [{unit(quantities(self.form.case)[name][1]) or '1'}]"
+        elif si := self._unit(field):
+            label += f" [{unit(si)}]"
+        return Entry(field.keys, label, field.text, CHOICES.get(field.keys, ()))
+
+    def _unit(self, field: Field) -> str:
+        """SI unit of a value of loop, limits or manoeuvre that is written without one; empty where there is none."""
+        known = {
+            "loop": {name: knob.unit for name, knob in self.form.case.loop.quantities.items()},
+            "manoeuvre": MANOEUVRE_UNITS,
+            "limits": PEAK_UNITS,
+        }.get(str(field.keys[0]), {})
+        key = re.split(r"[._](?=[a-z]+$)", field.key)[-1] if field.keys[0] == "limits" else field.key
+        written = field.text.strip().partition(" ")[2]  # such as "1 deg"
+        return "" if written or known.get(key) == "1" else known.get(key, "")
+
+    def _enter(self, keys: Keys, text: str) -> str:
+        self.form.set(keys, text)
+        return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
+
+    def _equivalent(self) -> common.Equivalent:
+        return common.match(str(write_case(self.workspace)), str(self.out), self.starts.value, self.seed.value)
+
+    def _words(self) -> list[str]:
+        self.editing.all_taken()
+        self._ran = self._texts()
+        more = ["--starts", self.starts.value, "--seed", self.seed.value, "--out", str(self.out)]
+        return ["match", str(write_case(self.workspace)), *more]
+
+    def _texts(self) -> list[str]:
+        return [file.text for file in (self.form.document, *self.workspace.models.values())]
+
+    def _show(self, ended: Ended) -> None:
+        self.result.object = result_html(ended.result, self.out, self.workspace.out)
+        self._ordered = {trade["name"].removeprefix("rig."): trade["ordered"] for trade in ended.result["adapters"]}
+        self.take.visible = bool(self._ordered)
+
+    def _write_at(self, values: dict[str, float]) -> str:
+        self.editing.all_taken()
+        if not values:
+            return str(write_case(self.workspace))
+        return str(write_case_at(self.form.case, values, self.workspace.out / "what_if" / "case"))
+
+
+def without_case() -> Any:
+    """The tab's content where no case is open."""
+    return pn.Column(heading("Match"), paragraph("Open a case to match it: rigmatch explore CASE"), sizing_mode=WIDE)
+
+
+# --- The tab *Validity*: an uncertainty budget and a fidelity case as tables that can be edited, with their figures.
+
+DRAWS, SEED = 20_000, 1  # of the fidelity's uncertainty, as its command has them
+BUDGET_DRAWS = 200_000  # 10⁴/(1 − 0.95) (JCGM 101, 7.2.2); to decide a check as well takes many seconds
+
+
+class EditedTable:
+    """A file as a table of fields, with what follows from it.
+
+    Parameters
+    ----------
+    judge : callable
+        Text and figure of the file's content.
+    """
+
+    def __init__(self, title: str, document: Document, same: Equivalent, judge: Callable[[dict[str, Any]], Any]):
+        self.title, self.document, self._judge = title, document, judge
+        self.editing = Editing(self._enter, document.undo, lambda: [document], self.refresh, width=230)
+        self.rows, self._boxes = pn.Column(sizing_mode=WIDE), dict[str, Any]()
+        self.answer = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        self.same = EquivalentBox(same)
+        self._content: dict[str, Any] = {}  # what was judged last
+        self._judged: tuple[str, Any] = ("", None)
+        self.editing.do(lambda: "")
+
+    def panel(self) -> Any:
+        """Fields, answer, command."""
+        return pn.Column(
+            heading(self.title), self.rows, self.editing.message, self.editing.buttons(), self.answer, self.same,
+            sizing_mode=WIDE,
+        )  # fmt: skip
+
+    def refresh(self) -> None:
+        """Show the file as it is, and what follows from it."""
+        text, picture = self._judged_once(self.document.content)
+        self.answer.object = (
+            f'<pre tabindex="0" aria-label="Result">{html(text)}</pre>'
+            f'<div class="picture" tabindex="0" role="region" aria-label="Figure of {html(self.title)}">'
+            f'<img src="{embedded(image(picture))}" alt="Figure of the result"></div>'
+        )
+        form = fields(self.document)
+        by_table: dict[str, list[Any]] = {}
+        for field, widget in zip(form, self.editing.entries.show(map(_entry, form)), strict=True):
+            by_table.setdefault(field.table, []).append(widget)
+        boxes = {name: self._boxes.get(name) or pn.FlexBox() for name in by_table}
+        self._boxes = boxes
+        for name, members in by_table.items():
+            lay_out(boxes[name], members)
+        lay_out(self.rows, list(boxes.values()))
+
+    def _enter(self, keys: Keys, text: str) -> str:
+        set_field(self.document, keys, text, self._judged_once)
+        name = ".".join(map(str, keys)).removesuffix(".value")
+        return f"{name} is {text}. {'Changed; not saved yet' if self.document.changed else 'As in the file'}"
+
+    def _judged_once(self, content: dict[str, Any]) -> tuple[str, Any]:
+        """Text and figure; judging takes a second, and entering and showing both ask."""
+        if content != self._content:
+            self._judged = self._judge(content)
+            self._content = content
+        return self._judged
+
+
+def _entry(field: Field) -> Entry:
+    label = f"{field.table.rpartition(' ')[2]} {field.key}".strip().replace("_", " ")
+    return Entry(field.keys, label, field.text)
+
+
+def validity(workspace: Workspace) -> Any:
+    """The tab's content."""
+    parts = []
+    if workspace.budget is not None:
+        path = workspace.budget.path
+        same = uncertainty(str(path), str(workspace.out / "uncertainty"), BUDGET_DRAWS)
+
+        def judge_budget(content: dict[str, Any]) -> Any:
+            evaluated = evaluate(budget_from_tables(content, str(path)), draws=BUDGET_DRAWS)
+            return uncertainty_text(evaluated), plot_uncertainty(evaluated)
+
+        parts.append(EditedTable("Uncertainty budget", workspace.budget, same, judge_budget).panel())
+    if workspace.fidelity is not None:
+        case, same = workspace.fidelity.path, fidelity(str(workspace.fidelity.path), str(workspace.out / "fidelity"))
+
+        def judge_fidelity(content: dict[str, Any]) -> Any:
+            judged = xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED)
+            return fidelity_text(judged), plot_fidelity(judged)
+
+        parts.append(EditedTable("XiL fidelity", workspace.fidelity, same, judge_fidelity).panel())
+    if not parts:
+        parts.append(paragraph("Open a budget or a fidelity case: rigmatch explore BUDGET FIDELITY_CASE"))
+    return pn.Column(*parts, sizing_mode=WIDE)
+
+
+# --- Server
+
+HOST = "127.0.0.1"
+TOKEN_BYTES = 24
+BEGIN_SECONDS = 60.0  # at most, until the page can be opened
+FRAME_PX = 900  # height in a notebook
+SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
+STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
+
+
+class NoIcon(RequestHandler):
+    """Browsers ask for an icon; there is none."""
+
+    def get(self) -> None:
+        """No content."""
+        self.set_status(204)
+
+
+def page(workspace: Workspace) -> Any:
+    """The whole page."""
+    makers = _makers(workspace)
+    names, made = list(makers), dict[str, Any]()
+    bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
+
+    def show(number: int) -> None:
+        """Put a tab's content on the page; it is made when it is first opened, and until then the page says so."""
+        name, server_page = names[number], pn.state.curdoc
+        if name in made or server_page is None or not made:
+            put(number)
+            return
+        content[:] = [paragraph(f"{name} is being prepared …")]
+        server_page.add_timeout_callback(partial(put, number), SHOWN_FIRST_MS)
+
+    def put(number: int) -> None:
+        """The content itself, unless another tab was opened meanwhile."""
+        name = names[number]
+        if number == bar.active:
+            if name not in made:
+                made[name] = makers[name]()
+            content[:] = [made[name]]
+
+    bar.param.watch(lambda event: show(event.new), "active")
+    show(0)
+    return pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE)
+
+
+def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
+    """What makes the content of each tab; a change of a model is told to the tabs that are there."""
+    opened: list[MatchTab] = []
+    makers: dict[str, Callable[[], Any]] = {}
+    if workspace.models:
+        modes = ModesTab(workspace)
+
+        def entered() -> None:
+            modes.open_model()
+            for tab in opened:
+                tab.models_changed()
+
+        def kept() -> None:
+            drivetrain.after_change()
+            for tab in opened:
+                tab.models_changed()
+
+        def taken() -> None:
+            drivetrain.after_change()
+            modes.open_model()
+
+        drivetrain = DrivetrainTab(workspace, entered)
+        modes.after_keeping = kept
+        makers = {"Drivetrain": drivetrain.panel, "Modes": modes.panel}
+
+    def match() -> Any:
+        if workspace.case is None:
+            return without_case()
+        opened.append(MatchTab(workspace, workspace.case, taken))
+        return opened[0].panel()
+
+    return makers | {
+        "Match": match,
+        "Measurement": partial(measurement_tab, workspace),
+        "Validity": partial(validity, workspace),
+    }
+
+
+def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
+    """A server that runs, not yet its event loop, and the address of the page; ``make`` has to be a Python function.
+
+    Panel shows what any other callable (``functools.partial``) prints as, instead of calling it.
+    """
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    number = port or _free_port()
+    out.mkdir(parents=True, exist_ok=True)
+    pn.extension("filedropper", raw_css=[STYLE])
+    server = get_server(
+        {"page": make}, address=HOST, port=number, prefix=f"/{token}", websocket_origin=[f"{HOST}:{number}"],
+        title="rigmatch", start=False, show=False, verbose=False, index=None,
+        extra_patterns=[("/favicon.ico", NoIcon)], static_dirs={RESULTS: str(out.absolute())},
+    )  # fmt: skip
+    return server, f"http://{HOST}:{number}/{token}/page"
+
+
+class Explorer:
+    """A page that is served to this machine until :meth:`stop`, or the end of the program.
+
+    Attributes
+    ----------
+    address : str
+        Of the page, with a secret in it.
+    """
+
+    def __init__(self, workspace: Workspace, port: int = 0):
+        self.address = ""
+        self._begun = Event()
+        self._fault: BaseException | None = None
+        self._server: Any = None
+        self._thread = Thread(target=self._run, args=(workspace, port), name="rigmatch explore", daemon=True)
+        self._thread.start()
+        self._begun.wait(BEGIN_SECONDS)
+        if self._fault is not None:
+            raise self._fault
+
+    def _run(self, workspace: Workspace, port: int) -> None:
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        try:
+            self._server, self.address = serve(lambda: page(workspace), workspace.out, port)
+            self._server.start()
+        except BaseException as fault:  # raised where the explorer was asked for
+            self._fault = fault
+            return
+        finally:
+            self._begun.set()
+        self._server.io_loop.start()
+        self._server.stop()
+
+    def stop(self) -> None:
+        """End the server."""
+        if self._thread.is_alive():
+            self._server.io_loop.add_callback(self._server.io_loop.stop)
+            self._thread.join(BEGIN_SECONDS)
+
+    def wait(self) -> None:
+        """Wait until somebody else ends the server, e.g. by Ctrl-C: a program would end without it."""
+        while self._thread.is_alive():
+            self._thread.join(1.0)
+
+    def __repr__(self) -> str:
+        return f"explorer at {self.address}"
+
+    def _repr_html_(self) -> str:
+        frame = f'<iframe src="{escape.html(self.address)}" style="width:100%;height:{FRAME_PX}px;border:0"></iframe>'
+        return f'{frame}<p><a href="{escape.html(self.address)}" target="_blank">Open in a window</a></p>'
+
+
+def _free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        return int(taken.getsockname()[1])

@@ -1,1 +1,0 @@
-"""Elements of the page that hold nothing but what they show."""

@@ -1,1 +1,0 @@
-"""Recordings in the browser: which column is which channel, decimation, measured responses."""

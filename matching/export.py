@@ -1,0 +1,838 @@
+"""An FMU on disk from whatever a user names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag, null_space
+
+from matching.match.case import Case, apply, of_system
+from matching.match.case_file import load_case
+from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
+from matching.match.loop import Parts, control_law, parts_of, shaft_torque
+from modelling.bed.bed import delayed_bed
+from modelling.bed.observer import NOISE
+from modelling.bed.vehicle import Interface, ResidualVehicle, cut
+from modelling.controller.c_source import memory_bytes
+from modelling.controller.law import (
+    KEPT_SAMPLES,
+    NO_LIMIT,
+    OPENED_SHARE,
+    WATCHED_SAMPLES,
+    ControlLaw,
+    ExportedController,
+    OpenedShaft,
+    Settings,
+    WatchedShafts,
+    has_gone,
+    hold_gains,
+    nothing_watched,
+)
+from modelling.errors import InputError, unknown
+from modelling.fmu.export import Block, Fmu, Variable, block, contents, controller_fmu, fmu
+from modelling.linear.state_space import StateSpace, state_space
+from modelling.model_file import from_dict
+from modelling.system import Input, Sensor, System
+from modelling.toml import finite, read_toml
+from modelling.writing import unfinished, write_all
+
+# --- What readings of a linear bed under its controller are off from what the controller's model expects.
+
+NOT_STEADY = 1e-9  # of the largest singular value of the balance of torques: states and inputs below it are steady
+NOT_LOADED = 1e-3  # of the largest: a steady motion, or a shaft, that hardly loads the flanges
+
+
+def on_inertia(inertia: str) -> str:
+    """Name of the added input that acts on an inertia."""
+    return f"torque_on_{inertia}"
+
+
+@dataclass(frozen=True)
+class BedEvents:
+    """What happens on a bed, sample by sample; t samples, x states, w known torques, y readings, e events side by side.
+
+    Attributes
+    ----------
+    torques : ndarray (t, x, e)
+        What torques do to the states: columns of B times torques, held over a sample.
+    known : ndarray (t, w, e)
+        Torques as the controller knows them, N·m.
+    errors : ndarray (t, y, e)
+        Errors of the readings, SI.
+    """
+
+    torques: np.ndarray
+    known: np.ndarray
+    errors: np.ndarray
+
+
+def no_events(bed: LinearBed, samples: int, count: int) -> BedEvents:
+    """So many events of which none has begun."""
+    law = bed.law
+    return BedEvents(*(np.zeros((samples, size, count)) for size in (len(bed.A), len(law.known), len(law.sensors))))
+
+
+@dataclass(frozen=True)
+class LinearBed:
+    """A rig with its lags as it may stand there, in deviations from a steady state; x states, k commands, y readings.
+
+    Attributes
+    ----------
+    rig : System
+    law : ControlLaw
+    A, commands, readings : ndarray (x, x), (x, k), (y, x)
+    inputs : mapping of str to ndarray (x,)
+        Columns of B: every input of the rig, and a torque on every inertia as :func:`on_inertia` names it.
+    shaft_torques : mapping of str to ndarray (x,)
+        Rows: torque of every shaft, N·m, at its second end.
+    measured_shafts : tuple of str (k)
+        Whose torques the dynamometers' torque sensors read.
+    delay : float
+        s, from a sample to the moment its command begins to act.
+    """
+
+    rig: System
+    law: ControlLaw
+    A: np.ndarray
+    commands: np.ndarray
+    readings: np.ndarray
+    inputs: Mapping[str, np.ndarray]
+    shaft_torques: Mapping[str, np.ndarray]
+    measured_shafts: tuple[str, ...]
+    delay: float
+
+    def torque_pair(self, shaft: str) -> np.ndarray:
+        """What a torque of 1 N·m in a shaft does to the states (x,), at both its ends."""
+        part = next(part for part in self.rig.shafts if part.name == shaft)
+        first, second = (self.inputs[on_inertia(end)] for end in part.between)
+        return second - first / (1.0 if part.ratio is None else part.ratio.value)
+
+    def opening(self, shaft: str, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """Deviations (t, y) from what is expected and readings (t, y) after a shaft that carried 1 N·m opened."""
+        pair, events = self.torque_pair(shaft), no_events(self, samples, 1)
+        events.torques[:, :, 0] = -pair
+        opened = replace(self, A=self.A - np.outer(pair, self.shaft_torques[shaft]))
+        off, read = opened.run(events)
+        return off[:, :, 0], read[:, :, 0]
+
+    def run(self, events: BedEvents) -> tuple[np.ndarray, np.ndarray]:
+        """Deviations from what the controller expects and readings (t, y, e); no limits."""
+        law, x = self.law, len(self.A)
+        bed = delayed_bed(self.A, self.commands, np.eye(x), self.delay, law.sample_time)
+        now, state = np.zeros((x, events.torques.shape[2])), np.zeros((len(law.A), events.torques.shape[2]))
+        unlimited = np.array(np.inf)
+        sent = [np.zeros((len(law.dynamometers), now.shape[1]))] * (bed.delay + 2)
+        off, read = np.empty_like(events.errors), np.empty_like(events.errors)
+        for n, (torques, known, errors) in enumerate(
+            zip(events.torques, events.known, events.errors, strict=True)
+        ):  # fmt: skip
+            read[n] = self.readings @ now + errors
+            off[n] = read[n] - law.E @ state
+            newest, state = law.step(state, read[n], known, unlimited)
+            sent = [newest, *sent[:-1]]
+            now = bed.whole @ now + bed.new @ sent[bed.delay] + bed.old @ sent[bed.delay + 1] + bed.torques @ torques
+        return off, read
+
+    def carried(self, shafts: tuple[str, ...]) -> np.ndarray:
+        """Torques (s, k) of shafts by flange torques of 1 N·m in steady motion, least squares over the inputs.
+
+        The dynamometers' torque sensors are the first k readings.
+        """
+        torques = np.stack([self.shaft_torques[name] for name in shafts]) @ self._steady[: len(self.A)]
+        carried: np.ndarray = torques @ self._of_flanges
+        return np.where(np.abs(carried) > NOT_LOADED * np.abs(carried).max(initial=0.0), carried, 0.0)
+
+    def balancing(self) -> dict[str, np.ndarray]:
+        """Torques (k,) of every input of the rig, N·m, that flange torques of 1 N·m balance in steady motion."""
+        rows = self._steady[len(self.A) :] @ self._of_flanges
+        return {part.name: row for part, row in zip(self.rig.inputs, rows, strict=True)}
+
+    @cached_property
+    def _steady(self) -> np.ndarray:
+        """Steady motions: states, then torques of the rig's inputs, of each (x + u, m)."""
+        driven = np.stack([self.inputs[part.name] for part in self.rig.inputs], axis=1)
+        balance = np.hstack([self.A, driven])  # no state changes
+        steady: np.ndarray = null_space(balance / np.linalg.norm(balance, axis=1, keepdims=True), NOT_STEADY)
+        return steady
+
+    @cached_property
+    def _of_flanges(self) -> np.ndarray:
+        """How much of each steady motion (m, k) makes flange torques of 1 N·m."""
+        flanges = self.readings[: self.commands.shape[1]] @ self._steady[: len(self.A)]
+        inverse: np.ndarray = np.linalg.pinv(flanges, rcond=NOT_LOADED)
+        return inverse
+
+
+def linear_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> LinearBed:
+    """The bed of a case with some ``values`` other than the case's, named as those that are uncertain.
+
+    Raises
+    ------
+    InputError
+        If the rig cannot be made linear.
+    """
+    loop, dynamometers = case.loop, case.loop.dynamometers
+    k = len(dynamometers)
+    rig = case.rig.with_values(of_system(values, case.rig))
+    more = replace(
+        rig,
+        inputs=(*rig.inputs, *(Input(on_inertia(part.name), part.name) for part in rig.inertias)),
+        sensors=(*rig.sensors, *(Sensor(shaft_torque(part.name), "torque", part.name) for part in rig.shafts)),
+    )
+    space = state_space(more)
+    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
+    n = len(space.A)
+    A = block_diag(space.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
+    commands = np.zeros((n + 2 * k, k))
+    readings = np.stack([np.pad(space.output(name), (0, 2 * k)) for name in law.sensors])
+    for j, dynamometer in enumerate(dynamometers):
+        gain = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
+        A[:n, n + j] = gain * space.input(dynamometer.torque_input)
+        A[n + k + j, :n] = space.output(dynamometer.torque_sensor) / sensor_lag
+        commands[n + j, j] = 1 / lag
+        readings[j] = np.eye(n + 2 * k)[n + k + j]
+    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in law.sensors])
+    return LinearBed(
+        rig, law, A, commands, readings,
+        {name: np.pad(space.input(name), (0, 2 * k)) for name in space.inputs},
+        {part.name: np.pad(space.output(shaft_torque(part.name)), (0, 2 * k)) for part in rig.shafts},
+        tuple(sensor.of for dynamometer in dynamometers for sensor in rig.sensors
+              if sensor.name == dynamometer.torque_sensor),
+        loop.command_delay(values.get("loop.dead_time")),
+    )  # fmt: skip
+
+
+# --- What moves a bed's readings where no shaft opens: noise, encoders, torques that step unmeasured or late, the road.
+
+FOLLOWED_SAMPLES = 120  # of what a step or a wrong reading does: the observer has followed it then
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What moves the readings where no shaft opens: windows (i, WATCHED_SAMPLES · y) of deviations, newest first.
+
+    ``noise``: independent parts with a standard deviation of 1; ``steps``: the largest torques at once, at each of
+    ``count`` times and beds.
+    """
+
+    noise: np.ndarray
+    steps: np.ndarray
+    count: int
+
+
+def disturbances(case: Case, beds: Sequence[LinearBed], scale: float) -> Disturbances:
+    """Noise of the bed as planned, and steps of torque on all of them."""
+    noise = windows(beds[0].run(_wrong_readings(case, beds[0]))[0])
+    steps = [windows(bed.run(_torque_steps(case, bed, scale))[0]) for bed in beds]
+    size = noise.shape[-1]
+    count = sum(len(of_bed) for of_bed in steps)
+    return Disturbances(noise.reshape(-1, size), np.concatenate(steps).reshape(-1, size), count)
+
+
+def windows(off: np.ndarray) -> np.ndarray:
+    """Deviations (t, y, e) as (t − WATCHED_SAMPLES + 1, e, WATCHED_SAMPLES · y), the newest sample first."""
+    count = len(off) - WATCHED_SAMPLES + 1
+    shifted = [off[WATCHED_SAMPLES - 1 - i : WATCHED_SAMPLES - 1 - i + count] for i in range(WATCHED_SAMPLES)]
+    return np.concatenate(shifted, axis=1).transpose(0, 2, 1)
+
+
+def _wrong_readings(case: Case, bed: LinearBed) -> BedEvents:
+    """One wrong reading of every sensor: its noise, and what a count of an encoder does to two samples."""
+    law, sensors = bed.law, {sensor.name: sensor for sensor in case.rig.sensors}
+    of_law = [sensors[name] for name in law.sensors]
+    events = no_events(bed, FOLLOWED_SAMPLES, 2 * len(of_law))
+    count = ANGLE_OF_A_COUNT / law.sample_time / np.sqrt(12.0)  # an angle that is even over a count
+    at = WATCHED_SAMPLES - 1
+    for i, sensor in enumerate(of_law):
+        events.errors[at, i, 2 * i] = sensor.uncertainty or NOISE[sensor.measures]
+        if sensor.measures == "speed":
+            events.errors[at : at + 2, i, 2 * i + 1] = count, -count
+    return events
+
+
+def _torque_steps(case: Case, bed: LinearBed, scale: float) -> BedEvents:
+    """Every torque at once: those of the rig not measured, and measured but late and large; those of the road."""
+    law = bed.law
+    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    on_rig = [part.name for part in case.rig.inputs if part.name not in driven]
+    sizes = torque_sizes(case, bed, scale)
+    steps = [(name, False) for name in on_rig] + [(name, True) for name in law.known]
+    events, at = no_events(bed, FOLLOWED_SAMPLES, len(steps)), WATCHED_SAMPLES - 1
+    for e, (name, known) in enumerate(steps):
+        size, late = sizes[name], round(DEMAND_LATE_S / law.sample_time) if known else 0
+        if name in on_rig:
+            factor = DEMAND_FACTOR if known else 1.0
+            events.torques[at + late :, :, e] = factor * size * bed.inputs[name]
+        if known:
+            events.known[at:, law.known.index(name), e] = size
+    return events
+
+
+def torque_sizes(case: Case, bed: LinearBed, scale: float) -> dict[str, float]:
+    """N·m by which each torque steps: over the manoeuvre, or what balances flange torques of ``scale``, if larger."""
+    balance = bed.balancing()
+    sizes = {}
+    for name in (*balance, *bed.law.known):
+        manoeuvre = case.manoeuvre.get(name)
+        planned = 0.0 if manoeuvre is None else abs(manoeuvre.amplitude)
+        sizes[name] = max(planned, scale * float(np.abs(balance[name]).sum()) if name in balance else scale)
+    return sizes
+
+
+# --- Which shafts' opening the exported controller notices within five samples, by what, and from which torque on.
+#
+# The weights that estimate a lost torque are those of the least variance (a linearly constrained filter, Frost, 1972)
+# over what else moves the readings: noise and encoders, torques at the rig's inputs that step unmeasured or late,
+# torques
+# of the road, on beds drawn from the box of the case. What these reach at most sets the torque from which on a shaft is
+# judged.
+
+DRAWN_BEDS = 8
+NOISE_DEVIATIONS = 6.0  # standard deviations of the estimate that noise may reach
+SHARES = 0.75, 1.33  # of the carried torque that an opened shaft has to seem to lose, on every drawn bed
+SHARE_BEFORE = 0.62  # at least, a sample earlier: both samples have to pass the share that counts as opened
+SHARE_WANTED = 0.75  # of it, where the filter of the least variance does not reach it
+SMALLEST_JUDGED = 1.0  # of the torque that `lost_torque` at every flange is in a shaft: lash of 5° reached 0.7
+CARRIED_S = 0.03  # for which a shaft has to have carried its torque: a lash is crossed and has struck within it
+ROUNDING = 1e-9  # of a variance, added to it
+LARGEST_LEAST = 0.5  # of the torque that a shaft carries at most: a rule that begins beyond it is of no use
+
+
+@dataclass(frozen=True)
+class OpenedShaftRule:
+    """Watched shafts, the least torque (s,) in N·m from which on each is judged, and a row for every shaft."""
+
+    watched: WatchedShafts
+    least: np.ndarray
+    rows: tuple[OpenedShaft, ...]
+
+
+def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> OpenedShaftRule:
+    """Design the rule of a controller.
+
+    Parameters
+    ----------
+    case : Case
+    law : ControlLaw
+    lost_torque : float
+        N·m: from this flange torque on the controller judges whether it is gone at once.
+
+    Raises
+    ------
+    InputError
+        If the rig cannot be made linear.
+    """
+    beds = [linear_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
+    shafts = tuple(part.name for part in case.rig.shafts)
+    carried = linear_bed(case, law, {}).carried(shafts)
+    limit = case.limits.get("dynamometer_torque", NO_LIMIT)
+    scale = lost_torque if limit < NO_LIMIT else 0.0
+    what, unwatched = None, _why_nothing_is_watched(case, law)
+    rows, weights, least = [], [], []
+    for shaft, of_flanges in zip(shafts, carried, strict=True):
+        if limit < NO_LIMIT and gone_at_once(beds, shaft, of_flanges):
+            rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges).sum() * lost_torque)))
+            continue
+        if unwatched:
+            rows.append(OpenedShaft(shaft, "", None, unwatched))
+            continue
+        if what is None:
+            what = disturbances(case, beds, scale)
+        row, weights_of_shaft = _judged(beds, shaft, of_flanges, what, scale, limit)
+        rows.append(row)
+        if weights_of_shaft is not None:
+            weights.append((shaft, weights_of_shaft, of_flanges))
+            least.append(row.from_torque)
+    if not weights:
+        return OpenedShaftRule(nothing_watched(len(law.sensors), len(law.dynamometers)), np.zeros(0), tuple(rows))
+    names, lost, ratios = zip(*weights, strict=True)
+    carried_samples = max(round(CARRIED_S / law.sample_time), 1)
+    watched = WatchedShafts(names, np.array(lost), np.array(ratios), carried_samples)
+    return OpenedShaftRule(watched, np.array(least), tuple(rows))
+
+
+def _why_nothing_is_watched(case: Case, law: ControlLaw) -> str:
+    """In words; empty where the controller can watch shafts."""
+    if not law.L.any():
+        return "the controller has no observer"
+    kinds = {sensor.name: sensor.measures for sensor in case.rig.sensors}
+    if not any(kinds[name] == "speed" for name in case.loop.further_sensors):
+        return "the observer reads no speed but the dynamometers'"  # an unmeasured torque looks the same to it
+    return ""
+
+
+def _judged(
+    beds: Sequence[LinearBed], shaft: str, of_flanges: np.ndarray, what: Disturbances, scale: float, limit: float
+) -> tuple[OpenedShaft, np.ndarray | None]:
+    """A shaft's row, and its weights where an opening can be told from everything else."""
+    if not of_flanges.any():
+        return OpenedShaft(shaft, "", None, "it carries no torque of the flanges in steady motion"), None
+    signatures = np.stack([_openings(bed, shaft) for bed in beds])
+    smallest = SMALLEST_JUDGED * float(np.abs(of_flanges).sum()) * scale
+    weights = estimating(signatures, what, smallest)
+    before, at_last = (signatures @ weights).T
+    if before.min() < SHARE_BEFORE or at_last.min() < SHARES[0] or max(before.max(), at_last.max()) > SHARES[1]:
+        words = "what its opening does to the readings differs too much over drawn beds"
+        return OpenedShaft(shaft, "", None, words), None
+    noise = float(np.sqrt(np.sum((what.noise @ weights) ** 2)))
+    reached = float(np.abs(what.steps @ weights).max(initial=0.0)) + NOISE_DEVIATIONS * noise
+    least, largest = max(reached / OPENED_SHARE, smallest), float(np.abs(of_flanges).sum()) * limit
+    if least > LARGEST_LEAST * largest:
+        words = (
+            f"noise and torques that are not as measured look like {reached:.3g} N·m lost, and it carries "
+            f"{largest:.3g} N·m at most"
+        )
+        return OpenedShaft(shaft, "", None, words), None
+    return OpenedShaft(shaft, "opened_torque", float(f"{least:.3g}")), weights
+
+
+def estimating(signatures: np.ndarray, what: Disturbances, carried: float) -> np.ndarray:
+    """Weights (WATCHED_SAMPLES · y,) on deviations that estimate the torque that was lost, N·m.
+
+    Parameters
+    ----------
+    signatures : ndarray (b, 2, WATCHED_SAMPLES · y)
+        Deviations after 1 N·m was lost, one sample before the last watched one and at it, on every bed.
+    what : Disturbances
+    carried : float
+        N·m for which the signatures' differences from bed to bed count.
+    """
+    mean = signatures.mean(axis=0)
+    apart = carried * (signatures - mean).reshape(-1, mean.shape[1]) / np.sqrt(len(signatures))
+    parts = np.vstack([what.noise, what.steps / np.sqrt(what.count), apart])
+    covariance = parts.T @ parts
+    covariance += ROUNDING * np.diag(np.diag(covariance))
+    toward = np.linalg.solve(covariance, mean.T)
+    gained = mean @ toward  # what each filter makes of each signature
+    weights: np.ndarray = toward[:, 1] / gained[1, 1]
+    if (signatures[:, 0] @ weights).min() < SHARE_BEFORE:
+        weights = toward @ np.linalg.solve(gained, [SHARE_WANTED, 1.0])
+    return weights
+
+
+def _openings(bed: LinearBed, shaft: str) -> np.ndarray:
+    """Windows (2, WATCHED_SAMPLES · y) one sample before the last watched one, and at it."""
+    off, _ = bed.opening(shaft, WATCHED_SAMPLES + 1)
+    return windows(off[:, :, None])[-2:, 0]
+
+
+def gone_at_once(beds: Sequence[LinearBed], shaft: str, of_flanges: np.ndarray) -> bool:
+    """Whether a flange torque is gone within WATCHED_SAMPLES after a shaft opened, on every bed.
+
+    ``of_flanges`` (k,): torque in the shaft by flange torques.
+    """
+    return all(_gone_at_once(bed, shaft, of_flanges) for bed in beds)
+
+
+def _gone_at_once(bed: LinearBed, shaft: str, of_flanges: np.ndarray) -> bool:
+    if not of_flanges.any():
+        return False
+    if shaft in bed.measured_shafts:
+        return True
+    before = of_flanges / (of_flanges @ of_flanges)  # of 1 N·m in the shaft
+    _, read = bed.opening(shaft, WATCHED_SAMPLES + 1)
+    torques = np.vstack([np.tile(before, (KEPT_SAMPLES, 1)), before + read[:, : len(of_flanges)]])
+    least = 0.5 * np.abs(before)
+    gone = False
+    for n in range(KEPT_SAMPLES, len(torques)):
+        gone |= bool(has_gone(torques[n - KEPT_SAMPLES : n + 1][::-1], least).any())
+    return gone
+
+
+# --- The controller of a match as it leaves the computer: law, limits, speed hold and watchdogs from the tuned case.
+
+LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before its loss counts
+UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
+
+
+def exported_controller(case: Case) -> ExportedController:
+    """The controller of a tuned case.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear, a design has no solution or no speed hold is stable.
+    """
+    parts = parts_of(case)
+    law = control_law(parts)
+    dynamometers = case.loop.dynamometers
+    torques = tuple(law.sensors.index(dynamometer.torque_sensor) for dynamometer in dynamometers)
+    speeds = tuple(law.sensors.index(dynamometer.speed_sensor) for dynamometer in dynamometers)
+    units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
+    settings = _settings(parts, law, torques)
+    rule = opened_shaft_rule(case, law, float(settings.lost_torque.max()))
+    return ExportedController(
+        f"Controller: {case.title or case.path}",
+        law,
+        replace(settings, opened_torque=rule.least),
+        tuple(units[name] for name in law.sensors),
+        torques,
+        speeds,
+        rule.watched,
+        rule.rows,
+    )
+
+
+def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
+    case, loop, k = parts.case, parts.case.loop, len(parts.case.loop.dynamometers)
+    torque = case.limits.get("dynamometer_torque", NO_LIMIT)
+    speed = case.limits.get("dynamometer_speed", NO_LIMIT)
+    bed = parts.bed
+    speeds = StateSpace(
+        bed.A, bed.B, bed.C[k : 2 * k], bed.D[k : 2 * k], bed.inputs, tuple(bed.outputs[k : 2 * k])
+    )  # fmt: skip
+    rotors = [
+        next(part.on for part in case.rig.inputs if part.name == dynamometer.torque_input)
+        for dynamometer in loop.dynamometers
+    ]
+    inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
+    proportional, integral = hold_gains(speeds, inertias, loop["dead_time"], loop["inverter_lag"], loop["sample_time"])
+    unexpected = np.full(len(law.sensors), NO_LIMIT)
+    if torque < NO_LIMIT:
+        # a controller without a model of the rig expects nothing
+        expecting = [at for at in torques if law.E[at].any()]
+        unexpected[expecting] = UNEXPECTED_TORQUE * torque
+    lost = LOST_TORQUE * torque if torque < NO_LIMIT else NO_LIMIT
+    return Settings(
+        np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
+        np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
+        np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
+    )  # fmt: skip
+
+
+def _curve(case: Case) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds (p,), rad/s, and largest torques (p,), N·m, of the case's curve; one point without any limit else."""
+    curve = case.torque_curve
+    if curve is None:
+        return np.zeros(1), np.full(1, NO_LIMIT)
+    return np.array(curve.speeds), np.array(curve.torques)
+
+
+# --- What a user names for export → an FMU's block: a match's directory or result, a case, or a model.
+
+LARGEST_RESULT = 50_000_000  # bytes
+STEP = 1e-3  # s, suggested for a model, which has no loop
+
+
+@dataclass(frozen=True)
+class ExportSource:
+    """What to export: ``kind`` is ``residual vehicle`` or ``model``, ``step`` (s) the communication step to suggest."""
+
+    block: Block
+    kind: str
+    step: float
+    tuned: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def read_export_source(path: str | Path) -> ExportSource:
+    """Read what is to be exported: of a match the tuned residual vehicle, of a case that with its start values.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory that ``rigmatch match`` wrote, its ``result.json``, a case file or a model file.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _residual_vehicle(path / "result.json")
+    if path.suffix == ".json":
+        return _residual_vehicle(path)
+    data = read_toml(path)
+    if "inertias" in data or not {"vehicle", "rig"} & set(data):
+        system = from_dict(data, str(path))
+        return ExportSource(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
+    return _residual_vehicle(path)
+
+
+@dataclass(frozen=True)
+class TunedCase:
+    """A case with the values of its moves (SI), by name, and what has to be said of them."""
+
+    case: Case
+    values: dict[str, float]
+    notes: tuple[str, ...]
+
+    @property
+    def tuned(self) -> Case:
+        """The case at these values."""
+        moves = {move.name: move for move in self.case.moves}
+        return apply(self.case, {name: value for key, value in self.values.items() for name in moves[key].together})
+
+
+def tuned_case(path: str | Path) -> TunedCase:
+    """The case of a match with the values that its result states, or a case file with its start values.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "result.json"
+    if path.suffix != ".json":
+        case = load_case(path)
+        note = "a case, not a match: everything stands at its start value"
+        return TunedCase(case, {move.name: move.start for move in case.moves}, (note,))
+    if unfinished(path.parent):
+        wrong = "a run was killed while it moved its results there: some are older than others"
+        raise InputError(str(path.parent), wrong, "run the match again")
+    result = _json(path)
+    case_file = path.with_name("case.toml")
+    if not case_file.exists():
+        raise InputError(str(case_file), "does not exist", "leave result.json beside the files that the match wrote")
+    case = load_case(case_file)
+    known = [move.name for move in case.moves]
+    values = {}
+    for number, row in enumerate(result["parameters"]):
+        name, value = (row.get(key) if isinstance(row, dict) else None for key in ("name", "tuned"))
+        if name not in known and str(name).removeprefix("loop.") in case.loop.quantities:
+            continue  # weights of an observer are tuned without being asked for: the case file holds them as tuned
+        if name not in known:
+            raise unknown(str(name), known, f"{path}: parameters[{number}].name")
+        tuned = finite(value)
+        if tuned is None:
+            raise InputError(
+                f"{path}: parameters[{number}].tuned", "is no finite number", "leave it as the match wrote it"
+            )
+        values[name] = tuned
+    notes = []
+    if result.get("status") != "matched":
+        notes.append(f"the match is {str(result.get('status'))!r}, not 'matched': see its limits in {path}")
+    return TunedCase(case, values, tuple(notes))
+
+
+def _residual_vehicle(path: Path) -> ExportSource:
+    """The residual vehicle of a match or a case."""
+    match = tuned_case(path)
+    return _residual(match.case, match.values, match.notes)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:  # what is no regular file has no size, so at most so much is read
+            content = file.read(LARGEST_RESULT + 1)
+        if len(content) > LARGEST_RESULT:
+            raise InputError(str(path), "is too large for the result of a match", "at most 50 MB are read")
+        result = json.loads(content.decode("utf-8"))
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
+    except OSError as fault:
+        raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
+    except (ValueError, RecursionError) as fault:
+        raise InputError(str(path), f"is not JSON: {fault}", "give the result.json of a match") from None
+    if not isinstance(result, dict) or not isinstance(result.get("parameters"), list):
+        raise InputError(str(path), "holds no result of a match", "give the result.json of a match")
+    return result
+
+
+def _residual(case: Case, values: dict[str, float], notes: tuple[str, ...]) -> ExportSource:
+    moves = {move.name: move for move in case.moves}
+    spread = {name: value for key, value in values.items() for name in moves[key].together}
+    tuned = apply(case, spread)
+    mine = {name.removeprefix("residual_vehicle."): move for move in moves.values() for name in move.together}
+    mine = {name: move for name, move in mine.items() if move.name.startswith("residual_vehicle.")}
+    bounds = {name: (move.lower, move.upper) for name, move in mine.items()}
+    about = {name: f"tuned within {move.lower:g} … {move.upper:g} {move.unit}" for name, move in mine.items()}
+    for interface in tuned.residual_vehicle.interfaces:
+        about[interface.torque] = f"what the shaft {interface.shaft} brings in on the rig" + (
+            "" if interface.factor == 1 else f", {interface.factor:g} times what its sensor reads"
+        )
+        about[interface.speed] = "what the dynamometer has to follow"
+        about[acceleration(interface)] = "for the feed-forward of the dynamometer"
+    parts = [_with_accelerations(part, tuned.residual_vehicle) for part in tuned.residual_vehicle.parts]
+    title = f"Residual vehicle: {case.title}" if case.title else parts[0].title
+    made = _block(parts, title, "residual_vehicle", Path(case.path), about, bounds)
+    return ExportSource(made, "residual vehicle", case.loop["sample_time"], tuple(mine), (*notes, *_apart(tuned, mine)))
+
+
+def _apart(tuned: Case, names: Collection[str]) -> list[str]:
+    """A note where the feed-forward reproduces another residual vehicle than the exported one of the feedback."""
+    if not tuned.loop.structure.has_feed_forward:
+        return []
+    exported, reproduced = (
+        {name: quantity.value for part in parts for name, quantity in part.parameters.items()}
+        for parts in (tuned.residual_vehicle.parts, cut(tuned.emulated_vehicle, tuned.rig).parts)
+    )
+    apart = [
+        f"{name} {exported[name]:.6g} (vehicle {reproduced[name]:.6g})"
+        for name in names
+        if exported[name] != reproduced[name]
+    ]
+    if not apart:
+        return []
+    structure = tuned.loop.structure.name
+    return [
+        f"this is the residual vehicle of the feedback, as tuned: {', '.join(apart)}; the feed-forward of "
+        f"{structure!r} reproduces the vehicle's own values, and both are in export --controller"
+    ]
+
+
+def acceleration(cut: Interface) -> str:
+    """Name of the output with the acceleration behind a cut, which a feed-forward needs."""
+    return f"{cut.vehicle_end}_interface_acceleration"
+
+
+def _with_accelerations(part: System, residual: ResidualVehicle) -> System:
+    cuts = [cut for cut in residual.interfaces if residual.part_of(cut) == part]
+    more = tuple(Sensor(acceleration(cut), "acceleration", cut.vehicle_end) for cut in cuts)
+    return replace(part, sensors=(*part.sensors, *more))
+
+
+def _block(
+    systems: list[System],
+    title: str,
+    name: str,
+    path: Path,
+    notes: dict[str, str] | None = None,
+    bounds: dict[str, tuple[float, float]] | None = None,
+) -> Block:
+    try:
+        return block(systems, title, name, notes, bounds)
+    except InputError as fault:
+        raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
+
+
+# --- Write
+
+
+@dataclass(frozen=True)
+class ParameterOfFmu:
+    """A parameter that can be set in the FMU, SI; ``tuned`` says whether the match tuned it."""
+
+    name: str
+    value: float
+    unit: str
+    tuned: bool
+
+
+@dataclass(frozen=True)
+class WrittenFmu:
+    """What stands in an FMU that was written.
+
+    Attributes
+    ----------
+    path : Path
+    fmi : str
+        Version of the standard.
+    of : str
+        What it is of: ``residual vehicle``, ``model`` or ``controller``.
+    title : str
+    build : Fmu
+        Identifier, token and platform.
+    communication_step, steps_per_second : float
+        s, and internal steps in 1/s.
+    inputs, outputs : dict of str to str
+        Units by name.
+    parameters : tuple of ParameterOfFmu
+    notes : tuple of str
+        What the user should know.
+    states, memory_bytes : int or None
+        Of a controller.
+    """
+
+    path: Path
+    fmi: str
+    of: str
+    title: str
+    build: Fmu = field(repr=False)
+    communication_step: float
+    steps_per_second: float
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+    parameters: tuple[ParameterOfFmu, ...]
+    notes: tuple[str, ...]
+    states: int | None = None
+    memory_bytes: int | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``--json`` prints it."""
+        of_controller = {} if self.states is None else {"states": self.states, "memory_bytes": self.memory_bytes}
+        return {
+            "fmu": str(self.path), "fmi": self.fmi, "of": self.of, "title": self.title,
+            "identifier": self.build.identifier, "token": self.build.token, "platform": self.build.platform,
+            "communication_step": self.communication_step, "steps_per_second": self.steps_per_second, **of_controller,
+            "inputs": self.inputs, "outputs": self.outputs,
+            "parameters": [asdict(parameter) for parameter in self.parameters], "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def write(source: str, path: str, fmi: str) -> WrittenFmu:
+    """Write the FMU of a match, a case or a model to ``path``.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.fmu``, or ``source`` is nothing that can be exported.
+    """
+    target = _target(path, "--fmu")
+    wanted = read_export_source(source)
+    made = fmu(wanted.block, fmi, wanted.step)
+    write_all(target.parent, {target.name: made.content})
+    block = wanted.block
+    return WrittenFmu(
+        target, fmi, wanted.kind, block.title, made, wanted.step, block.steps_per_second,
+        _units(block.inputs), _units(block.outputs), _parameters(block.parameters, wanted.tuned),
+        (*wanted.notes, *_lacking(made)),
+    )  # fmt: skip
+
+
+def write_controller(source: str, path: str, fmi: str) -> WrittenFmu:
+    """Write the FMU of a match's whole controller to ``path``.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.fmu``, or ``source`` is no match and no case.
+    """
+    target = _target(path, "--controller")
+    match = tuned_case(source)
+    controller = exported_controller(match.tuned)
+    made = controller_fmu(controller, fmi)
+    write_all(target.parent, {target.name: made.content})
+    about, step = contents(controller), controller.law.sample_time
+    return WrittenFmu(
+        target, fmi, "controller", about.title, made, step, 1 / step,
+        _units(about.inputs), _units(about.outputs), _parameters(about.parameters, ()),
+        (*match.notes, *_not_noticed(controller), *_lacking(made)), len(controller.law.A), memory_bytes(controller),
+    )  # fmt: skip
+
+
+def _not_noticed(controller: ExportedController) -> list[str]:
+    """A note on every shaft whose opening the controller does not notice within five samples."""
+    return [f"if a shaft opens: {shaft.words}" for shaft in controller.shafts if not shaft.noticed_by]
+
+
+def _units(variables: Iterable[Variable]) -> dict[str, str]:
+    return {variable.name: variable.unit for variable in variables}
+
+
+def _parameters(variables: Iterable[Variable], tuned: Collection[str]) -> tuple[ParameterOfFmu, ...]:
+    return tuple(ParameterOfFmu(each.name, each.start, each.unit, each.name in tuned) for each in variables)
+
+
+def _target(path: str, option: str) -> Path:
+    target = Path(path)
+    if target.suffix != ".fmu":
+        raise InputError(option, f"{str(target)!r} is no name of an FMU", "let it end in .fmu")
+    return target
+
+
+def _lacking(made: Fmu) -> list[str]:
+    if made.platform is not None:
+        return []
+    return ["no C compiler was found: the FMU holds C sources only, to be compiled where it is used"]

@@ -1,1 +1,0 @@
-"""Results for other programs: the tuned residual vehicle, or any model, as an FMU."""

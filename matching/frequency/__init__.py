@@ -1,1 +1,0 @@
-"""Rig → vehicle: case, weights, problem, solution, verification, map."""

@@ -1,1 +1,0 @@
-"""The tuned controller as it runs, on beds that are not the model, beside the nonlinear vehicle."""

@@ -1,1 +1,0 @@
-"""From a case to a match: released quantities, the search, its verification, and what stands in the way."""

@@ -1,0 +1,1 @@
+"""Matching the rig to the vehicle."""

@@ -1,0 +1,691 @@
+"""A case with its model files as text, so that it can be read again: tuned values as the new start."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from matching.match.case import (
+    OBJECTIVES,
+    TORQUE_OVER_SPEED,
+    Case,
+    Compared,
+    Move,
+    Target,
+    read_limits,
+    read_uncertainty,
+    table_of,
+    text_of,
+    uncertainty_table,
+)
+from modelling.bed.bed import HARDWARE, Dynamometer, Loop
+from modelling.bed.controllers import DEFAULT, STRUCTURES
+from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
+from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
+from modelling.errors import InputError, unknown
+from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.model_file import dumps, load, quantity
+from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
+from modelling.toml import no_pipe, read_toml, title
+from modelling.units import to_si
+
+# --- Case file
+
+_HEAD = """\
+# Written by rigmatch. rig.toml and [loop] hold the tuned values; those of the residual vehicle stand as `start` below
+# [move], for the residual vehicle itself is always cut out of vehicle.toml. residual_vehicle*.toml show it as tuned.
+"""
+
+OWN_RESIDUAL_VEHICLE = "own_residual_vehicle.toml"  # of the user, as fitted
+
+
+def case_files(case: Case) -> dict[str, str]:
+    """Texts of ``case.toml``, ``vehicle.toml``, ``rig.toml`` and ``residual_vehicle.toml``, numbered if in parts."""
+    files = {"case.toml": case_text(case), "vehicle.toml": dumps(case.vehicle), "rig.toml": dumps(case.rig)}
+    for name, torque in case.manoeuvre.items():
+        if isinstance(torque, RecordedTorque):
+            files[_trace_file(name)] = torque.csv(name)
+    if case.simple_vehicle is not None:
+        files[OWN_RESIDUAL_VEHICLE] = dumps(own_part(case.simple_vehicle, case.residual_vehicle))
+    parts = case.residual_vehicle.parts
+    for number, part in enumerate(parts, 1):
+        files["residual_vehicle.toml" if len(parts) == 1 else f"residual_vehicle_{number}.toml"] = dumps(part)
+    return files
+
+
+def case_text(case: Case) -> str:
+    """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
+    loop = case.loop
+    data: dict[str, Any] = {"title": case.title} if case.title else {}
+    data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}
+    data["dynamometers"] = {
+        dyno.name: {key: value for key, value in vars(dyno).items() if key != "name"} for dyno in loop.dynamometers
+    }
+    data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
+    if loop.further_sensors:
+        data["loop"]["measures"] = list(loop.further_sensors)
+    data["loop"] |= {name: loop[name] for name in loop.quantities}
+    data["targets"] = [vars(target) for target in case.targets]
+    data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
+    data["response"] |= {
+        "objective": case.objective, "tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance,
+    }  # fmt: skip
+    data["uncertainty"] = uncertainty_table(case.uncertainty, case.vehicle, case.rig, loop)
+    data["manoeuvre"] = {
+        name: {"file": _trace_file(name)} if isinstance(torque, RecordedTorque) else torque.table()
+        for name, torque in case.manoeuvre.items()
+    }
+    if (point := case.vehicle.operating_point) is not None:
+        data["operating_point"] = dict((*point.speeds, *point.torques))
+    if case.simple_vehicle is not None:
+        data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
+    data["limits"] = dict(case.limits)
+    if case.torque_curve is not None:
+        curve = zip(case.torque_curve.speeds, case.torque_curve.torques, strict=True)
+        data["limits"][TORQUE_OVER_SPEED] = [list(pair) for pair in curve]
+    data["move"] = {move.name: _bounds(case, move) for move in case.moves}
+    return _HEAD + tomli_w.dumps(data)
+
+
+def _trace_file(name: str) -> str:
+    return f"manoeuvre_{name}.csv"
+
+
+def value_of(case: Case, name: str) -> float:
+    """Value that a case holds under the name of a quantity that may move, SI."""
+    whose, _, rest = name.partition(".")
+    if whose == "loop":
+        return case.loop[rest]
+    if whose == "rig":
+        return case.rig.parameters[rest].value
+    return next(part.parameters[rest].value for part in case.residual_vehicle.parts if rest in part.parameters)
+
+
+def _bounds(case: Case, move: Move) -> dict[str, float]:
+    start = min(max(value_of(case, move.name), move.lower), move.upper)
+    return {"lower": move.lower, "upper": move.upper, "start": start, "planned": move.planned}
+
+
+# --- Reading the loop and the dynamometers of a case file.
+
+SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
+
+
+def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Loop:
+    """The loop with its structure, dynamometers and values.
+
+    Raises
+    ------
+    InputError
+        Naming file and key.
+    """
+    table = table_of(data, "loop", where)
+    name = table.get("structure", DEFAULT)
+    if not isinstance(name, str) or name not in STRUCTURES:
+        raise unknown(str(name), sorted(STRUCTURES), f"{where}: loop.structure")
+    structure = STRUCTURES[name]
+    known = {**HARDWARE, **structure.quantities}
+    for key in table:
+        if key not in known and key not in ("structure", "knows", "measures"):
+            raise unknown(key, ["structure", "knows", "measures", *known], f"{where}: loop")
+    values = {}
+    for name, known_quantity in known.items():
+        value = (
+            quantity(table[name], known_quantity.unit, f"{where}: loop.{name}").value
+            if name in table
+            else known_quantity.start
+        )
+        if not known_quantity.lower <= value <= known_quantity.upper:
+            raise InputError(
+                f"{where}: loop.{name}",
+                f"{value:g} is not possible",
+                f"{known_quantity.lower:g} … {known_quantity.upper:g} {known_quantity.unit} is needed",
+            )
+        values[name] = value
+    knows = _names(table, "knows", [part.name for part in rig.inputs], "motor_torque", where)
+    measures = _names(table, "measures", [part.name for part in rig.sensors], "motor_speed", where)
+    dynamometers = tuple(_dynamometers(data, rig, residual, where))
+    those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
+    further = tuple(name for name in measures if name not in those)
+    return Loop(structure, dynamometers, knows, values, further)
+
+
+def _torque_gain(table: Mapping[str, Any], where: str) -> float:
+    """Air-gap torque over command as calibrated; 1 unless stated."""
+    gain = to_si(table.get("torque_gain", 1.0), "1", where)
+    if not SMALLEST_GAIN <= gain <= 1 / SMALLEST_GAIN:
+        raise InputError(where, f"{gain:g} is no calibration", f"{SMALLEST_GAIN:g} … {1 / SMALLEST_GAIN:g} is possible")
+    return gain
+
+
+def _names(table: Mapping[str, Any], key: str, known: list[str], example: str, where: str) -> tuple[str, ...]:
+    names = table.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{where}: loop.{key}", "is no list of names", f'write {key} = ["{example}"]')
+    for name in names:
+        if name not in known:
+            raise unknown(name, known, f"{where}: loop.{key}")
+    return tuple(dict.fromkeys(names))
+
+
+def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Iterator[Dynamometer]:
+    tables = table_of(data, "dynamometers", where)
+    if not tables:
+        raise InputError(f"{where}: dynamometers", "the case has none", "write [dynamometers.NAME] for each")
+    inputs, sensors = {part.name: part for part in rig.inputs}, {part.name: part for part in rig.sensors}
+    cuts = {cut.shaft: cut for cut in residual.interfaces}
+    keys = ("torque_input", "torque_sensor", "speed_sensor", "follows")
+    for name in tables:
+        place = f"dynamometers.{name}"
+        table = table_of(tables, name, f"{where}: dynamometers", {*keys, "torque_gain"})
+        texts = [text_of(table, key, f"{where}: {place}") for key in keys]
+        choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
+        for key, value, known in zip(keys, texts, choices, strict=True):
+            if value not in known:
+                raise unknown(value, known, f"{where}: {place}.{key}")
+        for key, value, measures in (("torque_sensor", texts[1], "torque"), ("speed_sensor", texts[2], "speed")):
+            if sensors[value].measures != measures:
+                raise InputError(
+                    f"{where}: {place}.{key}",
+                    f"{value!r} measures {sensors[value].measures}",
+                    f"a {measures} sensor is needed",
+                )
+        gain = _torque_gain(table, f"{where}: {place}.torque_gain")
+        yield Dynamometer(name, texts[0], texts[1], texts[2], texts[3], gain)
+    followed = [table.get("follows") for table in tables.values()]
+    for shaft in cuts:
+        if followed.count(shaft) != 1:
+            raise InputError(
+                f"{where}: dynamometers",
+                f"{followed.count(shaft)} of them follow the cut at {shaft!r}",
+                "one dynamometer a cut is needed",
+            )
+
+
+# --- Which quantities of a case may move, and reading which of them do.
+
+_KEYS = {"start", "planned", "lower", "upper"}
+
+
+def read_moves(
+    data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
+) -> tuple[Move, ...]:
+    """What may move, each quantity with its mirror image.
+
+    Raises
+    ------
+    InputError
+        Naming file and key.
+    """
+    table = table_of(data, "move", where)
+    places = movable(rig, residual, loop)
+    made: list[Move] = []
+    for name, entry in table.items():
+        place = f"{where}: move.{name!r}"
+        if name not in places:
+            raise unknown(name, list(places), place)
+        start, unit, together = places[name]
+        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= _KEYS:
+            raise InputError(
+                place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
+            )
+        low, high = (to_si(entry[key], unit, f"{place}.{key}") for key in ("lower", "upper"))
+        planned = to_si(entry["planned"], unit, f"{place}.planned") if "planned" in entry else start
+        planned = min(max(planned, low), high)
+        begin = to_si(entry["start"], unit, f"{place}.start") if "start" in entry else planned
+        if not low < high or not low <= begin <= high:
+            raise InputError(
+                place,
+                f"bounds {low:g} … {high:g} with start {begin:g} cross",
+                "lower ≤ start ≤ upper and lower < upper is needed",
+            )
+        if low < _floor(name, loop) or (low == 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
+            raise InputError(f"{place}.lower", f"{low:g} is not possible", "a physical bound is needed")
+        taken = {other for move in made for other in move.together}
+        if name in taken:
+            raise InputError(place, "moves already with its mirror image", "name one of the pair")
+        made.append(Move(name, together, begin, low, high, unit, planned))
+    return tuple(made)
+
+
+def as_planned(rig: System, moves: Sequence[Move], data: Mapping[str, Any]) -> System:
+    """The rig as it was planned: a tuned case brings the tuned rig, and states under ``planned`` what that was."""
+    stated = [move for move in moves if "planned" in data["move"][move.name] and move.name.startswith("rig.")]
+    planned = {name.removeprefix("rig."): move.planned for move in stated for name in move.together}
+    return rig.with_values(planned, designed=True)
+
+
+def _floor(name: str, loop: Loop) -> float:
+    if name.startswith("loop."):
+        return loop.quantities[name.removeprefix("loop.")].lower
+    return 0.0
+
+
+class Movable(NamedTuple):
+    """Start (SI) and SI unit of a quantity, and the names that move together: itself and its mirror image."""
+
+    start: float
+    unit: str
+    together: tuple[str, ...]
+
+
+def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, Movable]:
+    """Every quantity that may move, by name.
+
+    What the rig shares with the vehicle is the specimen and does not move.
+    """
+    shared = {cut.shaft for cut in residual.interfaces}
+    vehicle_side: dict[str, Quantity] = {}
+    units: dict[str, str] = {}
+    for part in residual.parts:
+        vehicle_side |= part.parameters
+        units |= part.units
+    quantities: dict[str, Movable] = {}
+    mirrors = {name: mirror_image(name, residual.vehicle) for name in vehicle_side}
+    for name, value in vehicle_side.items():
+        full = f"residual_vehicle.{name}"
+        image = mirrors[name]
+        together = (full,) if image == name else (full, f"residual_vehicle.{image}")
+        quantities[full] = Movable(value.value, units[name], together)
+    specimen = set(residual.vehicle.parameters) | {f"shafts.{name}" for name in shared}
+    for name, value in rig.parameters.items():
+        if name in specimen:
+            continue
+        full, image = f"rig.{name}", mirror_image(name, rig)
+        together = (full,) if image == name else (full, f"rig.{image}")
+        quantities[full] = Movable(value.value, rig.units[name], together)
+    for name, spec in loop.quantities.items():
+        quantities[f"loop.{name}"] = Movable(loop.values[name], spec.unit, (f"loop.{name}",))
+    return quantities
+
+
+# --- Reading the operating point of a case, and giving it to the vehicle and to the rig.
+
+KEYS = ("vehicle_speed", "rolling_radius", "road_load")
+ROAD_LOAD = {"constant": "N", "linear": "N*s/m", "quadratic": "N*s^2/m^2"}
+EXAMPLE = 'write vehicle_speed = "30 km/h" and rolling_radius = 0.31, or the speed of an inertia: motor = "2500 1/min"'
+
+
+def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, where: str) -> System:
+    """The vehicle at the case's operating point, with the road load that it states; as it is without one.
+
+    Raises
+    ------
+    InputError
+        Naming file and key, also where the vehicle has no such steady motion.
+    """
+    if "operating_point" not in data:
+        return vehicle
+    table, place = table_of(data, "operating_point", where), f"{where}: operating_point"
+    speeds, torques = _stated(table, vehicle, place)
+    bodies = vehicle_inertias(vehicle, rig)
+    if "vehicle_speed" in table:
+        speed = to_si(table["vehicle_speed"], "m/s", f"{place}.vehicle_speed")
+        speeds |= dict.fromkeys(bodies, speed / _radius(table, place))
+    if "road_load" in table:
+        vehicle = _with_road_load(vehicle, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
+    if not speeds and not torques:
+        raise InputError(place, "states no speed and no torque", EXAMPLE)
+    on_rig = {part.name for part in rig.inputs}
+    drives = [part.name for part in vehicle.inputs if part.name in on_rig and part.name not in torques]
+    loads = [part.name for part in vehicle.inputs if part.name not in on_rig and part.name not in torques]
+    free = (drives or loads) if speeds else []
+    torques |= {name: 0.0 for name in (*drives, *loads) if name not in free}
+    try:
+        vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(torques.items())))
+        operating_motion(vehicle)
+    except InputError as fault:
+        raise InputError(place, fault.wrong, fault.right) from None
+    return vehicle
+
+
+def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:
+    """The rig where each cut turns as in the vehicle and each drive gives the vehicle's torque; dynamometers hold it.
+
+    Raises
+    ------
+    InputError
+        If the rig has no such steady motion.
+    """
+    if vehicle.operating_point is None:
+        return rig
+    dynamometers = {dynamometer.torque_input for dynamometer in loop.dynamometers}
+    held = [part.name for part in rig.inputs if part.name not in dynamometers]
+    try:
+        return _turning_as(vehicle, rig, [(cut.rig_end, cut.vehicle_end) for cut in residual.interfaces], held)
+    except InputError as fault:
+        raise InputError(
+            f"{where}: operating_point",
+            f"the vehicle has it, the rig does not: {fault.wrong}",
+            "what both have under one name has to be the same",
+        ) from None
+
+
+def simple_at_operating_point(
+    data: Mapping[str, Any], vehicle: System, simple: System, residual: ResidualVehicle, where: str
+) -> System:
+    """The vehicle with the user's residual vehicle where its cuts turn as the vehicle's, under the same road load.
+
+    Torques beyond the cut are those of the vehicle under the same names; the drives' torques that hold it follow.
+
+    Raises
+    ------
+    InputError
+        If it has no such steady motion.
+    """
+    if vehicle.operating_point is None:
+        return simple
+    table, place = table_of(data, "operating_point", where), f"{where}: operating_point"
+    beyond = {part.name for system in residual.parts for part in system.inertias}
+    near = {part.name for part in vehicle.inertias} - beyond
+    if "road_load" in table:
+        bodies = _largest_of_each_part(simple, near)
+        simple = _with_road_load(simple, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
+    acting = [part.name for part in simple.inputs if part.on not in near]
+    try:
+        return _turning_as(vehicle, simple, [(cut.vehicle_end, cut.vehicle_end) for cut in residual.interfaces], acting)
+    except InputError as fault:
+        raise InputError(
+            place,
+            f"the vehicle has it, with the residual vehicle of the case it does not: {fault.wrong}",
+            "where the shafts of the cut end, both have to be able to turn at the same speeds",
+        ) from None
+
+
+def _turning_as(vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]) -> System:
+    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at ``inputs``.
+
+    Raises
+    ------
+    InputError
+        If it has no such steady motion.
+    """
+    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+    point = OperatingPoint(
+        tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),
+        tuple((name, torques.get(name, 0.0)) for name in inputs),
+    )
+    system = replace(system, operating_point=point)
+    operating_motion(system)
+    return system
+
+
+def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
+    """Inertias that stand for the vehicle's mass: of each connected part that the rig lacks the largest."""
+    return _largest_of_each_part(vehicle, {part.name for part in rig.inertias})
+
+
+def _largest_of_each_part(vehicle: System, near: set[str]) -> list[str]:
+    """Of each connected part of what is not ``near`` the largest inertia."""
+    inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in near}
+    joints = [part.between for part in vehicle.shafts] + [part.between for part in vehicle.gears]
+    carried, left = [], set(inertia)
+    while left:
+        group = {next(name for name in inertia if name in left)}
+        while grown := {end for ends in joints if set(ends) & group for end in ends if end in inertia} - group:
+            group |= grown
+        left -= group
+        carried.append(max(group, key=lambda name: inertia[name]))
+    return carried
+
+
+def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Speeds of inertias (rad/s) and torques of inputs (N·m) that stand under their names."""
+    inertias, inputs = ([part.name for part in parts] for parts in (vehicle.inertias, vehicle.inputs))
+    speeds, torques = {}, {}
+    for key, value in table.items():
+        if key in KEYS:
+            continue
+        if key in inertias and key in inputs:
+            raise InputError(f"{place}.{key}", "is an inertia and an input", "rename one of them in the model")
+        if key in inertias:
+            speeds[key] = to_si(value, "rad/s", f"{place}.{key}")
+        elif key in inputs:
+            torques[key] = to_si(value, "N*m", f"{place}.{key}")
+        else:
+            raise unknown(key, [*KEYS, *inertias, *inputs], place)
+    return speeds, torques
+
+
+def _radius(table: Mapping[str, Any], place: str) -> float:
+    if "rolling_radius" not in table:
+        raise InputError(
+            f"{place}.rolling_radius", "is missing", "a speed or force of the vehicle needs the tyres' radius in m"
+        )
+    radius = to_si(table["rolling_radius"], "m", f"{place}.rolling_radius")
+    if not radius > 0:
+        raise InputError(f"{place}.rolling_radius", f"{radius:g} is not possible", "greater than 0 is needed")
+    return radius
+
+
+def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float, place: str) -> System:
+    """The vehicle with a force constant + linear·v + quadratic·v² against its motion, shared by its bodies."""
+    terms = load if isinstance(load, Mapping) else {"constant": load}
+    for key in terms:
+        if key not in ROAD_LOAD:
+            raise unknown(str(key), list(ROAD_LOAD), place)
+    force = {key: to_si(value, ROAD_LOAD[key], f"{place}.{key}") / len(bodies) for key, value in terms.items()}
+    for key, value in force.items():
+        if value < 0:
+            raise InputError(f"{place}.{key}", f"{value:g} is not possible", "0 or more is needed")
+    effects: list[Effect] = []
+    values = {}
+    for body in bodies:
+        at = f"inertias.{body}"
+        if "linear" in force:
+            values[f"{at}.drag"] = vehicle.parameters[f"{at}.drag"].value + force["linear"] * radius**2
+        if "constant" in force:
+            effects.append(resistance(at, 0, force["constant"] * radius))
+        if "quadratic" in force:
+            effects.append(resistance(at, 2, force["quadratic"] * radius**3))
+    try:
+        return vehicle.with_values(values).with_effects(*effects)
+    except InputError as fault:
+        raise InputError(f"{place}", f"{fault.where} {fault.wrong}", "state it in the vehicle or here") from None
+
+
+# --- Reading case files; every complaint is one line that names file and key.
+
+TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
+_TOP = {
+    "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
+    "operating_point", "uncertainty", "residual_vehicle",
+}  # fmt: skip
+
+
+def is_case(data: Mapping[str, Any]) -> bool:
+    """Whether the content of a file is that of a case: it names a vehicle or a rig, or has dynamometers."""
+    return not data.keys().isdisjoint({"vehicle", "rig", "dynamometers"})
+
+
+def load_case(path: str | Path) -> Case:
+    """Read a case file and the model files it names.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    return case_from_tables(read_toml(path), str(path))
+
+
+def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    path = Path(where)
+    for key in data:
+        if key not in _TOP:
+            raise unknown(key, sorted(_TOP), where)
+    vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
+    try:
+        vehicle, rig, notes = without_exact_delays(vehicle, rig)
+    except InputError as fault:
+        raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
+    vehicle = at_operating_point(data, vehicle, rig, where)
+    try:
+        residual = cut(vehicle, rig)
+    except InputError as fault:
+        raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
+    simple = _simple_vehicle(data, vehicle, residual, where)
+    if simple is not None:
+        residual = cut(simple, rig)
+    loop = read_loop(data, rig, residual, where)
+    rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
+    band = _band(data, where)
+    limits, curve = read_limits(data, rig, where)
+    moves = read_moves(data, rig, residual, loop, where)
+    rig = as_planned(rig, moves, data)
+    return Case(
+        vehicle,
+        rig,
+        residual,
+        loop,
+        _targets(data, where),
+        band,
+        _compared(data, vehicle, rig, residual, where),
+        _manoeuvre(data, rig, residual, loop, where),
+        limits,
+        moves,
+        title(data, where),
+        where,
+        _objective(data, where),
+        read_uncertainty(data, vehicle, rig, loop, where),
+        torque_curve=curve,
+        simple_vehicle=simple,
+        notes=notes,
+        **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
+    )
+
+
+def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
+    """The model that a case names; the case is at fault where there is no such file."""
+    named = path.parent / text_of(data, key, str(path))
+    if not os.path.exists(named):  # Path.exists raises where a name is too long
+        raise InputError(f"{path}: {key}", f"{named} does not exist", "name a model file, relative to the case")
+    return load(no_pipe(named, f"{path}: {key}"))
+
+
+def _simple_vehicle(
+    data: Mapping[str, Any], vehicle: System, residual: ResidualVehicle, where: str
+) -> System | None:  # fmt: skip
+    """The vehicle with the residual vehicle of the case's own, None without one."""
+    if "residual_vehicle" not in data:
+        return None
+    table = table_of(data, "residual_vehicle", where, {"model"})
+    path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
+    try:
+        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
+    except InputError as fault:
+        raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
+    return simple_at_operating_point(data, vehicle, simple, residual, where)
+
+
+def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
+    table = table_of(data, "response", where, {"band", "compare", "objective", *TOLERANCES})
+    band = table.get("band", [0.5, 30.0])
+    if not isinstance(band, list) or len(band) != 2:
+        raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
+    low, high = (to_si(edge, "Hz", f"{where}: response.band") for edge in band)
+    if not 0 < low < high:
+        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
+    return low, high
+
+
+def _objective(data: Mapping[str, Any], where: str) -> str:
+    name = table_of(data, "response", where).get("objective", OBJECTIVES[0])
+    if name not in OBJECTIVES:
+        raise unknown(str(name), list(OBJECTIVES), f"{where}: response.objective")
+    return name
+
+
+def _tolerance(data: Mapping[str, Any], key: str, start: float, where: str) -> float:
+    value = to_si(table_of(data, "response", where).get(key, start), "1", f"{where}: response.{key}")
+    if not value > 0:
+        raise InputError(f"{where}: response.{key}", f"{value:g} is not possible", "greater than 0 is needed")
+    return value
+
+
+def _compared(
+    data: Mapping[str, Any], vehicle: System, rig: System, residual: ResidualVehicle, where: str
+) -> tuple[Compared, ...]:
+    entries = table_of(data, "response", where).get("compare")
+    right = 'write compare = [{ input = "…", sensor = "…" }]'
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{where}: response.compare", "is no list of transfer functions", right)
+    for number, pair in enumerate(entries, 1):
+        if not isinstance(pair, dict) or set(pair) != {"input", "sensor"}:
+            raise InputError(f"{where}: response.compare[{number}]", "is no pair of input and sensor", right)
+    simulated = [part.name for system in residual.parts for part in system.inputs]
+    inputs = [
+        part.name
+        for part in vehicle.inputs
+        if part.name in {driven.name for driven in rig.inputs} or part.name in simulated
+    ]
+    sensors = [part.name for part in vehicle.sensors if part.name in {sensor.name for sensor in rig.sensors}]
+    made = []
+    for number, pair in enumerate(entries, 1):
+        for key, known in (("input", inputs), ("sensor", sensors)):
+            if pair[key] not in known:
+                raise unknown(pair[key], known, f"{where}: response.compare[{number}].{key}")
+        made.append(Compared(pair["input"], pair["sensor"]))
+    return tuple(made)
+
+
+def _manoeuvre(
+    data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
+) -> dict[str, Manoeuvre]:
+    tables = table_of(data, "manoeuvre", where)
+    driven = {dyno.torque_input for dyno in loop.dynamometers} | {cut.torque for cut in residual.interfaces}
+    known = [part.name for system in (rig, *residual.parts) for part in system.inputs if part.name not in driven]
+    if not tables:
+        raise InputError(
+            f"{where}: manoeuvre",
+            "the case has none",
+            'write [manoeuvre.motor_torque] with kind = "tip_in" and amplitude',
+        )
+    for name in tables:
+        if name not in known:
+            raise unknown(name, known, f"{where}: manoeuvre")
+    folder, held = Path(where).parent, torques_of(residual.vehicle)
+    return {
+        name: read_manoeuvre(entry, name, f"{where}: manoeuvre.{name}", folder, held.get(name, 0.0))
+        for name, entry in tables.items()
+    }
+
+
+def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:
+    entries = data.get("targets", [])
+    if not isinstance(entries, list) or not entries or not all(isinstance(table, dict) for table in entries):
+        raise InputError(
+            f"{where}: targets", "the case has none", "write [[targets]] with mode = NUMBER of the vehicle mode"
+        )
+    made = list[Target]()
+    for number, table in enumerate(entries, 1):
+        place = f"{where}: targets[{number}]"
+        for key in table:
+            if key not in ("mode", "frequency_tolerance", "damping_tolerance"):
+                raise unknown(key, ["mode", "frequency_tolerance", "damping_tolerance"], place)
+        mode = table.get("mode")
+        if not isinstance(mode, int) or isinstance(mode, bool) or mode < 1:
+            raise InputError(
+                f"{place}.mode", "is no mode number", "write the number that 'rigmatch modes' gives the vehicle mode"
+            )
+        if mode in (before := [target.mode for target in made]):
+            wrong, right = f"{mode} is that of targets[{before.index(mode) + 1}] already", "name another mode"
+            raise InputError(f"{place}.mode", wrong, right)
+        tolerances = {key: to_si(table[key], "1", f"{place}.{key}") for key in table if key != "mode"}
+        for key, value in tolerances.items():
+            if not value > 0:
+                raise InputError(f"{place}.{key}", f"{value:g} is not possible", "greater than 0 is needed")
+        made.append(Target(mode, **tolerances))
+    return tuple(made)

@@ -1,0 +1,762 @@
+"""The tuned controller as it runs, on beds that are not the model, beside the nonlinear vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from matching.match.case import Case, of_system
+from matching.match.loop import arrivals, control_law, parts_of, shaft_torque
+from matching.match.verify import manoeuvre_torques
+from modelling.bed.bed import Dynamometer, Loop
+from modelling.bed.observer import NOISE
+from modelling.controller.law import ControlLaw
+from modelling.effects import EFFECTS
+from modelling.effects.effect import Kind
+from modelling.equations.casadi_code import Model, compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.errors import InputError
+from modelling.linear.steady_motion import operating_motion, torques_of
+from modelling.simulation.compiled import external
+from modelling.simulation.stepping import STABLE_STEP, SimulationError, rates_at_rest, steps_per_second
+from modelling.system import Effect, Quantity, Sensor, System, mirror_image
+
+# --- In what a bed differs from the model that its controller was designed with.
+
+SOFTER, HEAVIER = 0.95, 1.05  # of a stiffness and of an inertia: what is known of one that was not identified
+LATER_S = 5e-4  # of the dead time: half a sample time of 1 ms
+DEMAND_FACTOR, DEMAND_LATE_S = 1.05, 5e-3  # an inverter's or engine's torque over what was demanded of it
+LASH_RAD = 0.02  # of a drive's whole lash at the wheel, a degree
+FRICTION_SHARE = 0.02  # of the largest torque at a cut: seals and bearings of an axle
+DRAWN_BEDS = 4  # that have everything wrong at once
+EVERYTHING_STATED = "everything at once, values 5 % off"
+EVERYTHING_DRAWN = f"everything at once, worst of {DRAWN_BEDS} drawn beds"
+
+
+def required_parameters(law: Kind) -> list[str]:
+    """Names of the parameters that an effect cannot do without."""
+    return [name for name, parameter in law.parameters.items() if not parameter.optional]
+
+
+LASH = next(law for law in EFFECTS.values() if law.free_play)
+FRICTION = next(law for law in EFFECTS.values() if law.sticks and len(required_parameters(law)) == 1)
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """One bed that is not the model.
+
+    Attributes
+    ----------
+    words : str
+        What is wrong, as a table writes it.
+    values : mapping
+        Quantities that are not as planned, SI, named as :class:`matching.match.case.Uncertain`.
+    gap, friction : float
+        Lash (rad) of every shaft that the cut runs through, dry friction (N·m) of the inertias on the bed's side of
+        these. Shafts with lash of their own, and inertias with friction, keep it.
+    demand_factor, demand_late : float
+        Measured or demanded torques act with this factor, and so much later (s), than the controller assumes.
+    poor_sensors : bool
+        Noise and an offset of the sensors' uncertainty, encoders for speeds.
+    """
+
+    words: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    gap: float = 0.0
+    friction: float = 0.0
+    demand_factor: float = 1.0
+    demand_late: float = 0.0
+    poor_sensors: bool = False
+
+
+def imperfections(case: Case, largest_torque: float, seed: int) -> list[Imperfection]:
+    """One thing wrong at a time; all of that at once; then everything at once on beds drawn from the case's box.
+
+    Parameters
+    ----------
+    largest_torque : float
+        N·m, of the vehicle at any cut over the manoeuvre.
+    seed : int
+        Of the drawn beds.
+    """
+    friction = FRICTION_SHARE * largest_torque
+    known, late = case.rig.parameters, case.loop["dead_time"] + LATER_S
+    soft = {f"rig.{name}": known[name].value * SOFTER for name in _cut_stiffnesses(case)}
+    alone = [
+        Imperfection("nothing"),
+        Imperfection("shafts at the cut 5 % softer", soft),
+        *_heavier(case),
+        Imperfection("dead time 0.5 ms longer", {"loop.dead_time": late}),
+        Imperfection(
+            "driving torque 5 % high and 5 ms late", demand_factor=DEMAND_FACTOR, demand_late=DEMAND_LATE_S
+        ),
+        Imperfection("lash of 0.02 rad", gap=LASH_RAD),
+        Imperfection(f"dry friction of {friction:.0f} N·m", friction=friction),
+        Imperfection("noise, offset, encoders", poor_sensors=True),
+    ]  # fmt: skip
+    every = [
+        Imperfection(
+            EVERYTHING_DRAWN, case.uncertainty.at(position), LASH_RAD, friction, DEMAND_FACTOR, DEMAND_LATE_S, True
+        )
+        for position in case.uncertainty.draw(DRAWN_BEDS, seed)
+    ]  # fmt: skip
+    return [*alone, _at_once(alone), *every]
+
+
+def _at_once(alone: list[Imperfection]) -> Imperfection:
+    """All that is wrong of beds with one thing wrong each."""
+    return Imperfection(
+        EVERYTHING_STATED,
+        {name: value for row in alone for name, value in row.values.items()},
+        max(row.gap for row in alone),
+        max(row.friction for row in alone),
+        max(row.demand_factor for row in alone),
+        max(row.demand_late for row in alone),
+        any(row.poor_sensors for row in alone),
+    )
+
+
+def _cut_stiffnesses(case: Case) -> list[str]:
+    return [f"shafts.{interface.shaft}.stiffness" for interface in case.residual_vehicle.interfaces]
+
+
+def _heavier(case: Case) -> list[Imperfection]:
+    """The inertia that the first input other than a dynamometer's acts on, 5 % heavier."""
+    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    on = [part.on for part in case.rig.inputs if part.name not in driven][:1]
+    heavier = []
+    for name in on:
+        quantity = f"inertias.{name}.J"
+        both = {quantity, mirror_image(quantity, case.rig)}
+        values = {f"rig.{inertia}": case.rig.parameters[inertia].value * HEAVIER for inertia in both}
+        heavier.append(Imperfection(f"inertia of {name.replace('_', ' ')} 5 % higher", values))
+    return heavier
+
+
+def flawed(system: System, imperfection: Imperfection, case: Case) -> System:
+    """Rig or vehicle with what is wrong of the parts that it has: shared components are wrong in both alike."""
+    values = of_system(imperfection.values, system)
+    effects = []
+    laden = {effect.at for effect in system.effects}
+    for interface in case.residual_vehicle.interfaces:
+        place = f"shafts.{interface.shaft}"
+        if imperfection.gap and place not in laden:
+            effects.append(_effect(LASH, place, imperfection.gap))
+        shaft = next(part for part in case.vehicle.shafts if part.name == interface.shaft)
+        near = next(end for end in shaft.between if end != interface.vehicle_end)
+        place = f"inertias.{near}"
+        if place not in laden:  # of no torque too, so that beds with and without it have the same equations
+            laden.add(place)
+            effects.append(_effect(FRICTION, place, imperfection.friction))
+    return system.with_values(values).with_effects(*effects)
+
+
+def _effect(law: Kind, place: str, size: float) -> Effect:
+    return Effect(law.kind, place, tuple((name, Quantity(size)) for name in required_parameters(law)))
+
+
+# --- Many nonlinear systems of one structure, stepped side by side from sample to sample; b beds.
+
+FINE_STEP_S = 1.25e-4  # longest
+PROBED_STICK_SPEED = 1e-4  # rad/s, where dry friction is steeper than anything else: its steepness is read off there
+FLAT = 1e12  # rad/s, a stick speed at which friction is too flat to matter
+
+
+@dataclass(frozen=True)
+class BedHardware:
+    """What of a bed is no part of the rig's model: lags and delay (s), torque over command of each dynamometer (k,)."""
+
+    inverter_lag: float
+    torque_sensor_lag: float
+    delay: float
+    torque_gains: tuple[float, ...]
+
+
+class NonlinearBeds:
+    """Rigs with lags, or vehicles where there are no dynamometers.
+
+    States [model, air-gap torques as commanded (k), lagged flange torques (k)], absolute. Everything outside counts
+    from the operating point: commands, torques and readings.
+
+    Parameters
+    ----------
+    systems : sequence of System (b)
+        Of one structure.
+    loop : Loop
+    dynamometers : sequence of Dynamometer (k)
+    hardware : sequence of BedHardware (b)
+        Of vehicles only one value of each counts: none.
+    """
+
+    def __init__(
+        self, systems: Sequence[System], loop: Loop, dynamometers: Sequence[Dynamometer] = (),
+        hardware: Sequence[BedHardware] = (),
+    ):  # fmt: skip
+        self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
+        p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
+        rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
+        if hardware:
+            rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
+        self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
+        for row in p:
+            _refine_friction(self.model, row, self.pieces / step)
+        held = np.stack([point.inputs for point in points])
+        names = list(self.model.inputs)
+        driven = [dynamometer.torque_input for dynamometer in dynamometers]
+        self.drives = [name for name in names if name not in driven]
+        self._weights = [arrivals(bed.delay, step, self.pieces) for bed in hardware]
+        self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
+        of_bed = [[bed.inverter_lag, bed.torque_sensor_lag, *bed.torque_gains] for bed in hardware]
+        parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
+        count = len(systems)
+        sample, readings = self._functions(k, driven, step)
+        self._sample = _RepeatedCall(external(sample).map(count), parameters)
+        self._readings = _RepeatedCall(external(readings).map(count), parameters)
+        still = np.zeros((len(self.model.states) + 2 * k, count))
+        still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
+        still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
+        flanges = [self.model.sensors.index(name) for name in self._sensors]
+        self._steady = self._readings(still, np.zeros((len(self.drives), count)))
+        still[len(self.model.states) + k :] = self._steady[flanges]
+        self.start = still
+        self._k, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
+        self._issued = np.zeros((self._longest, k, count))  # newest first
+
+    def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
+        """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
+        model, n, d = self.model, len(self.model.states), len(self.drives)
+        x, act = ca.SX.sym("x", n + 2 * k), ca.SX.sym("act", k + d)
+        p, held = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("held", len(model.inputs))
+        bed = ca.SX.sym("bed", 2 + k if k else 0)
+        u = ca.SX(held)
+        for i, name in enumerate(self.drives):
+            u[model.inputs.index(name)] += act[k + i]
+        commanded = ca.vertcat(*(held[model.inputs.index(name)] for name in driven)) if k else ca.SX(0, 1)
+        for j, name in enumerate(driven):
+            u[model.inputs.index(name)] += bed[2 + j] * (x[n + j] - commanded[j])
+        rates = [model.rates(x[:n], u, p)]
+        read = model.readings(x[:n], u, p, 0)
+        if k:
+            flange = ca.vertcat(*(read[model.sensors.index(name)] for name in self._sensors))
+            rates += [(commanded + act[:k] - x[n : n + k]) / bed[0], (flange - x[n + k :]) / bed[1]]
+        every, h = ca.vertcat(p, held, bed), step / self.pieces
+        slope = ca.Function("slope", [x, act, every], [ca.cse(ca.vertcat(*rates))])
+        k1 = slope(x, act, every)
+        k2 = slope(x + h / 2 * k1, act, every)
+        k3 = slope(x + h / 2 * k2, act, every)
+        k4 = slope(x + h * k3, act, every)
+        fine = ca.Function("fine", [x, act, every], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        now, acts, values = ca.MX.sym("x", x.shape), ca.MX.sym("act", k + d, self.pieces), ca.MX.sym("p", every.shape)
+        end = now
+        for piece in range(self.pieces):
+            end = fine(end, acts[:, piece], values)
+        torques = act[k:]
+        return (
+            ca.Function("sample", [now, acts, values], [end]),
+            ca.Function("readings", [x, torques, every], [read]),
+        )
+
+    def advance(self, x: np.ndarray, commands: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """States (x, b) a sample later, for commands (k, b) issued now and torques (d, b) that vary evenly.
+
+        ``before`` are the torques now, ``after`` those at the next sample.
+        """
+        middles = (np.arange(self.pieces) + 0.5) / self.pieces
+        torques = before.T[:, None] + (after - before).T[:, None] * middles[None, :, None]
+        act = torques
+        if self._k:
+            self._issued = np.concatenate([commands[None], self._issued[:-1]])
+            arrived = [
+                weights @ self._issued[: weights.shape[1], :, i] for i, weights in enumerate(self._weights)
+            ]  # fmt: skip
+            act = np.concatenate([np.stack(arrived), torques], axis=2)
+        return self._sample(x, act.reshape(-1, act.shape[2]).T)
+
+    def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
+        return self._readings(x, torques) - self._steady
+
+    def lagged(self, x: np.ndarray) -> np.ndarray:
+        """Flange torques (k, b) behind their lag, less those at the operating point."""
+        at = len(self.model.states) + self._k
+        return x[at:] - self.start[at:]
+
+
+class _RepeatedCall:
+    """A function (x, acting, p) → one matrix, called over and over with the same parameters (b, p), without copies."""
+
+    def __init__(self, function: ca.Function, parameters: np.ndarray):
+        shapes = [function.size_in(0), function.size_in(1), function.size_out(0)]
+        self._x, self._acting, self._found = (np.zeros(shape, order="F") for shape in shapes)
+        self._parameters = np.asfortranarray(parameters.T)
+        self._buffer, self._run = function.buffer()
+        for i, array in enumerate((self._x, self._acting, self._parameters)):
+            self._buffer.set_arg(i, memoryview(array.T))  # type: ignore[call-arg, arg-type]
+        self._buffer.set_res(0, memoryview(self._found.T))  # type: ignore[call-arg, arg-type]
+
+    def __call__(self, x: np.ndarray, acting: np.ndarray) -> np.ndarray:
+        """The function at matrices as CasADi has them: one column a bed, or a bed and fine step."""
+        self._x[...] = x
+        self._acting[...] = acting
+        self._run()
+        return self._found.copy()
+
+
+def _parameters(model: Model, systems: Sequence[System]) -> np.ndarray:
+    """Parameter sets (b, p)."""
+    rows = []
+    for system in systems:
+        values = {name: quantity.value for name, quantity in system.parameters.items() if name in model.parameters}
+        rows.append(model.vector(values))
+    return np.stack(rows)
+
+
+def _flat(model: Model, p: np.ndarray) -> np.ndarray:
+    flat = p.copy()
+    if STICK_SPEED in model.parameters:
+        flat[model.parameters.index(STICK_SPEED)] = FLAT
+    return flat
+
+
+def _refine_friction(model: Model, p: np.ndarray, steps: float) -> None:
+    """Dry friction as sharp as so many steps a second allow, and contact over one step; in place."""
+    if CONTACT_TIME in model.parameters:
+        p[model.parameters.index(CONTACT_TIME)] = 1 / steps
+    if STICK_SPEED in model.parameters:
+        at = model.parameters.index(STICK_SPEED)
+        p[at] = PROBED_STICK_SPEED
+        p[at] = rates_at_rest(model, p[None]).any * PROBED_STICK_SPEED / (STABLE_STEP * steps)
+
+
+# --- What poor sensors make of the true signals: noise, offset, encoders that count.
+
+ANGLE_OF_A_COUNT = 2 * np.pi / 8192  # rad, of an encoder
+OFFSET_IN_UNCERTAINTIES = 2.0  # of a torque sensor, one way or the other
+
+
+class PoorSensors:
+    """Sensors of the beds that have poor ones; y sensors, b beds.
+
+    Torques get noise and an offset. Speeds are differences of counts: the angle is known to a count at every sample,
+    and noise of the sensor's uncertainty is added. A mean over a sample is half a sample late: that belongs to the
+    dead time.
+
+    Parameters
+    ----------
+    sensors : sequence of Sensor (y)
+    poor : ndarray of bool (b,)
+    gains : ndarray (y, b)
+        Reading over what is measured, of every bed.
+    step : float
+        s, one sample.
+    seed : int
+        Of noise and signs.
+    """
+
+    def __init__(self, sensors: list[Sensor], poor: np.ndarray, gains: np.ndarray, step: float, seed: int):
+        self._random = np.random.default_rng(seed)
+        self._poor, self._gains, self._step = poor, gains, step
+        self._noise = np.array([sensor.uncertainty or NOISE[sensor.measures] for sensor in sensors])[:, None]
+        self._counts = np.array([sensor.measures == "speed" for sensor in sensors])
+        sides = self._random.choice([-1.0, 1.0], self._noise.shape)
+        self._offset = np.where(self._counts[:, None], 0.0, OFFSET_IN_UNCERTAINTIES * sides * self._noise)
+        self._angle, self._last, self._rest = np.zeros(gains.shape), np.zeros(gains.shape), np.zeros(gains.shape)
+
+    def read(self, true: np.ndarray) -> np.ndarray:
+        """Readings (y, b) of the true values (y, b), one sample after the other."""
+        exact = self._gains * true
+        if not self._poor.any():
+            return exact
+        self._angle, self._last = self._angle + self._step * (self._last + true) / 2, true
+        rest = self._angle % ANGLE_OF_A_COUNT
+        error = np.where(self._counts[:, None], (self._rest - rest) / self._step, self._offset)
+        self._rest = rest
+        noise = self._noise * self._random.standard_normal((len(true), 1))
+        return np.where(self._poor, exact + error + noise, exact)
+
+
+# --- The control law on imperfect beds, sample by sample, and the vehicle under the same torques; b beds, t samples.
+
+TOO_LARGE = 1e9  # a state beyond this has left every bed
+SAMPLES_BETWEEN_CHECKS = 20
+
+
+@dataclass(frozen=True)
+class BedRun:
+    """What is simulated.
+
+    Attributes
+    ----------
+    imperfection : Imperfection
+    torques : mapping of str to ndarray (t,)
+        N·m by input, as demanded, one value a sample.
+    known : tuple of str
+        Inputs of the rig whose torque the controller knows; it always knows those of the residual vehicle.
+    """
+
+    imperfection: Imperfection
+    torques: Mapping[str, np.ndarray] = field(repr=False)
+    known: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BedMotion:
+    """Readings (t, y) of the chosen sensors and commands (t, k), less their values at the operating point."""
+
+    readings: np.ndarray = field(repr=False)
+    commands: np.ndarray = field(repr=False)
+
+
+def acting(case: Case, run: BedRun) -> dict[str, np.ndarray]:
+    """Torques (t,) that act, N·m by input: those of the rig are not what was demanded."""
+    on_rig, wrong = {part.name for part in case.rig.inputs}, run.imperfection
+    time = np.arange(len(next(iter(run.torques.values())))) * case.loop["sample_time"]
+    return {
+        name: wrong.demand_factor * np.interp(time - wrong.demand_late, time, torque) if name in on_rig else torque
+        for name, torque in run.torques.items()
+    }
+
+
+def vehicle_motions(case: Case, runs: Sequence[BedRun], sensors: Sequence[str]) -> list[np.ndarray]:
+    """Readings (t, y) of the nonlinear vehicle with the specimen of every bed.
+
+    Raises
+    ------
+    SimulationError
+        If a motion grows out of bounds.
+    """
+    systems = [flawed(case.vehicle, run.imperfection, case) for run in runs]
+    beds = NonlinearBeds(systems, case.loop)
+    drives = _stacked([acting(case, run) for run in runs], beds.drives)
+    rows = [beds.model.sensors.index(name) for name in sensors]
+    x, none = beds.start, np.zeros((0, len(systems)))
+    read = np.empty((len(drives), len(rows), len(systems)))
+    for k, now in enumerate(drives):
+        read[k] = beds.read(x, now)[rows]
+        x = beds.advance(x, none, now, drives[min(k + 1, len(drives) - 1)])
+    if not np.abs(x).max() < TOO_LARGE:
+        raise SimulationError("simulation", "the motion of the vehicle grows out of bounds", "check its parameters")
+    return [read[:, :, i] for i in range(len(systems))]
+
+
+def bed_motions(
+    case: Case, law: ControlLaw, runs: Sequence[BedRun], sensors: Sequence[str], seed: int = 0
+) -> list[BedMotion | None]:
+    """The beds under the law; None for those whose motion grows out of bounds.
+
+    All runs have imperfections of one structure: lash or none. ``seed`` is that of the sensors' noise.
+    """
+    loop = case.loop
+    systems = [flawed(case.rig, run.imperfection, case) for run in runs]
+    beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
+    drives = _stacked([acting(case, run) for run in runs], beds.drives)
+    measured = _stacked([_known_torques(case, run) for run in runs], law.known)
+    poor, of_law = _sensing(case, law, runs, seed), [beds.model.sensors.index(name) for name in law.sensors]
+    flanges = [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers]
+    chosen = [beds.model.sensors.index(name) for name in sensors]
+    limit, held = case.limits.get("dynamometer_torque", np.inf), torques_of(case.rig)
+    trim = np.array([held[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
+    x, state = beds.start, np.zeros((len(law.A), len(runs)))
+    read = np.empty((len(drives), len(chosen), len(runs)))
+    sent = np.empty((len(drives), len(trim), len(runs)))
+    gone = np.zeros(len(runs), bool)
+    for k, now in enumerate(drives):
+        readings = beds.read(x, now)
+        read[k] = readings[chosen]
+        true = readings[of_law]
+        true[flanges] = beds.lagged(x)
+        y, w = poor.read(true), measured[k]
+        corrected = state + law.L @ (y - law.E @ state)
+        u = np.clip(law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit - trim, limit - trim)
+        state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ u
+        sent[k] = u
+        x = beds.advance(x, u, now, drives[min(k + 1, len(drives) - 1)])
+        if k % SAMPLES_BETWEEN_CHECKS == 0 and (lost := ~(np.abs(x).max(axis=0) < TOO_LARGE)).any():
+            gone |= lost
+            x, state = np.where(gone, beds.start, x), np.where(gone, 0.0, state)
+    return [None if lost else BedMotion(read[:, :, i], sent[:, :, i]) for i, lost in enumerate(gone)]
+
+
+def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
+    """Lags, delay and torque gains of an imperfect bed."""
+    values, loop = imperfection.values, case.loop
+    return BedHardware(
+        values.get("loop.inverter_lag", loop["inverter_lag"]),
+        values.get("loop.torque_sensor_lag", loop["torque_sensor_lag"]),
+        loop.command_delay(values.get("loop.dead_time")),
+        tuple(values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) for dynamometer in loop.dynamometers),
+    )
+
+
+def _known_torques(case: Case, run: BedRun) -> dict[str, np.ndarray]:
+    """Torques as the controller knows them; unknown ones are 0."""
+    on_rig = {part.name for part in case.rig.inputs}
+    return {name: torque * (name not in on_rig or name in run.known) for name, torque in run.torques.items()}
+
+
+def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> PoorSensors:
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    gains = [[run.imperfection.values.get(f"sensors.{name}.gain", 1.0) for run in runs] for name in law.sensors]
+    poor = np.array([run.imperfection.poor_sensors for run in runs])
+    return PoorSensors([by_name[name] for name in law.sensors], poor, np.array(gains), law.sample_time, seed)
+
+
+def _stacked(torques: Sequence[Mapping[str, np.ndarray]], names: Sequence[str]) -> np.ndarray:
+    """(t, d, b)."""
+    count = len(next(iter(torques[0].values())))
+    stack = np.zeros((count, len(names), len(torques)))
+    for i, name in enumerate(names):
+        for j, by_name in enumerate(torques):
+            stack[:, i, j] = by_name.get(name, 0.0)
+    return stack
+
+
+# --- Whether a bed swings on in an open lash where the vehicle comes to rest.
+
+LASHES_RAD = (np.radians(0.5), np.radians(5.0))  # of a drive's whole lash, from new to worn
+DRAWN = 4
+PULSE_S = (0.2, 0.3)  # torque that closes the lash, and leaves it open
+JUDGED_S = 0.5  # at the end
+EXCESS = 0.02  # of the vehicle's range, by which the bed's torque swings more than the vehicle's
+DECAYING = 0.95  # swing over that of the half second before: below it the bed comes to rest as well
+
+
+@dataclass(frozen=True)
+class OpenLash:
+    """What drawn lashes do on drawn beds.
+
+    Attributes
+    ----------
+    drawn, limit_cycles : int
+        ``limit_cycles`` swing on where the vehicle comes to rest, or are not stable.
+    largest_swing, vehicle_swing : float
+        N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle beside it.
+    """
+
+    drawn: int
+    limit_cycles: int
+    largest_swing: float
+    vehicle_swing: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return dict(vars(self))
+
+
+def lash_runs(
+    case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, count: int = DRAWN
+) -> list[BedRun]:
+    """A pulse at the input of the rig that the manoeuvre drives hardest, on ``count`` drawn beds with drawn lashes.
+
+    ``torques`` are those of the manoeuvre, (t,) in N·m by input.
+    """
+    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    inputs = [part.name for part in case.rig.inputs if part.name not in driven]
+    inputs.sort(key=lambda name: -np.abs(torques.get(name, np.zeros(1))).max())
+    if not inputs:
+        return []
+    length = len(next(iter(torques.values())))
+    time = np.arange(length) * case.loop["sample_time"]
+    size = float(np.abs(torques.get(inputs[0], np.zeros(1))).max()) or float(
+        max(np.abs(torque).max() for torque in torques.values())
+    )
+    pulse = {inputs[0]: size * ((time >= PULSE_S[0]) & (time < PULSE_S[1]))}
+    gaps = np.random.default_rng(seed).uniform(*LASHES_RAD, count)
+    beds = case.uncertainty.draw(count, seed + 1)
+    return [
+        BedRun(Imperfection("open lash", case.uncertainty.at(bed), float(gap)), pulse, known)
+        for bed, gap in zip(beds, gaps, strict=True)
+    ]  # fmt: skip
+
+
+def open_lash(
+    vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
+) -> OpenLash:
+    """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts; ``step`` in s."""
+    count = min(round(JUDGED_S / step), len(vehicles[0]) // 2)
+    before, last = slice(-2 * count, -count), slice(-count, None)
+    swings, limit_cycles = [], 0
+    for vehicle, bed in zip(vehicles, beds, strict=True):
+        of_vehicle, of_bed = _swing(vehicle[last][:, at]), np.inf
+        if bed is not None:
+            of_bed = _swing(bed.readings[last][:, at])
+            decaying = of_bed < DECAYING * _swing(bed.readings[before][:, at])
+            least = of_vehicle + EXCESS * float(np.ptp(vehicle[:, at], axis=0).max())
+        limit_cycles += bed is None or (of_bed > least and not decaying)
+        swings.append((of_bed, of_vehicle))
+    worst = max(swings, key=lambda pair: pair[0] - pair[1])
+    return OpenLash(len(beds), limit_cycles, *worst)
+
+
+def _swing(torques: np.ndarray) -> float:
+    """Largest standard deviation of torques (t, k)."""
+    return float(np.std(torques, axis=0).max())
+
+
+# --- How far imperfect beds are from the nonlinear vehicle over the manoeuvre, and what they do with an open lash.
+
+WATCHED_S = 3.0  # of the manoeuvre at most, from its beginning
+SMALLEST_RANGE = 1e-300  # of a signal that the manoeuvre leaves at rest
+
+
+@dataclass(frozen=True)
+class TimeErrors:
+    """Errors of one bed: root mean square over the range of the vehicle's signal; None where the bed is not stable.
+
+    ``measured`` and ``unmeasured`` by sensor: the controller knows the rig's torques, or not.
+    """
+
+    words: str
+    measured: Mapping[str, float] | None
+    unmeasured: Mapping[str, float] | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {"what_is_wrong": self.words, "measured": self.measured, "unmeasured": self.unmeasured}
+
+    def largest(self) -> float:
+        """Over sensors and both kinds of torques; infinite where a bed is not stable."""
+        both = (self.measured, self.unmeasured)
+        return max(np.inf if errors is None else max(errors.values()) for errors in both)
+
+
+@dataclass(frozen=True)
+class BedTraces:
+    """One bed for a figure: what is wrong, time (t,), by sensor (t,) vehicle and bed, torques measured and not."""
+
+    words: str
+    time: np.ndarray
+    vehicle: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+    unmeasured: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class TruthInTime:
+    """The tuned controller on beds that are not the model.
+
+    Attributes
+    ----------
+    sensors : tuple of str
+        Of the compared functions.
+    rows : tuple of TimeErrors
+        For what is wrong; of the drawn beds with everything wrong the worst.
+    lash : OpenLash or None
+        None where no input but the dynamometers' could open one.
+    seconds : float
+        Of the manoeuvre.
+    not_simulated : str
+        Why there is nothing; empty otherwise.
+    traces : BedTraces or None
+        Of the worst bed with everything wrong; None where it is not stable.
+    """
+
+    sensors: tuple[str, ...] = ()
+    rows: tuple[TimeErrors, ...] = ()
+    lash: OpenLash | None = None
+    seconds: float = 0.0
+    not_simulated: str = ""
+    traces: BedTraces | None = field(repr=False, default=None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "duration": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
+            "open_lash": None if self.lash is None else self.lash.to_dict(), "not_simulated": self.not_simulated,
+        }  # fmt: skip
+
+
+def truth_of(case: Case, seed: int = 0) -> TruthInTime:
+    """The table of a tuned case over its manoeuvre; where it cannot be simulated the result says why."""
+    if case.loop.torqueless:
+        return TruthInTime(not_simulated="the dynamometers give no torque")
+    try:
+        parts = parts_of(case)
+        torques, lead = manoeuvre_torques(parts)
+        return truth_in_time(case, control_law(parts), torques, lead, seed)
+    except (InputError, SimulationError) as fault:
+        return TruthInTime(not_simulated=str(fault))
+
+
+def truth_in_time(
+    case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], lead: int = 0, seed: int = 0
+) -> TruthInTime:
+    """Run a law on imperfect beds over a manoeuvre.
+
+    Parameters
+    ----------
+    torques : mapping of str to ndarray (t,)
+        The manoeuvre by input, one value a sample.
+    lead : int
+        Samples at the beginning that only lead in and do not count.
+    seed : int
+        Of the drawn beds and the noise.
+
+    Raises
+    ------
+    InputError, SimulationError
+        If an imperfect vehicle has no operating point or cannot be simulated.
+    """
+    count = min(len(next(iter(torques.values()))), lead + round(WATCHED_S / law.sample_time) + 1)
+    torques = {name: torque[:count] for name, torque in torques.items()}
+    sensors = tuple(dict.fromkeys(pair.sensor for pair in case.compared))
+    case, cuts = with_cut_torques(case)
+    alone = vehicle_motions(case, [BedRun(Imperfection(""), torques)], cuts)[0]
+    rows = imperfections(case, float(np.abs(alone).max(initial=0.0)), seed)
+    known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
+    lashed = lash_runs(case, torques, known, seed)
+    runs = [BedRun(row, torques, measured) for row in rows for measured in (known, ())]
+    read = (*sensors, *cuts)
+    of_vehicles, of_beds = _simulated(case, law, [*runs, *lashed], read, seed)
+    results = [
+        TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
+        for i, row in enumerate(rows)
+    ]
+    every = [i for i, row in enumerate(rows) if row.words == EVERYTHING_DRAWN]
+    worst = max(every, key=lambda i: results[i].largest())
+    time = (np.arange(count) - lead) * law.sample_time
+    signals = [of_vehicles[2 * worst], *(bed.readings for bed in of_beds[2 * worst : 2 * worst + 2] if bed is not None)]
+    traces = None
+    if len(signals) == 3:
+        traces = BedTraces(EVERYTHING_DRAWN, time, *(dict(zip(sensors, signal.T, strict=False)) for signal in signals))
+    kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
+    at, first = [read.index(name) for name in cuts], len(runs)
+    lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
+    return TruthInTime(sensors, tuple(kept), lash, float(time[-1]), "", traces)
+
+
+def with_cut_torques(case: Case) -> tuple[Case, list[str]]:
+    """The case with a sensor of the torque at each cut in vehicle and rig, and their names: models may have none."""
+    added = [Sensor(shaft_torque(cut.shaft), "torque", cut.shaft) for cut in case.residual_vehicle.interfaces]
+    vehicle, rig = (replace(system, sensors=(*system.sensors, *added)) for system in (case.vehicle, case.rig))
+    return replace(case, vehicle=vehicle, rig=rig), [sensor.name for sensor in added]
+
+
+def _simulated(
+    case: Case, law: ControlLaw, runs: Sequence[BedRun], sensors: Sequence[str], seed: int
+) -> tuple[list[np.ndarray], list[BedMotion | None]]:
+    """Vehicle and bed of every run; those without and those with lash side by side."""
+    vehicles: dict[int, np.ndarray] = {}
+    beds: dict[int, BedMotion | None] = {}
+    for lash in (False, True):
+        places = [i for i, run in enumerate(runs) if (run.imperfection.gap > 0) == lash]
+        chosen = [runs[i] for i in places]
+        distinct = {id(run.imperfection): run for run in chosen}
+        motions = dict(zip(distinct, vehicle_motions(case, [*distinct.values()], sensors), strict=True))
+        vehicles |= {i: motions[id(runs[i].imperfection)] for i in places}
+        beds |= dict(zip(places, bed_motions(case, law, chosen, sensors, seed), strict=True))
+    return [vehicles[i] for i in range(len(runs))], [beds[i] for i in range(len(runs))]
+
+
+def _errors(bed: BedMotion | None, vehicle: np.ndarray, sensors: tuple[str, ...], lead: int) -> dict[str, float] | None:
+    if bed is None:
+        return None
+    off, wanted = (bed.readings - vehicle)[lead:, : len(sensors)], vehicle[lead:, : len(sensors)]
+    share = np.sqrt(np.mean(off**2, axis=0)) / np.maximum(np.ptp(wanted, axis=0), SMALLEST_RANGE)
+    return dict(zip(sensors, share.tolist(), strict=True))

@@ -1,0 +1,287 @@
+"""What a match found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from matching.match.case import Case
+from matching.match.continuous_loop import LoopMode
+from matching.match.in_time import TruthInTime, truth_of
+from matching.match.loop import parts_of
+from matching.match.responses import FunctionError, SimpleVehicle
+from matching.match.verify import MatchFidelity, RobustVerification, Verification, match_fidelity
+from modelling.display import Displayed
+from modelling.linear.steady_motion import speeds_of, torques_of
+from modelling.modal.result import Mode
+from modelling.toml import finite
+
+
+@dataclass(frozen=True)
+class TargetResult:
+    """A target mode in vehicle, rig and matched loop; frequencies in Hz, None where the mode was not found.
+
+    ``identified`` (Hz) and ``identified_damping`` are identified from the simulated manoeuvre, by a separate method.
+    """
+
+    vehicle_mode: int
+    symmetry: str
+    vehicle: float
+    vehicle_damping: float
+    rig: float | None
+    matched: float | None
+    matched_damping: float | None
+    identified: float | None
+    identified_damping: float | None
+    met: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "vehicle_mode": self.vehicle_mode, "symmetry": self.symmetry, "vehicle": self.vehicle,
+            "vehicle_damping": self.vehicle_damping, "rig": self.rig, "matched": self.matched,
+            "matched_damping": self.matched_damping, "seen_in_simulation": self.identified,
+            "identified_damping": self.identified_damping, "met": self.met,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ParameterResult:
+    """A quantity that was allowed to move, SI.
+
+    ``share`` of a target mode's energy, ``weight`` on its change, ``fixed`` where the share is too small to move it.
+    """
+
+    name: str
+    start: float
+    tuned: float
+    unit: str
+    lower: float
+    upper: float
+    weight: float
+    share: float
+    fixed: bool
+    logarithmic: bool = False
+    change_cost: float = 0.0
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether it ended within a thousandth of its range, or of the range's logarithm, from a bound."""
+        if self.logarithmic:
+            return min(self.upper / self.tuned, self.tuned / self.lower) <= (self.upper / self.lower) ** 1e-3
+        return min(self.tuned - self.lower, self.upper - self.tuned) <= 1e-3 * (self.upper - self.lower)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        keys = (
+            "name",
+            "start",
+            "tuned",
+            "unit",
+            "lower",
+            "upper",
+            "weight",
+            "share",
+            "fixed",
+            "at_bound",
+            "change_cost",
+        )
+        return {key: getattr(self, key) for key in keys}
+
+
+@dataclass(frozen=True)
+class ResponseError:
+    """Root mean square over band and compared functions of abs(log(H_rig/H_vehicle)).
+
+    ``before`` is the rig without control over the functions that have a path there; ``after`` the matched rig over all
+    compared ones, ``after_same_functions`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
+    unmeasured torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time,
+    ``bound_unsampled`` the same without sampling (:func:`matching.match.adapters.lower_bound`): their
+    difference is the cost of sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
+    (:func:`matching.match.adapters.estimator_bound`). ``functions`` holds the errors of every compared
+    function.
+    """
+
+    band: tuple[float, float]
+    before: float | None
+    after: float
+    after_same_functions: float | None
+    unmeasured: float
+    bound: float
+    bound_unsampled: float
+    functions: tuple[FunctionError, ...]
+    unmeasured_bound: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        keys = ("before", "after", "after_same_functions", "bound", "bound_unsampled", "unmeasured_bound")
+        return {
+            "band": list(self.band),
+            **{key: getattr(self, key) for key in keys},
+            "unmeasured_before": self.before,
+            "unmeasured_after": self.unmeasured,
+            "functions": [function.to_dict() for function in self.functions],
+        }
+
+
+@dataclass(frozen=True)
+class AdapterTrade:
+    """One adapter quantity, SI; errors are of the feedback, which alone depends on adapters beyond their model.
+
+    Attributes
+    ----------
+    ordered : float
+        As planned where it gains nothing.
+    acceptable : tuple of float
+        Between these the answer is as good within 2 %, with everything else that may move tuned for the value; adapters
+        that are not ordered stay as planned.
+    error_as_planned : float or None
+        With this quantity as planned, the others as ordered, everything else tuned for it; None where no loop was found
+        that keeps its limits.
+    error_as_ordered : float
+    curve : tuple of (float, float)
+        Values tried and the response error there, everything else tuned for each.
+    error_all_as_planned : float or None
+        Of the bed with every adapter as planned, tuned for it.
+    """
+
+    name: str
+    unit: str
+    planned: float
+    ordered: float
+    acceptable: tuple[float, float]
+    error_as_planned: float | None
+    error_as_ordered: float
+    curve: tuple[tuple[float, float], ...]
+    error_all_as_planned: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {**vars(self), "acceptable": list(self.acceptable), "curve": [list(point) for point in self.curve]}
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
+
+    frequencies: np.ndarray
+    vehicle: np.ndarray
+    rig: np.ndarray
+    matched: np.ndarray
+    unmeasured: np.ndarray
+
+
+@dataclass(frozen=True)
+class MatchResult(Displayed):
+    """A match: what was asked, what was tuned, how well it does, and how that was checked.
+
+    Attributes
+    ----------
+    status : str
+        ``matched`` or ``limited``.
+    limits : tuple of str
+        What stands in the way, most binding first.
+    notes : tuple of str
+        What the user should know beside it.
+    case, tuned : Case
+        As asked and with the tuned values.
+    vehicle_modes, rig_modes : tuple of Mode
+    matched_modes : tuple of LoopMode
+        Of the closed loop.
+    verification : Verification
+        See :mod:`matching.match.verify`.
+    objective : float
+        Of the optimiser, before gains are tuned over beds, as ``adapters`` are, and ``starts`` that of every start
+        (None where it failed or was unstable); ``pairs`` as :class:`matching.match.solve.Solution` has them.
+    adapters : tuple of AdapterTrade
+        What each adapter that may change gains, and how exactly it has to be what was ordered.
+    simple_vehicle : SimpleVehicle or None
+        How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
+    robust : RobustVerification or None
+        What drawn beds and the loop do under an observer; None for feedback laws.
+    simulated_in_time : TruthInTime or None
+        What ``in_time`` is, where it was worked out beside the verification; None where only on request.
+    """
+
+    status: str
+    limits: tuple[str, ...]
+    notes: tuple[str, ...]
+    case: Case
+    tuned: Case
+    vehicle_modes: tuple[Mode, ...]
+    rig_modes: tuple[Mode, ...]
+    matched_modes: tuple[LoopMode, ...]
+    targets: tuple[TargetResult, ...]
+    parameters: tuple[ParameterResult, ...]
+    response_error: ResponseError
+    curves: Curves = field(repr=False)
+    verification: Verification = field(repr=False)
+    objective: float = float("nan")
+    starts: tuple[float | None, ...] = ()
+    pairs: tuple[float, ...] = ()
+    adapters: tuple[AdapterTrade, ...] = ()
+    seconds: float = 0.0
+    robust: RobustVerification | None = field(default=None, repr=False)
+    simple_vehicle: SimpleVehicle | None = None
+    simulated_in_time: TruthInTime | None = field(default=None, repr=False)
+
+    @cached_property
+    def fidelity(self) -> MatchFidelity | None:
+        """R_SD, R_RVM, R_MU and R_XiL of free and matched rig on the manoeuvre; None where the simulation ran away."""
+        traces = self.verification.traces
+        return None if traces is None else match_fidelity(parts_of(self.tuned), traces)
+
+    @cached_property
+    def in_time(self) -> TruthInTime:
+        """The tuned controller in time, on beds that are not the model, against the nonlinear vehicle."""
+        return self.simulated_in_time or truth_of(self.tuned)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``result.json``."""
+        checks = self.verification
+        return {
+            "status": self.status,
+            "limits": list(self.limits),
+            "notes": list(self.notes),
+            "title": self.case.title,
+            "structure": self.case.loop.structure.name,
+            "vehicle": {"modes": [mode.to_dict() for mode in self.vehicle_modes]},
+            "rig": {"modes": [mode.to_dict() for mode in self.rig_modes]},
+            "matched": {"modes": [mode.to_dict() for mode in self.matched_modes]},
+            "targets": [target.to_dict() for target in self.targets],
+            "parameters": [parameter.to_dict() for parameter in self.parameters],
+            "insensitive_parameters": [parameter.name for parameter in self.parameters if parameter.fixed],
+            "stable": checks.stable,
+            "modulus_margin": checks.modulus_margin,
+            "modulus_margin_from": checks.margin_from,
+            "spectral_abscissa": checks.spectral_abscissa,
+            "response_error": self.response_error.to_dict(),
+            "operating_point": speeds_of(self.tuned.rig),
+            "operating_torques": torques_of(self.tuned.rig),
+            "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
+            "in_time": self.in_time.to_dict(),
+            "verification": checks.to_dict(),
+            "adapters": [adapter.to_dict() for adapter in self.adapters],
+            "objective": self.objective,
+            "starts": list(self.starts),
+            **_of_beds(self.robust),
+            **({} if self.simple_vehicle is None else {"residual_vehicle": self.simple_vehicle.to_dict()}),
+        }
+
+
+def _of_beds(robust: RobustVerification | None) -> dict[str, Any]:
+    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise; None where nothing could judge them."""
+    if robust is None:
+        return {}
+    loop, required, names = robust.loop, robust.required, robust.dynamometers
+    return {
+        "beds": robust.beds.to_dict(),
+        "command_noise": dict(zip(names, map(finite, loop.command_noise), strict=True)),
+        "margin": {
+            "modulus": finite(loop.modulus_margin), "at": finite(loop.margin_at), "from": required.margin_from,
+            "largest_rolled_off": finite(loop.largest_rolled_off), "rolled_off_from": required.rolled_off_from,
+        },
+    }  # fmt: skip

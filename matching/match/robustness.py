@@ -1,0 +1,498 @@
+"""What beds and loop of a match do not keep: sentences that limit it, and sentences that are only noted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from matching.match.beds import (
+    BED_POINTS,
+    LARGEST_ROLLED_OFF,
+    Action,
+    BedSet,
+    Judged,
+    LoopFigures,
+    Planned,
+    Requirements,
+    SampledBeds,
+    bed_set,
+    command_noise,
+    counted,
+    damping_ratios,
+    errors,
+    loop_curves,
+    planned,
+    requirements,
+    resolvent,
+    sampled_beds,
+)
+from matching.match.case import Case, Move, apply
+from matching.match.dynamic_stiffness import check_beds, check_loop
+from matching.match.loop import Parts, control_law, parts_of
+from matching.match.programme import scaled, unscaled
+from matching.match.tune_observer import DAMPING_RESERVE, LARGEST_ROOM, RESERVE, WORST
+from matching.match.verify import FRESH, RobustVerification, Verification, Violation, verify
+from modelling.bed.bed import HARDWARE
+from modelling.bed.observer import NOISE
+from modelling.bed.vehicle import FeedForward, cut
+from modelling.controller.law import law_of_feed_forward
+from modelling.errors import InputError
+from modelling.linear.state_space import StateSpace
+from modelling.system import System
+
+# --- A tuned feedback law on drawn beds, judged as an observer is.
+
+
+def on_drawn_beds(case: Case, checked: Verification, count: int, seed: int = 0) -> RobustVerification:
+    """Judge a tuned case of any structure: margin above the emulated band, roll-off, noise and drawn beds.
+
+    Parameters
+    ----------
+    checked : Verification
+        Of the bed as planned.
+    count, seed : int
+        Of the fresh beds.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or a design has no solution.
+    """
+    required, law = requirements(case), control_law(parts_of(case))
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    noise = np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in law.sensors])
+    loop = check_loop(case, law, noise, required.margin_from, required.rolled_off_from)
+    figures = LoopFigures(loop.modulus_margin, loop.margin_at, loop.largest_rolled_off, loop.command_noise)
+    beds = check_beds(case, law, required.damping_ratio, count, seed + FRESH, required.rolled_off_from)
+    return RobustVerification(checked, required, figures, beds, law.dynamometers)
+
+
+# --- A feedback law tuned over drawn beds: their errors, with what every bed and the loop have to keep.
+#
+# The gains move alone; residual vehicle and adapters stay as they are. A loop that contains the emulated vehicle has a
+# large sensitivity inside its band, whatever the controller, so the margin counts above it, see :class:`.Requirements`.
+
+DRAWN, POOL, GUARDS = 16, 512, 16  # beds whose errors are tuned; beds that stay damped; of those, seen at a time
+ROUNDS, STEPS = 3, 20
+WORTH_A_ROUND = 0.01  # relative gain of a round below which no other follows
+DIFFERENCE = 1e-4  # of a range
+PRICE = 30.0  # of a requirement that is missed by all of it
+AT_REST = 1e-7  # of poles at 1: motions that nothing slows
+
+
+@dataclass
+class FeedbackTuner:
+    """Cost of the gains of a feedback law on a set of beds, and what is left of the requirements.
+
+    Attributes
+    ----------
+    moves : tuple of Move (m)
+        Those of the loop; points of the search are their scaled parts (m,), 0 … 1.
+    pool : SampledBeds
+        The bed as planned, then those that have to stay damped, of which the search sees ``guarded``.
+    feed_forward : FeedForward or None
+        Does not depend on the gains.
+    """
+
+    case: Case
+    moves: tuple[Move, ...]
+    parts: Parts
+    feed_forward: FeedForward | None
+    required: Requirements
+    plan: Planned
+    beds: BedSet
+    pool: SampledBeds
+    guarded: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
+    known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
+
+    def values(self, at: np.ndarray) -> dict[str, float]:
+        """Values of the loop's quantities, SI, at a point (m,)."""
+        return {move.name: float(unscaled(part, move)) for move, part in zip(self.moves, at, strict=True)}
+
+    def judged(self, at: np.ndarray) -> Judged:
+        """Cost and requirements at a point (m,); results are kept until other beds are guarded."""
+        key = tuple(at.tolist())
+        if key not in self.known:
+            self.known[key] = self._judged(at)
+        return self.known[key]
+
+    def guard(self, at: np.ndarray) -> None:
+        """Have the search see the least damped beds of the pool at a point (m,) as well, the planned one always."""
+        order = np.argsort(self._damping_room(self.pool, self._feedback(at), np.arange(len(self.pool.A))))
+        self.guarded = np.unique(np.concatenate([[0], self.guarded, order[:GUARDS]]))
+        self.known.clear()
+
+    def _feedback(self, at: np.ndarray) -> StateSpace:
+        """From readings, signs as the rig has them, and what acts inside the residual vehicle, to commands."""
+        tuned = replace(self.parts, case=apply(self.case, self.values(at)))
+        return tuned.sampled_controller
+
+    @cached_property
+    def _signs(self) -> np.ndarray:
+        return np.concatenate([self.parts.toward, np.ones(len(self.parts.toward))])
+
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        return np.concatenate([self.plan.every.frequencies, self.plan.band.frequencies, self.beds.frequencies])
+
+    def _action(self, feedback: StateSpace) -> Action:
+        """The law at all frequencies."""
+        z, y = np.exp(2j * np.pi * self._frequencies * self.case.loop["sample_time"]), len(self._signs)
+        if self.feed_forward is None:
+            answers = feedback.C @ resolvent(feedback.A).columns(z, feedback.B) + feedback.D
+            return Action(answers[:, :, :y] * self._signs, answers[:, :, y:], self.parts.simulated)
+        law = law_of_feed_forward(self.feed_forward, feedback, self._signs, ("",) * y)
+        B, D = np.hstack([law.By + law.Bs @ law.Dy, law.Bw + law.Bs @ law.Dw]), np.hstack([law.Dy, law.Dw])
+        answers = law.K @ resolvent(law.A + law.Bs @ law.K).columns(z, B) + D
+        return Action(answers[:, :, :y], answers[:, :, y:], law.known)
+
+    def _judged(self, at: np.ndarray) -> Judged:
+        feedback = self._feedback(at)
+        acting = self._action(feedback)
+        ends = np.cumsum([len(each.frequencies) for each in (self.plan.every, self.plan.band, self.beds)])
+        curves = loop_curves(self.plan, acting.at(slice(0, int(ends[0]))))
+        of_plan = self._squares(self.plan.band, acting.at(slice(int(ends[0]), int(ends[1]))))
+        of_beds = self._squares(self.beds, acting.at(slice(int(ends[1]), int(ends[2]))))
+        margin, rolled_off = counted(self.plan, self.required)
+        allowed, noise = self.required.command_noise, command_noise(curves, self.plan.every.frequencies)
+        rooms = [
+            self._damping_room(self.pool, feedback, self.guarded),
+            np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
+            1 - (1 + RESERVE) * curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
+            curves.margin[margin] / (self.required.modulus_margin * (1 + RESERVE)) - 1,
+        ]
+        rooms = [np.clip(part, -1e2, LARGEST_ROOM) for part in rooms]
+        least = [rooms[0], *(np.array([part.min(initial=LARGEST_ROOM)]) for part in rooms[1:])]
+        return Judged(float(of_plan.mean() + of_beds.mean()), np.concatenate(rooms), np.concatenate(least))
+
+    def _squares(self, beds: BedSet, acting: Action) -> np.ndarray:
+        """Squares (b,) of the errors to unmeasured and to measured torques, each over its tolerance."""
+        total = np.zeros(len(beds.sampled.A))
+        measured = [name for name in self.case.loop.measured if name in acting.known]
+        for known, tolerance in (((), self.case.unmeasured_tolerance), (measured, self.case.tolerance)):
+            total += np.minimum(errors(beds, acting, known).mean(axis=1) / tolerance**2, WORST)
+        return total
+
+    def _damping_room(self, beds: SampledBeds, feedback: StateSpace, which: np.ndarray) -> np.ndarray:
+        """What is left (b,) of the damping that beds of these numbers need."""
+        poles = np.linalg.eigvals(_closed(beds.some(which), feedback, self._signs))
+        needed = self.required.damping_ratio * (1 + DAMPING_RESERVE)
+        wanted = np.where(which == 0, max(needed, self.case.limits.get("damping_ratio", 0.0) * (1 + RESERVE)), needed)
+        moving = np.where(np.abs(poles - 1) < AT_REST, 0.0, poles)
+        least = damping_ratios(moving, self.case.loop["sample_time"]).min(axis=1)
+        beyond = 1 - np.abs(moving).max(axis=1) + 2 * self.required.damping_ratio
+        room: np.ndarray = np.minimum(least, beyond) / wanted - 1
+        return room
+
+
+def _closed(beds: SampledBeds, feedback: StateSpace, signs: np.ndarray) -> np.ndarray:
+    """State matrices (b, x + c, x + c) of the closed loops; known torques stay outside."""
+    y = len(signs)
+    By, Dy = feedback.B[:, :y] * signs, feedback.D[:, :y] * signs
+    top = np.concatenate([beds.A + beds.B @ Dy @ beds.C, beds.B @ feedback.C], axis=2)
+    below = np.concatenate([By @ beds.C, np.broadcast_to(feedback.A, (len(beds.A), *feedback.A.shape))], axis=2)
+    return np.concatenate([top, below], axis=1)
+
+
+@dataclass(frozen=True)
+class DrawnBeds:
+    """Beds that a feedback law is tuned on: those with errors, and the pool of those that stay damped."""
+
+    beds: BedSet
+    pool: SampledBeds
+
+
+def drawn_beds(case: Case) -> DrawnBeds:
+    """Beds from the box of a case, as they are without a controller: neither gains nor residual vehicle change them.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear.
+    """
+    positions = case.uncertainty.spread(max(DRAWN, POOL))
+    values = [case.uncertainty.at(position) for position in positions]
+    of_errors = bed_set(case, values[:DRAWN], np.geomspace(*case.band, BED_POINTS))
+    return DrawnBeds(of_errors, sampled_beds(case, [{}, *values[:POOL]]))
+
+
+def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> FeedbackTuner:
+    """Prepare the search for the gains of a case whose residual vehicle and adapters stay.
+
+    Parameters
+    ----------
+    drawn : DrawnBeds
+        Those of the case, or of one with other gains or another residual vehicle.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the feed-forward has no solution.
+    """
+    parts, by_name = parts_of(case), {sensor.name: sensor for sensor in case.rig.sensors}
+    sensors = [by_name[name] for name in case.loop.controller_sensors]
+    noise = np.array([sensor.uncertainty or NOISE[sensor.measures] for sensor in sensors])
+    return FeedbackTuner(
+        case, tuple(moves), parts,
+        case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop),
+        requirements(case), planned(case, noise), drawn.beds, drawn.pool,
+    )  # fmt: skip
+
+
+def tuned_over_beds(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> tuple[Mapping[str, float], Judged]:
+    """Values of the loop's quantities from those of a case on, SI, and how they are judged on drawn beds.
+
+    Raises
+    ------
+    InputError
+        As :func:`feedback_tuner`.
+    """
+    search = feedback_tuner(case, moves, drawn)
+    best = np.array([np.clip(scaled(case.loop[move.name.removeprefix("loop.")], move), 0, 1) for move in moves])
+    last = np.inf
+    for _ in range(ROUNDS):
+        search.guard(best)
+        _improve(search, best)
+        best = np.array(min(search.known, key=lambda key: search.known[key].merit))
+        merit = search.judged(best).merit
+        if merit > (1 - WORTH_A_ROUND) * last and search.judged(best).least.min() >= -RESERVE:
+            break
+        last = merit
+    search.guard(best)
+    return search.values(best), search.judged(best)
+
+
+def _improve(search: FeedbackTuner, begin: np.ndarray) -> None:
+    """Sequential quadratic programming with differences; what was judged on the way is known to the search."""
+
+    def difference(at: np.ndarray, what: str) -> np.ndarray:
+        here, steps = getattr(search.judged(at), what), np.where(at > 0.5, -DIFFERENCE, DIFFERENCE)
+        there = [getattr(search.judged(at + step), what) for step in np.diag(steps)]
+        return np.array([(each - here) / step for each, step in zip(there, steps, strict=True)]).T
+
+    # what a start misses is allowed at a price, beds' damping apart from the rest: no gain may do anything for it
+    of_damping = np.arange(len(search.judged(begin).room)) < len(search.guarded)
+    slacks = np.stack([of_damping, ~of_damping], axis=1).astype(float)
+    missed = [max(0.0, -float(search.judged(begin).room[part].min())) for part in (of_damping, ~of_damping)]
+    try:
+        scipy.optimize.minimize(
+            lambda at: search.judged(at[:-2]).cost + PRICE * at[-2:].sum(), np.append(begin, missed), method="SLSQP",
+            jac=lambda at: np.append(difference(at[:-2], "cost"), [PRICE, PRICE]),
+            bounds=[*[(0.0, 1.0)] * len(begin), (0.0, None), (0.0, None)],
+            constraints={
+                "type": "ineq", "fun": lambda at: search.judged(at[:-2]).room + slacks @ at[-2:],
+                "jac": lambda at: np.hstack([difference(at[:-2], "room"), slacks]),
+            },
+            options={"maxiter": STEPS, "ftol": 1e-4},
+        )  # fmt: skip
+    except InputError:
+        return
+
+
+# --- The gains of a feedback law tuned over drawn beds, and the end judged on fresh ones.
+
+MIDDLE = 0.6  # of every gain's scaled range: one of the points from which is searched
+MARGIN = "modulus_margin"
+
+
+@dataclass(frozen=True)
+class TunedOverBeds:
+    """A case whose gains were tuned over beds.
+
+    ``values`` are those of the moves by name, SI, ``as_cut`` whether the residual vehicle is as cut from the vehicle.
+    """
+
+    tuned: Case
+    values: Mapping[str, float]
+    as_cut: bool
+    robust: RobustVerification
+
+    def sentence(self) -> str:
+        """For the notes of a match."""
+        kept = "the residual vehicle stays as it is cut from the vehicle" if self.as_cut else "the rest stays as found"
+        return (
+            f"the gains were tuned over drawn beds, with the modulus margin counted from "
+            f"{self.robust.required.margin_from:.3g} Hz on, above the emulated modes; {kept}; "
+            "what to order, its errors and the objective are those of the gains before that"
+        )
+
+
+def over_beds(
+    tuned: Case, untuned: System, moves: Sequence[Move], count: int, seed: int
+) -> TunedOverBeds | None:  # fmt: skip
+    """Tune the gains over beds, from those of a case and from the middle, and judge the end on fresh beds.
+
+    Parameters
+    ----------
+    tuned : Case
+        As the programme left it; its adapters stay.
+    untuned : System
+        The rig before it was tuned.
+    moves : sequence of Move
+        What may move; without a gain among them there is no answer.
+    count, seed : int
+        Of the fresh beds.
+    """
+    gains = [move for move in moves if move.name.startswith("loop.")]
+    residual = [move for move in moves if move.name.startswith("residual_vehicle.")]
+    if not gains or tuned.loop.torqueless:
+        return None
+    planned = {name: move.planned for move in residual for name in move.together}
+    middle = {move.name: _middle(move) for move in gains}
+    begins = [({}, not residual), (planned, True), ({**planned, **middle}, True)]
+    known: dict[tuple[float, ...], DrawnBeds] = {}
+    ends = []
+    for values, as_cut in begins:
+        case = apply(tuned, values)
+        hardware = tuple(case.loop[name] for name in HARDWARE)  # beside the rig all that the beds depend on
+        try:
+            if hardware not in known:
+                known[hardware] = drawn_beds(case)
+            of_gains, judged = tuned_over_beds(case, gains, known[hardware])
+        except InputError:
+            continue
+        ends.append((judged.merit, {**values, **of_gains}, as_cut))
+    if not ends:
+        return None
+    _, values, as_cut = min(ends, key=lambda end: end[0])
+    case = apply(tuned, values)
+    checked = verify(case, untuned, margin_from=requirements(case).margin_from)
+    robust = on_drawn_beds(case, checked, count, seed)
+    return TunedOverBeds(case, values, as_cut, replace(robust, verification=_margin_above(case, robust)))
+
+
+def _middle(move: Move) -> float:
+    """Evenly in the logarithm where the bounds have one."""
+    if move.lower > 0:
+        return float(move.lower * (move.upper / move.lower) ** MIDDLE)
+    return move.lower + MIDDLE * (move.upper - move.lower)
+
+
+def _margin_above(case: Case, robust: RobustVerification) -> Verification:
+    """The verification with the margin of the controller as it runs."""
+    checked, loop, allowed = robust.verification, robust.loop, case.limits[MARGIN]
+    violations = tuple(violation for violation in checked.violations if violation.limit != MARGIN)
+    if loop.modulus_margin < allowed:
+        violations = (Violation(MARGIN, "feedback loop", loop.modulus_margin, allowed), *violations)
+    return replace(
+        checked, modulus_margin=loop.modulus_margin, margin_frequency=loop.margin_at, violations=violations
+    )  # fmt: skip
+
+
+# --- Robust limits
+
+
+def not_kept(case: Case, robust: RobustVerification) -> list[str]:
+    """Sentences on what makes a match limited.
+
+    An observer has to keep everything. A feedback law has to be stable and damped on every drawn bed and to keep the
+    error to measured torques; the rest is only :func:`noted`.
+    """
+    sentences = [
+        *_not_judged(robust),
+        *_unstable(robust),
+        *_error("measured torques", robust.verification.errors.after, case.tolerance),
+    ]
+    sentences += _damped_too_little(robust)
+    if case.loop.structure.is_observer:
+        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+    return sentences
+
+
+def noted(case: Case, robust: RobustVerification) -> list[str]:
+    """Sentences on what does not limit a match: a worst bed that is damped too little, the loop of a feedback law."""
+    sentences, worst, required = [], robust.beds.worst, robust.required.damping_ratio
+    if not case.loop.structure.is_observer:
+        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+    if worst is not None and 0 < worst.damping_ratio < required:
+        sentences.append(
+            f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "
+            f"{worst.damping_ratio / required:.0%} of the {required:.4f} that drawn beds need; it depends most on "
+            f"{', '.join(worst.named)}"
+        )
+    if case.loop.structure.is_observer:
+        sentences += _opened(robust)
+    return sentences
+
+
+def _not_judged(robust: RobustVerification) -> list[str]:
+    if not robust.beds.not_covered:
+        return []
+    return [
+        "no bed drawn within [uncertainty] is judged: the method that judges them does not cover "
+        f"{robust.beds.not_covered}"
+    ]
+
+
+def _unstable(robust: RobustVerification) -> list[str]:
+    beds = robust.beds
+    if beds.stable == beds.drawn:
+        return []
+    return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
+
+
+def _damped_too_little(robust: RobustVerification) -> list[str]:
+    beds = robust.beds
+    if beds.stable < beds.drawn or beds.damped == beds.drawn:
+        return []
+    return [
+        f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
+        f"than {robust.required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
+        f"{beds.smallest_damping_ratio:.4f}"
+    ]
+
+
+def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
+    worst = robust.beds.worst
+    if worst is None or worst.damping_ratio > 0:
+        return []
+    return [
+        f"the worst bed within [uncertainty] is not stable (damping ratio {worst.damping_ratio:.4f}); it depends most "
+        f"on {', '.join(worst.named)}"
+    ]
+
+
+def _opened(robust: RobustVerification) -> list[str]:
+    beds = robust.beds
+    sentences = _unstable_opened(beds.opened, "its cut shafts")
+    if len(beds.opened_alone) > 1:
+        for shaft, opened in beds.opened_alone.items():
+            sentences += _unstable_opened(opened, f"the cut shaft {shaft} alone")
+    return sentences
+
+
+def _unstable_opened(opened: Mapping[float, float], shafts: str) -> list[str]:
+    unstable = [f"{share:.3g}" for share, ratio in opened.items() if ratio <= 0]
+    if not unstable:
+        return []
+    return [
+        f"the bed as planned is not stable with {', '.join(unstable)} times the stiffness and damping of {shafts}, as "
+        "a lash that opens there lets it appear: it may swing on there"
+    ]
+
+
+def _error(what: str, value: float | None, allowed: float) -> list[str]:
+    if value is None or value <= allowed:
+        return []
+    return [f"the response error to {what} is {value:.3f}, {allowed:g} is allowed"]
+
+
+def _loop(case: Case, robust: RobustVerification) -> list[str]:
+    """Unmeasured torques, roll-off and noise."""
+    loop, required = robust.loop, robust.required
+    sentences = _error("unmeasured torques", robust.verification.errors.unmeasured, case.unmeasured_tolerance)
+    if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
+        sentences.append(
+            f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
+            f"there, {LARGEST_ROLLED_OFF:g} is allowed"
+        )
+    noise = max(loop.command_noise)
+    if required.command_noise is not None and noise > required.command_noise:
+        sentences.append(
+            f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed"
+        )
+    return sentences

@@ -1,0 +1,1463 @@
+"""Everything a tuned case is checked by, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from matching.match.beds import (
+    LoopFigures,
+    Requirements,
+    bed_figures,
+    bed_set,
+    closed_matrices,
+    loop_figures,
+    planned,
+    requirements,
+    sampled_beds,
+)
+from matching.match.case import Case, target_modes
+from matching.match.continuous_loop import (
+    BELIEVED,
+    PLACE,
+    Approximation,
+    Encirclements,
+    ExactLoop,
+    LoopMode,
+    approximations,
+    closed_matrix,
+    eigenvalue_of,
+    emulated,
+    encirclements,
+    feed_forward_modes,
+    feedback_modes,
+    match_mode,
+    modulus_margin,
+    neutral_motions,
+    on_emulated_side,
+    orders_for,
+    phase_error,
+    resting_and_right,
+    sampled_poles,
+)
+from matching.match.dynamic_stiffness import BedsCheck, IndependentCheck, check, check_beds
+from matching.match.loop import (
+    Body,
+    LinearMotion,
+    NonlinearMotion,
+    Parts,
+    body,
+    body_motion,
+    interface_speed,
+    parts_of,
+    shaft_torque,
+    watched,
+)
+from matching.match.responses import (
+    BandNodes,
+    ComparedBed,
+    ErrorFigures,
+    ObservedBed,
+    error_figures,
+    figures_of,
+    log_squares,
+    pooled,
+)
+from modelling.bed.bed import ObserverController
+from modelling.bed.manoeuvres import Kick
+from modelling.bed.observer import observer_model, regulator
+from modelling.bed.vehicle import FeedForward, ResidualVehicle, cut
+from modelling.controller.law import law_of_observer
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
+from modelling.fidelity.measures import (
+    WEIGHTS,
+    Fidelity,
+    FidelityDistribution,
+    SignalPair,
+    fidelity_distribution,
+    fidelity_of_signals,
+)
+from modelling.linear.elements import elements
+from modelling.linear.steady_motion import is_linear, operating_motion, torques_of
+from modelling.modal.result import Mode
+from modelling.simulation.stepping import SimulationError
+from modelling.system import System, mirror_image
+
+# --- A controller as it runs in the simulation, from sample to sample: feedback law, feed-forward, observer.
+
+Running = FeedForward | ObserverController | None  # beside the feedback law, in its place, or nothing beside it
+
+
+def running_controller(
+    parts: Parts, running: Running, torques: Mapping[str, np.ndarray], count: int
+) -> _Feedback | _Observer:  # fmt: skip
+    """The controller at rest, ready for ``count`` samples under torques (t,) in N·m by input."""
+    if isinstance(running, ObserverController):
+        return _Observer(parts, running, torque_columns(torques, running.known, count))
+    return _Feedback(parts, running, torques, count)
+
+
+class _Feedback:
+    """The feedback law as it runs, and beside it the feed-forward if there is one."""
+
+    def __init__(
+        self, parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], count: int
+    ) -> None:  # fmt: skip
+        self._law = _Sampled(parts, parts.case.loop["sample_time"])
+        self._count = 2 * len(parts.dynamometers)
+        self._ahead = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
+        self._roads = torque_columns(torques if feed_forward is None else {}, parts.simulated, count)
+        if feed_forward is not None:
+            measured = {name: torques[name] for name in parts.measured if name in torques}
+            self._measured = torque_columns(measured, feed_forward.measured, count)
+
+    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
+        """Commands (k,) of feed-forward and feedback together."""
+        readings, ahead = readings[: self._count], np.zeros(self._count // 2)
+        if self._ahead is not None:
+            ahead, expected = self._ahead.command(k, self._measured[k])
+            readings = readings - expected
+        return ahead + self._law.command(np.concatenate([readings, self._roads[k]]))
+
+
+class _Observer:
+    """An observer with state feedback as it runs, its commands within the dynamometers' torque limit."""
+
+    def __init__(self, parts: Parts, controller: ObserverController, known: np.ndarray):
+        self._controller, self._known = controller, known
+        self._state = np.zeros(len(controller.A))
+        further = len(controller.sensors) - 2 * len(parts.toward)
+        self._signs = np.concatenate([1 / parts.toward, np.ones(len(parts.toward) + further)])
+        self._limit = parts.case.limits.get("dynamometer_torque", np.inf)
+
+    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
+        """Commands (k,), N·m."""
+        corrected = self._controller.correct(self._state, self._signs * readings)
+        sent = np.clip(self._controller.command(corrected, self._known[k]), -self._limit, self._limit)
+        self._state = self._controller.predict(corrected, sent, self._known[k])
+        return sent
+
+
+class _Sampled:
+    """The feedback controller as it runs from sample to sample."""
+
+    def __init__(self, parts: Parts, step: float):
+        law = parts.sampled_controller
+        self._A, self._B, self._C, self._D = law.A, law.B, law.C, law.D
+        self._x = np.zeros(len(self._A))
+
+    def command(self, readings: np.ndarray) -> np.ndarray:
+        out = self._C @ self._x + self._D @ readings
+        self._x = self._A @ self._x + self._B @ readings
+        return out
+
+
+class _RunningFeedForward:
+    """The feed-forward as the controller runs it: predicts, commands, and states what the sensors should read."""
+
+    def __init__(self, parts: Parts, feed_forward: FeedForward, count: int):
+        names = [dyno.name for dyno in parts.dynamometers]
+        rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
+        sign = np.concatenate([parts.toward, np.ones(len(names))])
+        self._C, self._D = sign[:, None] * feed_forward.C[rows], sign[:, None] * feed_forward.D[rows]
+        self._model, self._state = feed_forward, np.zeros(len(feed_forward.A))
+        self._gains = np.hstack(feed_forward.gains())
+        self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
+
+    def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        model = self._model
+        expected = self._C @ self._state + self._D @ measured
+        known = np.concatenate([self._state, self._sent[k : k + model.delay].ravel(), measured])
+        self._sent[k + model.delay] = self._gains @ known
+        self._state = model.A @ self._state + model.B @ self._sent[k] + model.W @ measured
+        return self._sent[k + model.delay], expected
+
+
+def torque_columns(torques: Mapping[str, np.ndarray], names: Sequence[str], count: int) -> np.ndarray:
+    """Torques (t, u) in N·m in the order of ``names``; 0 where one is not given for the ``count`` samples."""
+    columns = [np.asarray(torques.get(name, np.zeros(count)), float) for name in names]
+    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
+
+
+# --- Time simulation of vehicle, rig without control and matched rig: one time base, a true delay line, sampled
+# control.
+#
+# The controller runs at the loop's sample time. The dead time is counted from a sample to the middle of what its
+# command
+# does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below 0).
+# Torques of the manoeuvre vary linearly between samples, for vehicle and rig alike.
+
+TOO_LARGE = 1e9  # a state beyond this has left every bed
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Vehicle, rig without control and matched rig over one manoeuvre, SI.
+
+    Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
+    ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
+    the residual vehicle reads (:mod:`.emulated`). Of the matched rig also ``dynamometers.NAME.torque`` (air gap),
+    ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched rig's
+    shafts at the operating point.
+    """
+
+    time: np.ndarray
+    torques: dict[str, np.ndarray]
+    vehicle: dict[str, np.ndarray] = field(repr=False)
+    rig: dict[str, np.ndarray] = field(repr=False)
+    matched: dict[str, np.ndarray] = field(repr=False)
+    operating: dict[str, float] = field(repr=False, default_factory=dict)
+
+    def absolute(self, name: str) -> np.ndarray:
+        """A trace (t,) of the matched rig with its value at the operating point."""
+        return self.matched[name] + self.operating.get(name, 0.0)
+
+
+def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
+    """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
+
+    Parameters
+    ----------
+    running : FeedForward, ObserverController or None
+        The feed-forward of the structure, or its whole controller where it is an observer; None in ``pi``.
+    settle : int
+        Samples at the beginning that are left out of the traces.
+
+    Raises
+    ------
+    SimulationError
+        If the loop grows out of bounds.
+    """
+    step = parts.case.loop["sample_time"]
+    vehicle = watched(parts.case.vehicle, parts.cuts, rig_side=False)
+    count = len(next(iter(torques.values())))
+    time = (np.arange(count) - settle) * step
+    motions = (
+        free_motion(vehicle, parts, torques, step),
+        free_motion(parts.free.system, parts, torques, step, parts.free),
+        matched_motion(parts, running, torques),
+    )
+    motions[1].update(emulated(parts, motions[1], torques, tuned=False))
+    motions[2].update(emulated(parts, motions[2], torques, tuned=running is None))
+    vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in motion.items()} for motion in motions)
+    applied = {name: np.asarray(torque)[settle:] for name, torque in torques.items()}
+    operating = operating_readings(parts.rig.system)
+    return Traces(time[settle:], applied, vehicle_traces, free, matched, operating)
+
+
+def free_motion(
+    system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
+) -> dict[str, np.ndarray]:
+    """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s.
+
+    Raises
+    ------
+    SimulationError
+        If a state is not finite.
+    """
+    inputs = [part.name for part in system.inputs]
+    count = len(next(iter(torques.values())))
+    drives = np.stack([torques.get(name, np.zeros(count)) for name in inputs], axis=1)
+    if is_linear(system):
+        linear_body = body(system) if linear_body is None else linear_body
+        motion: LinearMotion | NonlinearMotion = body_motion(linear_body, step)
+    else:
+        motion = NonlinearMotion(None, system, step)
+    states = motion.free(drives)
+    _check(states, count * step)
+    return _readings(system, parts, linear_body, motion, states, drives)
+
+
+def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m.
+
+    Raises
+    ------
+    SimulationError
+        If a state is not finite.
+    """
+    loop, k_dynos = parts.case.loop, len(parts.dynamometers)
+    step = loop["sample_time"]
+    count = len(next(iter(torques.values())))
+    delay = loop.command_delay()
+    linear = is_linear(parts.case.rig)
+    bed = parts.bed
+    motion: LinearMotion | NonlinearMotion = (
+        LinearMotion(bed.A, bed.B, k_dynos, step, delay)
+        if linear
+        else NonlinearMotion(parts, parts.rig.system, step, delay)
+    )
+    drives = torque_columns(torques, parts.drives, count)
+    controller = running_controller(parts, running, torques, count)
+    rows = np.vstack([bed.C[: 2 * k_dynos], parts.further_readings])
+    issued = np.zeros((count, k_dynos))
+    states = np.empty((count, len(motion.start)))
+    x = motion.start
+    for k in range(count):
+        states[k] = x
+        readings = rows @ x if linear else motion.deviation_readings(x).full().ravel()  # type: ignore[union-attr]
+        issued[k] = controller.command(k, readings)
+        x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
+        if k % 8 == 0:
+            _check(x[None], k * step)
+    _check(states, count * step)
+    n = len(motion.start) - 2 * k_dynos
+    added = states[:, n : n + k_dynos] - motion.start[n : n + k_dynos]  # to the torques of the operating point
+    every = np.zeros((count, len(parts.rig.space.inputs)))
+    for i, name in enumerate(parts.rig.space.inputs):
+        every[:, i] = drives[:, parts.drives.index(name)] if name in parts.drives else 0.0
+    for j, dyno in enumerate(parts.dynamometers):
+        every[:, parts.rig.space.inputs.index(dyno.torque_input)] = added[:, j]
+    free: LinearMotion | NonlinearMotion | None = None if linear else NonlinearMotion(None, parts.rig.system, step)
+    traces = _readings(parts.rig.system, parts, parts.rig, free, states[:, :n], every)
+    held = torques_of(parts.rig.system)
+    turning = operating_readings(parts.rig.system)
+    for j, dyno in enumerate(parts.dynamometers):
+        place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
+        speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
+        traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
+        traces[f"{place}.command"] = issued[:, j] + held[dyno.torque_input]
+    return traces
+
+
+def _readings(
+    system: System,
+    parts: Parts,
+    linear_body: Body | None,
+    motion: LinearMotion | NonlinearMotion | None,
+    states: np.ndarray,
+    inputs: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Traces by name from states (t, x) and inputs (t, u) of a system."""
+    names = [sensor.name for sensor in system.sensors]
+    if isinstance(motion, NonlinearMotion):
+        time = parts.case.loop["sample_time"] * np.arange(len(states))
+        steady = motion.start + np.outer(time, motion.drift)
+        read = motion.readings.map(len(states))
+        values = np.array(read(states.T, inputs.T)).T - np.array(read(steady.T, 0 * inputs.T)).T
+        twists = (states - steady) @ motion.twists.T
+        springs = elements(compiled(system), compiled(system).p0[None]).springs
+    else:
+        assert linear_body is not None
+        values = states @ linear_body.space.C.T + inputs @ linear_body.space.D.T
+        twists, springs = states @ linear_body.twists.T, linear_body.springs
+    by_name = dict(zip(names, values.T, strict=True))
+    traces = {sensor.name: by_name[sensor.name] for sensor in system.sensors if not sensor.name.startswith("verified_")}
+    for shaft in system.shafts:
+        traces[f"shafts.{shaft.name}.torque"] = by_name[shaft_torque(shaft.name)]
+        if f"shafts.{shaft.name}" in springs:
+            traces[f"shafts.{shaft.name}.twist"] = twists[:, springs.index(f"shafts.{shaft.name}")]
+    for cut in parts.cuts:
+        traces[f"interfaces.{cut.shaft}.speed"] = by_name[interface_speed(cut.shaft)]
+    return traces
+
+
+def operating_readings(system: System) -> dict[str, float]:
+    """Readings (SI) of a watched system at its operating point by trace name, shaft twists too; 0 without one."""
+    model, about = compiled(system), operating_motion(system)
+    values = model.readings(about.state, about.inputs, model.p0, 0.0).full().ravel()
+    readings = dict(zip(model.sensors, values.tolist(), strict=True))
+    parts = elements(model, model.p0[None])
+    twists = dict(zip(parts.springs, (parts.deflection_jacobian @ about.state).tolist(), strict=True))
+    for shaft in system.shafts:
+        readings[f"shafts.{shaft.name}.torque"] = readings[shaft_torque(shaft.name)]
+        readings[f"shafts.{shaft.name}.twist"] = twists.get(f"shafts.{shaft.name}", 0.0)
+    return readings
+
+
+def _check(states: np.ndarray, at: float) -> None:
+    if not np.abs(states).max(initial=0.0) < TOO_LARGE:
+        raise SimulationError("simulation", f"the motion grows out of bounds at {at:g} s", "the loop is unstable")
+
+
+# --- XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), without control and matched, from the simulated traces.
+#
+# R_SD compares torque and speed at every cut, as the paper does with M and n of each load dynamometer; R_RVM the
+# vehicle's sensors behind the cuts with what the residual vehicle reads (see ``verification/emulated.py``);
+# R_MU takes U = 2·u of the torque and speed sensor of every dynamometer over the range that the vehicle shows there.
+# The simulated signals carry no noise, so the uncertainty stated is that of U as an offset and of the delays.
+
+COVERAGE_FACTOR = 2.0
+LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity, and so does a tenth of it at 30 Hz
+DRAWS = 5_000
+RATE = 8.0  # samples a period of f_max that are enough; simulated signals carry no noise to average
+AT_REST = 1e-9  # N·m, rad/s, rad/s²
+SHORT = {"system_dynamics": "R_SD", "residual_vehicle_model": "R_RVM", "measurement_uncertainty": "R_MU"}
+
+
+@dataclass(frozen=True)
+class MatchFidelity:
+    """Fidelity without control and as matched; ``at_rest`` names signals the manoeuvre leaves at rest, left out."""
+
+    before: Fidelity
+    after: Fidelity
+    at_rest: tuple[str, ...]
+
+    @cached_property
+    def distributions(self) -> tuple[FidelityDistribution, FidelityDistribution]:
+        """Distributions of both, seeded."""
+        return fidelity_distribution(self.before, DRAWS), fidelity_distribution(self.after, DRAWS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it; a domain without a signal is None and its weight is 0."""
+        notes = [f"{name} is left at rest by the manoeuvre and does not count" for name in self.at_rest]
+        if not self.after.sensors:
+            notes.append("no dynamometer's sensor has an uncertainty: R_MU is left out and the weights are scaled up")
+        return {
+            "f_max": self.after.f_max,
+            "weights": {SHORT[name]: self.after.weights.get(name, 0.0) for name in SHORT},
+            "before": _described(self.before, self.distributions[0]),
+            "after": _described(self.after, self.distributions[1]),
+            "notes": notes,
+        }
+
+
+def match_fidelity(parts: Parts, traces: Traces) -> MatchFidelity | None:
+    """Fidelity of free and matched rig; None where the manoeuvre leaves every cut at rest.
+
+    Parameters
+    ----------
+    parts : Parts
+        Of the tuned case.
+    traces : Traces
+        Of its manoeuvre.
+    """
+    f_max = parts.case.band[1]
+    every = max(int(1 / (RATE * f_max * parts.case.loop["sample_time"])), 1)
+    wanted = _signals(parts, traces)
+    resting = tuple(
+        member.name for members in wanted.values() for member in members if np.ptp(member.reference) <= AT_REST
+    )
+    kept = {
+        domain: [member for member in members if member.name not in resting and member.name in traces.matched]
+        for domain, members in wanted.items()
+    }
+    if not kept["system_dynamics"]:
+        return None
+    there = {domain for domain, members in kept.items() if members}
+    if any(member.uncertainty for member in kept["system_dynamics"]):
+        there.add("measurement_uncertainty")
+    total = sum(WEIGHTS[domain] for domain in there)
+    weights = {domain: WEIGHTS[domain] / total for domain in WEIGHTS if domain in there}
+
+    def assessed(rig: Mapping[str, np.ndarray]) -> Fidelity:
+        dynamics, emulated = (
+            {member.name: member.pair(rig[member.name], every) for member in kept[domain]}
+            for domain in ("system_dynamics", "residual_vehicle_model")
+        )
+        longest = min(LONGEST_DELAY, float(traces.time[-1]) / 4)
+        return fidelity_of_signals(
+            traces.time[::every], dynamics, emulated, f_max=f_max, weights=weights, longest_delay=longest
+        )
+
+    return MatchFidelity(assessed(traces.rig), assessed(traces.matched), resting)
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """A trace of the rigs by name with the vehicle's (t,), the sensor's standard uncertainty."""
+
+    name: str
+    reference: np.ndarray
+    uncertainty: float | None
+
+    def pair(self, test: np.ndarray, every: int) -> SignalPair:
+        u = None if self.uncertainty is None else COVERAGE_FACTOR * self.uncertainty
+        return SignalPair(self.reference[::every], test[::every], u, COVERAGE_FACTOR, noise=(0.0, 0.0))
+
+
+def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
+    sensors = {sensor.name: sensor for sensor in parts.case.rig.sensors}
+    dynamics = []
+    for dyno in parts.dynamometers:
+        for name, sensor in (
+            (f"shafts.{dyno.follows}.torque", dyno.torque_sensor),
+            (f"interfaces.{dyno.follows}.speed", dyno.speed_sensor),
+        ):
+            dynamics.append(_Signal(name, traces.vehicle[name], sensors[sensor].uncertainty))
+    behind = [_Signal(PLACE + name, traces.vehicle[name], None) for name in on_emulated_side(parts.case.vehicle, parts)]
+    if not behind:  # the vehicle has no sensor there: the speed at the cuts that the residual vehicle asks for
+        behind = [
+            _Signal(PLACE + cut.speed, traces.vehicle[f"interfaces.{cut.shaft}.speed"], None) for cut in parts.cuts
+        ]
+    return {"system_dynamics": dynamics, "residual_vehicle_model": behind}
+
+
+def _described(judged: Fidelity, drawn: FidelityDistribution) -> dict[str, Any]:
+    total = drawn.summary()["total"]
+    return {short: judged.domains.get(name) for name, short in SHORT.items()} | {
+        "R_XiL": judged.total,
+        "standard_uncertainty": total.standard_uncertainty,
+        "interval": list(total.interval),
+        "signals": {
+            SHORT[domain]: [
+                {
+                    "name": member.name,
+                    "R_NRMSE": member.nrmse,
+                    "R_tau": member.delay_fidelity,
+                    "delay": member.delay.value,
+                    "delay_undetermined": member.delay.reason or None,
+                }
+                for member in members
+            ]
+            for domain, members in judged.signals.items()
+        },
+        "sensors": [{"name": sensor.name, "uncertainty_over_range": sensor.ratio} for sensor in judged.sensors],
+    }
+
+
+# --- Largest torques, twists, speeds and powers over the manoeuvre, held against the limits of the case.
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit of the case that is broken: its key, where, the value and what is allowed, SI."""
+
+    limit: str
+    where: str
+    value: float
+    allowed: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return dict(vars(self))
+
+
+def peaks_of(parts: Parts, traces: Traces) -> dict[str, float]:
+    """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
+
+    ``dynamometers.NAME.torque_over_speed`` is the largest share of the torque that the dynamometer has at its speed.
+    """
+    names = [f"dynamometers.{dyno.name}.{what}" for dyno in parts.dynamometers for what in ("torque", "speed", "power")]
+    names += [f"shafts.{shaft.name}.{what}" for shaft in parts.case.rig.shafts for what in ("torque", "twist")]
+    peaks = {name: float(np.abs(traces.absolute(name)).max()) for name in names if name in traces.matched}
+    curve = parts.case.torque_curve
+    if curve is not None:
+        for place in (f"dynamometers.{dyno.name}" for dyno in parts.dynamometers):
+            used = curve.used(traces.matched[f"{place}.torque"], traces.matched[f"{place}.speed"])
+            peaks[f"{place}.torque_over_speed"] = used
+    return peaks
+
+
+def violations_of(
+    case: Case, peaks: Mapping[str, float], margin: float, least_damping: tuple[float, float]
+) -> tuple[Violation, ...]:
+    """Broken limits, furthest off first."""
+    violations = []
+    for limit, allowed in case.limits.items():
+        if limit == "modulus_margin":
+            if margin < allowed:
+                violations.append(Violation(limit, "feedback loop", margin, allowed))
+        elif limit == "damping_ratio":
+            if least_damping[0] < allowed:
+                violations.append(Violation(limit, f"mode at {least_damping[1]:.3g} Hz", least_damping[0], allowed))
+        elif limit.startswith("dynamometer_"):
+            what = limit.removeprefix("dynamometer_")
+            values = {
+                name: peak
+                for name, peak in peaks.items()
+                if name.startswith("dynamometers.") and name.endswith(f".{what}")
+            }
+            violations += [Violation(limit, name, value, allowed) for name, value in values.items() if value > allowed]
+        elif peaks.get(limit, 0.0) > allowed:
+            violations.append(Violation(limit, limit, peaks[limit], allowed))
+    return tuple(sorted(violations, key=_excess, reverse=True))
+
+
+def _excess(violation: Violation) -> float:
+    value, allowed = violation.value, violation.allowed
+    return value / allowed if value > allowed else allowed / max(value, 1e-12)
+
+
+# --- Frequency and damping of ringing, read off sampled signals by the matrix pencil, no frequency assumed.
+#
+# Several signals that ring together share their poles, so their Hankel matrices stand side by side (Hua and Sarkar,
+# IEEE
+# Trans. Acoust. Speech Signal Process. 38 (1990) 814; the many-signal form as in the eigensystem realisation algorithm,
+# Juang and Pappa, J. Guidance 8 (1985) 620). The number of poles follows from the singular values by the threshold for
+# unknown noise of Gavish and Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040.
+
+MOST_POLES = 40  # poles
+WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, at most
+HALVINGS = 4  # of the record, until what dies away soon is seen
+EXPLAINED = 0.9  # of the motion of such a part, or it may be noise
+SHORTEST = 40  # samples of a record
+ROUNDING = 1e-11  # of a signal's largest value: what remains below of a straight line is rounding, not motion
+LEAST_MAC = 0.5  # modal assurance criterion over the sensors, from which a pole may be a mode's
+LEAST_SHARE = 0.01  # of the oscillation, that it has to hold
+INSTANTS = 1500  # columns of the Hankel matrix, about
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """What was read of one mode.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : float
+        |λ|/2π in Hz and −Re λ/|λ|.
+    spread : float
+        Relative scatter of the frequency over parts of the record.
+    fit : float
+        Share of the signals' motion that all poles found explain, 0 … 1.
+    share : float
+        Share of the oscillation (drift left out) that this mode holds at the beginning, 0 … 1.
+    """
+
+    frequency: float
+    damping_ratio: float
+    spread: float
+    fit: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Poles:
+    """Poles (m,) in rad/s, complex amplitudes (m, c) at the first sample over each signal's scale (c,), and the fit."""
+
+    poles: np.ndarray
+    amplitudes: np.ndarray
+    scale: np.ndarray
+    fit: float
+
+
+def pencil(signals: np.ndarray, step: float) -> Poles:
+    """Poles that signals (t, c) at even steps (s) share.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 20 samples or one is not finite.
+    """
+    y = np.asarray(signals, float)
+    if len(y) < 20 or not np.isfinite(y).all():
+        raise ValueError("at least 20 finite samples are needed")
+    # a straight line taken off leaves a line at most: it would drown small ringing
+    line = np.stack([np.ones(len(y)), np.linspace(-1, 1, len(y))], axis=1)
+    largest = np.abs(y).max(axis=0)
+    y = y - line @ np.linalg.lstsq(line, y, rcond=None)[0]
+    scale = np.std(y, axis=0)
+    moves = scale > ROUNDING * largest  # else a straight line and nothing else
+    scale = np.where(moves, scale, 1.0)
+    y = np.where(moves, y / scale, 0.0)
+    rows = min(len(y) // 3, WINDOW)
+    windows = np.lib.stride_tricks.sliding_window_view(y, rows + 1, axis=0)
+    windows = windows[:: max(1, windows.shape[0] * y.shape[1] // INSTANTS)]
+    hankel = windows.transpose(2, 0, 1).reshape(rows + 1, -1)
+    left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
+    order = _order(sizes, hankel.shape)
+    base = left[:, :order]
+    z = np.linalg.eigvals(np.linalg.lstsq(base[:-1], base[1:], rcond=None)[0])
+    z = z[(np.abs(z) > 1e-3) & (np.abs(z) < 1.5)]
+    times = np.arange(len(y))
+    modes = z[None] ** times[:, None]
+    amplitudes = np.linalg.lstsq(modes, y.astype(complex), rcond=None)[0]
+    rest = y - (modes @ amplitudes).real
+    spread = np.std(y, axis=0)
+    fit = 1 - float(np.linalg.norm(rest) / max(np.linalg.norm(spread) * np.sqrt(len(y)), 1e-300))
+    return Poles(np.log(z.astype(complex)) / step, amplitudes, scale, max(fit, 0.0))
+
+
+def _order(sizes: np.ndarray, shape: tuple[int, ...]) -> int:
+    """How many singular values stand above the noise."""
+    beta = min(shape) / max(shape)
+    threshold = (0.56 * beta**3 - 0.95 * beta**2 + 1.82 * beta + 1.43) * np.median(sizes)
+    return int(np.clip(np.sum(sizes > max(threshold, 1e-9 * sizes[0])), 1, min(MOST_POLES, len(sizes) - 1)))
+
+
+def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, float]:
+    """Signals (t, c) at fewer samples, what lies above ``top`` (Hz) filtered off.
+
+    The filter is finite and only its settled part is kept: it changes amplitudes, not poles.
+    """
+    by = int(min(max(1 / (step * 5 * top), 1), max(len(signals) // 60, 1)))
+    if by == 1:
+        return signals, step
+    taps = scipy.signal.firwin(8 * by + 1, 0.8 / by)
+    smooth = np.stack([np.convolve(column, taps, "valid") for column in signals.T], axis=1)
+    return smooth[::by], step * by
+
+
+# more than six parameters: what is known of the modes beside the signals
+def read_modes(
+    signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0, neighbours: np.ndarray | None = None,
+    eigenvalues: np.ndarray | None = None,
+) -> list[Ringing | None]:  # fmt: skip
+    """Read off modes, told from others by how they move the sensors.
+
+    Parameters
+    ----------
+    signals : ndarray (t, c)
+        Free motion: what drives it has ended or is constant.
+    step : float
+        s.
+    shapes : ndarray (m, c)
+        Complex amplitudes of each mode in every signal, whatever their scale.
+    top : float
+        Hz; modes above are filtered off.
+    neighbours : ndarray (n, c), optional
+        The same of modes for which those to be read might be taken: what moves the sensors as they do is theirs.
+    eigenvalues : ndarray (m + n,), optional
+        1/s, of the modes and then of the neighbours in the vehicle: of poles that move the sensors alike, a mode gets
+        the nearer one.
+
+    Returns
+    -------
+    list of Ringing or None
+        None where no oscillation moves the sensors like that, holds 1 % of the oscillation or more, and is read alike
+        (frequency within 5 %) from three parts of the record, or of the half, quarter … of it that comes first: what
+        is well damped has died away before most of a long record. Of such a part nine tenths have to be explained.
+    """
+    signals, shapes = np.asarray(signals, float), np.asarray(shapes, complex)
+    others = np.zeros((0, shapes.shape[1]), complex) if neighbours is None else np.asarray(neighbours, complex)
+    out: list[Ringing | None] = [None] * len(shapes)
+    for length in (len(signals) >> halvings for halvings in range(HALVINGS + 1)):
+        open_yet = [i for i, modes in enumerate(out) if modes is None]
+        if not open_yet or length < SHORTEST:
+            break
+        of_all = _alike(signals[:length], step, KnownModes(np.concatenate([shapes, others]), eigenvalues), top)
+        for i, modes in ((i, of_all[i]) for i in open_yet):
+            if modes is not None and (length == len(signals) or modes.fit > EXPLAINED):
+                out[i] = modes
+    return out
+
+
+@dataclass(frozen=True)
+class KnownModes:
+    """Complex amplitudes (m, c) of the modes to read, and their eigenvalues (m,), 1/s, where they are known."""
+
+    shapes: np.ndarray
+    eigenvalues: np.ndarray | None
+
+    def nearness(self, poles: np.ndarray) -> np.ndarray:
+        """exp(−|ln s/s₀|) of each mode and pole, (m, poles)."""
+        if self.eigenvalues is None:
+            return np.ones((len(self.shapes), len(poles)))
+        return np.asarray(np.exp(-np.abs(np.log(poles[None] / self.eigenvalues[:, None]))))
+
+
+def _alike(signals: np.ndarray, step: float, wanted: KnownModes, top: float) -> list[Ringing | None]:
+    """What three parts of a record show alike."""
+    length = len(signals)
+    spans = ((0, length), (length // 10, length), (0, 4 * length // 5))
+    runs = [_read_ringing(signals[first:last], step, wanted, top) for first, last in spans]
+    out: list[Ringing | None] = []
+    for together in zip(*runs, strict=True):
+        good = [mode for mode in together if mode is not None]
+        if len(good) < len(spans):
+            out.append(None)
+            continue
+        frequencies = [mode.frequency for mode in good]
+        spread = (max(frequencies) - min(frequencies)) / frequencies[0]
+        out.append(replace(good[0], spread=spread) if spread <= 0.05 else None)
+    return out
+
+
+def _read_ringing(signals: np.ndarray, step: float, modes: KnownModes, top: float) -> list[Ringing | None]:
+    (few, longer), shapes = thinned(signals, step, top), modes.shapes
+    nothing: list[Ringing | None] = [None] * len(shapes)
+    moving = np.ptp(few, axis=0) > 1e-9 * np.abs(few).max(axis=0, initial=1e-300) if len(few) else np.zeros(0, bool)
+    if len(few) < 20 or not moving.any():
+        return nothing
+    few, shapes = few[:, moving], shapes[:, moving]
+    got = pencil(few, longer)
+    lasting = len(few) * longer
+    swinging = (got.poles.imag > np.pi / lasting) & (-got.poles.real < 0.9 * np.abs(got.poles))
+    swinging &= np.abs(got.poles) < 2 * np.pi * 1.2 * top
+    if not swinging.any():
+        return nothing
+    poles, amplitudes = got.poles[swinging], got.amplitudes[swinging]
+    growth = np.exp(2 * poles.real[:, None] * longer * np.arange(len(few)))
+    energy = np.sum(np.abs(amplitudes) ** 2, axis=1) * growth.sum(axis=1)
+    share = energy / energy.sum()
+    wanted = shapes / got.scale
+    mac = np.abs(wanted.conj() @ amplitudes.T) ** 2  # modal assurance criterion (m, poles)
+    mac /= np.maximum(np.outer(np.sum(np.abs(wanted) ** 2, axis=1), np.sum(np.abs(amplitudes) ** 2, axis=1)), 1e-300)
+    score = np.where((mac > LEAST_MAC) & (share > LEAST_SHARE), mac * np.sqrt(share), 0.0) * modes.nearness(poles)
+    out = nothing
+    # a pole belongs to one mode
+    for shape, i in zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True):
+        if score[shape, i] > 0:
+            ratio = float(-poles[i].real / abs(poles[i]))
+            out[shape] = Ringing(float(abs(poles[i]) / (2 * np.pi)), ratio, 0.0, got.fit, float(share[i]))
+    return out
+
+
+# --- Target modes read off simulated motion, for vehicle and matched rig alike.
+
+PERIODS = 8.0  # that an excitation of its own is watched for
+NEIGHBOUR_WITHIN = 0.25  # relative in frequency: a mode so near might be taken for the target's
+SAME_EIGENVALUE = 0.05  # |ln s/s₀| between what is read off a simulation and the eigenvalue of the linear model
+NEIGHBOUR_DAMPING = 3.0  # times the target's: what is damped more dies away before it could be taken for it
+
+
+@dataclass(frozen=True)
+class IdentifiedMode:
+    """A target mode as the simulation shows it; None where it is not found.
+
+    ``excited_by`` is ``manoeuvre`` or the input that an excitation of its own acted on, because the manoeuvre left the
+    mode at rest or too little free motion after it.
+    """
+
+    vehicle_mode: int
+    vehicle: Ringing | None
+    matched: Ringing | None
+    excited_by: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        entry = {"vehicle_mode": self.vehicle_mode, "excited_by": self.excited_by}
+        return entry | {
+            key: None if reading is None else dict(vars(reading))
+            for key, reading in (("vehicle", self.vehicle), ("matched", self.matched))
+        }
+
+
+def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
+    """Torques (t,) in N·m of the case's manoeuvre at the samples of the loop, and how many samples only lead in.
+
+    Where torques do not begin at 0 they rise smoothly over 2 s before.
+    """
+    step, manoeuvres = parts.case.loop["sample_time"], parts.case.manoeuvre
+    time = np.arange(round(max(manoeuvre.duration for manoeuvre in manoeuvres.values()) / step) + 1) * step
+    torques = {name: manoeuvre.torque(time) for name, manoeuvre in manoeuvres.items()}
+    if not any(torque[0] for torque in torques.values()):
+        return torques, 0
+    rise = np.linspace(0, 1, round(2 / step), endpoint=False)
+    rise = rise * rise * (3 - 2 * rise)
+    return {name: np.concatenate([torque[0] * rise, torque]) for name, torque in torques.items()}, len(rise)
+
+
+def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[IdentifiedMode, ...]:
+    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
+
+    Raises
+    ------
+    SimulationError
+        If the loop grows out of bounds.
+    """
+    vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
+    pairs = target_modes(parts.case)
+    targets = [plain for plain, _ in pairs]
+    swinging = swinging_modes(vehicle)
+    chosen = [int(np.argmin(np.abs(swinging.values - eigenvalue_of(damped)))) for _, damped in pairs]
+    top = max(parts.case.band[1], *(1.5 * mode.frequency for mode in targets))
+    read = _read(parts, vehicle, traces, swinging, chosen, top)
+    identified = []
+    for mode, index, (of_vehicle, rig) in zip(targets, chosen, read, strict=True):
+        by = "manoeuvre"
+        if of_vehicle is None and mode.frequency > 0:
+            kicked = _kick(parts, vehicle, mode)
+            if kicked is not None:
+                by, torques = kicked
+                traces = simulate_case(parts, running, torques)
+                of_vehicle, rig = _read(parts, vehicle, traces, swinging, [index], top)[0]
+        identified.append(IdentifiedMode(mode.number, of_vehicle, rig, by))
+    return tuple(identified)
+
+
+@dataclass(frozen=True)
+class SwingingModes:
+    """Modes of the damped vehicle that swing: eigenvalues (m,), rad/s, and eigenvectors (x, m)."""
+
+    values: np.ndarray
+    vectors: np.ndarray
+
+
+def swinging_modes(vehicle: Body) -> SwingingModes:
+    """None of them overdamped."""
+    values, vectors = np.linalg.eig(vehicle.space.A)
+    upper = values.imag > 0
+    return SwingingModes(values[upper], vectors[:, upper])
+
+
+def neighbours(swinging: SwingingModes, chosen: list[int]) -> list[int]:
+    """Indices of modes that might be taken for one of the chosen: near in frequency, and not damped much more."""
+    sizes = np.abs(swinging.values)
+    damping = -swinging.values.real / np.maximum(sizes, 1e-300)
+    close = set[int]()
+    for index in chosen:
+        if index is not None:
+            near = np.abs(sizes / sizes[index] - 1) < NEIGHBOUR_WITHIN
+            close |= set(np.flatnonzero(near & (damping < NEIGHBOUR_DAMPING * damping[index])).tolist())
+    return sorted(close - set(chosen))
+
+
+def _read(
+    parts: Parts, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int], top: float
+) -> list[tuple[Ringing | None, Ringing | None]]:
+    """(vehicle, matched) for every chosen mode, off what follows the last change of a torque."""
+    changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
+    first = max((int(change[-1]) + 2 for change in changes if len(change)), default=0)
+    step = float(traces.time[1] - traces.time[0])
+    names = list(dict.fromkeys(pair.sensor for pair in parts.case.compared))
+    rows = [vehicle.space.output(name) for name in names]
+    rows += [vehicle.space.output(interface_speed(cut.shaft)) for cut in parts.cuts]
+    names += [f"interfaces.{cut.shaft}.speed" for cut in parts.cuts]
+    amplitudes = np.array(rows) @ swinging.vectors  # (c, m)
+    shapes = amplitudes[:, chosen].T
+    around = neighbours(swinging, chosen)
+    others, known = amplitudes[:, around].T, swinging.values[[*chosen, *around]]
+    pair = []
+    for trace in (traces.vehicle, traces.matched):
+        signals = np.stack([trace[name][first:] for name in names], axis=1)
+        nothing: list[Ringing | None] = [None] * len(shapes)
+        pair.append(read_modes(signals, step, shapes, top, others, known) if len(signals) >= 40 else nothing)
+    read = zip(*pair, known, strict=False)
+    return [(vehicle, rig) if is_mode(vehicle, value) else (None, None) for vehicle, rig, value in read]
+
+
+def is_mode(reading: Ringing | None, eigenvalue: complex) -> bool:
+    """Whether what was read off a motion is the mode with that eigenvalue, rad/s."""
+    if reading is None:
+        return False
+    return abs(np.log(eigenvalue_of(reading) / eigenvalue)) <= SAME_EIGENVALUE
+
+
+def of_the_targets_modes(
+    identified: Iterable[IdentifiedMode], targets: Iterable[LoopMode | None], modes: Sequence[LoopMode]
+) -> tuple[IdentifiedMode, ...]:
+    """Readings of the matched rig, without those that are another mode of the loop than the one the target became.
+
+    A few sensors move alike in modes that every inertia and cut together tell apart. What is no mode of the loop stays:
+    there simulation and loop disagree.
+
+    Parameters
+    ----------
+    targets : iterable of LoopMode or None
+        What each target became, in the order of ``identified``.
+    modes : sequence of LoopMode
+        Every mode of the loop.
+    """
+    kept = []
+    for reading, target in zip(identified, targets, strict=True):
+        others = [mode for mode in modes if mode is not target and mode.frequency > 0]
+        of_target = target is not None and is_mode(reading.matched, eigenvalue_of(target))
+        if not of_target and any(is_mode(reading.matched, eigenvalue_of(mode)) for mode in others):
+            reading = replace(reading, matched=None)
+        kept.append(reading)
+    return tuple(kept)
+
+
+def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:
+    """A one-sided pulse, half a period long, on the input that moves the mode most."""
+    known = parts.measured or (*parts.drives, *parts.simulated)  # an unmeasured torque shows the feedback's modes
+    inputs = [name for name in known if name in vehicle.space.inputs]
+    on = {torque.name: f"inertias.{torque.on}" for torque in vehicle.system.inputs}
+    push = {name: abs(mode.shape[on[name]]) for name in dict.fromkeys(inputs)}
+    if not push or max(push.values()) < 1e-6:
+        return None
+    best = max(push, key=lambda name: push[name])
+    rise = 0.25 / mode.frequency
+    kick = Kick(amplitude=500.0, at=0.05, rise_time=rise, duration=0.05 + 2 * rise + PERIODS / mode.frequency)
+    time = kick.time(1 / parts.case.loop["sample_time"])
+    return best, {best: kick.torque(time)}
+
+
+# --- What must be known how well: the rig differs from what the controller was tuned for, one quantity at a time.
+
+RELATIVE_CHANGE = 0.05  # of a stiffness or inertia: what is usually known of one that was not identified
+DEAD_TIME_CHANGE = 5e-4  # s: half a sample time of 1 ms
+GRID_HZ = np.geomspace(1e-2, 1e3, 300)  # on which minima of the margin are looked for
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """What one wrong quantity does.
+
+    Attributes
+    ----------
+    name : str
+        ``rig.…`` (a mirror image is wrong alike) or ``loop.dead_time``.
+    change : float
+        Relative; in s for the dead time.
+    stable : bool
+    spectral_abscissa, modulus_margin : float
+        Of the feedback loop, the margin counted as for the nominal one; None where it was not looked for.
+    response_error : float
+        Against the vehicle, which has the wrong value too where it shares the component.
+    """
+
+    name: str
+    change: float
+    stable: bool
+    spectral_abscissa: float
+    modulus_margin: float | None
+    response_error: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class _Deviating:
+    """One bed that differs: the name and change of its quantity, and the bed."""
+
+    name: str
+    change: float
+    bed: ComparedBed
+    dead_time: float
+
+
+def robustness(
+    parts: Parts, feed_forward: FeedForward | None, nodes: BandNodes, order: int, margin_from: float = 0.0
+) -> tuple[Deviation, ...]:
+    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first.
+
+    Parameters
+    ----------
+    feed_forward : FeedForward or None
+        As designed for the nominal rig.
+    nodes : BandNodes
+        Frequencies at which the nominal response error has converged.
+    order : int
+        Of the Padé approximation of the dead time that stability is judged with.
+    margin_from : float
+        Hz, from where on the modulus margin counts.
+    """
+    judged = [_judged(deviating, nodes, order, margin_from) for deviating in _deviating(parts, feed_forward)]
+    return tuple(sorted(judged, key=lambda deviation: (deviation.stable, -deviation.response_error)))
+
+
+def _deviating(parts: Parts, feed_forward: FeedForward | None) -> Iterator[_Deviating]:
+    case, vehicle, done = parts.case, body(parts.case.vehicle), set[str]()
+    dead_time = case.loop["dead_time"]
+    for name in case.rig.parameters:
+        if name in done or name.rsplit(".", 1)[1] not in ("J", "stiffness") or name.count(".") != 2:
+            continue
+        together = {name, mirror_image(name, case.rig)}
+        done |= together
+        for change in (RELATIVE_CHANGE, -RELATIVE_CHANGE):
+            values = {member: case.rig.parameters[member].value * (1 + change) for member in together}
+            rig = body(watched(case.rig.with_values(values), parts.cuts, rig_side=True))
+            shared = {member: value for member, value in values.items() if member in case.vehicle.parameters}
+            compared_with = body(case.vehicle.with_values(shared)) if shared else vehicle
+            bed = ComparedBed(case, replace(parts, rig=rig), feed_forward, compared_with)
+            yield _Deviating(f"rig.{name}", change, bed, dead_time)
+    for change in (DEAD_TIME_CHANGE, -DEAD_TIME_CHANGE):
+        changed = max(dead_time + change, 0.0)
+        if changed != dead_time:
+            bed = ComparedBed(case, parts, feed_forward, vehicle, changed)
+            yield _Deviating("loop.dead_time", changed - dead_time, bed, changed)
+
+
+def _judged(deviating: _Deviating, nodes: BandNodes, order: int, margin_from: float) -> Deviation:
+    parts = deviating.bed.parts
+    poles = np.linalg.eigvals(closed_matrix(parts, order, deviating.dead_time))
+    _, unstable = resting_and_right(poles, neutral_motions(parts))
+    difference = ExactLoop(parts, deviating.dead_time).return_difference
+    counted = np.union1d(GRID_HZ[margin_from < GRID_HZ], [margin_from] if margin_from > 0 else [])
+    margin, _ = modulus_margin(difference, counted, difference(2j * np.pi * counted))
+    responses = deviating.bed.at(nodes.frequencies)
+    error = pooled(nodes.root_mean(log_squares(responses.matched, responses.vehicle)))
+    return Deviation(deviating.name, float(deviating.change), unstable == 0, float(poles.real.max()), margin, error)
+
+
+# --- Verify
+
+COMPARED_FREQUENCIES = 20  # over the band, at which both methods have to give the same responses
+
+
+class ReachedTarget(NamedTuple):
+    """Number of a target mode of the vehicle, the mode that it became, None without one, and their MAC."""
+
+    vehicle_mode: int
+    mode: LoopMode | None
+    mac: float
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A tuned case, checked.
+
+    Poles, encirclements and responses are those of :mod:`matching.frequency.loop`, which the search uses as well to
+    accept an end. What shares nothing with it is ``independent``: the closed loop by dynamic stiffness, straight from
+    the model files; the simulation shares the models and nothing of the loop's algebra.
+
+    Attributes
+    ----------
+    stable : bool
+        Poles, encirclements, poles of the sampled loop, the feed-forward's poles and the simulation all say so.
+    checks : dict of str to bool
+        Each of them.
+    spectral_abscissa : float
+        1/s, largest real part of all poles: feedback loop (highest order) and feed-forward. A rigid motion that drag
+        alone slows counts with its slow decay.
+    modulus_margin, margin_frequency : float
+        Least singular value of I + L, and where, Hz.
+    margin_from : float
+        Hz, from where on it counts; 0 for all frequencies.
+    winding : Encirclements or None
+        None where the controller has no law in the Laplace domain.
+    independent : IndependentCheck
+        Unstable poles, margin and responses by dynamic stiffness.
+    disagreements : tuple of str
+        Where it differs from what stands here; a match with any is no match.
+    approximations : tuple of Approximation
+        Poles of the feedback loop by order of the dead time's approximation.
+    sampled : ndarray
+        Poles z of the feedback loop as it is sampled.
+    feed_forward_poles : ndarray
+        rad/s; empty without a model-based feed-forward. Measured torques do not go round the feedback and the feedback
+        does not reach the feed-forward, so the poles of both together are the poles of each.
+    modes : tuple of LoopMode
+        Of the feed-forward, then of the feedback loop.
+    targets : tuple of ReachedTarget
+        The mode that each target became: with a feed-forward among its modes.
+    least_damping : tuple of (damping ratio, Hz)
+        The smallest of all modes.
+    identified : tuple of IdentifiedMode
+        Read off the simulation.
+    peaks : dict of str to float
+        Largest magnitudes over the manoeuvre, by trace name of the matched rig.
+    violations : tuple of Violation
+        Limits of the case that are broken.
+    errors : ErrorFigures
+    robustness : tuple of Deviation
+        Worst first.
+    traces : Traces or None
+        None where the loop grows out of bounds.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    stable: bool
+    checks: dict[str, bool]
+    spectral_abscissa: float
+    modulus_margin: float
+    margin_frequency: float
+    margin_from: float
+    winding: Encirclements | None
+    independent: IndependentCheck
+    disagreements: tuple[str, ...]
+    approximations: tuple[Approximation, ...]
+    sampled: np.ndarray = field(repr=False)
+    feed_forward_poles: np.ndarray = field(repr=False)
+    modes: tuple[LoopMode, ...] = field(repr=False)
+    targets: tuple[ReachedTarget, ...]
+    least_damping: tuple[float, float]
+    identified: tuple[IdentifiedMode, ...]
+    peaks: dict[str, float]
+    violations: tuple[Violation, ...]
+    errors: ErrorFigures
+    robustness: tuple[Deviation, ...]
+    traces: Traces | None = field(repr=False)
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; traces are left out."""
+        return {
+            "stable": self.stable,
+            "checks": dict(self.checks),
+            "spectral_abscissa": self.spectral_abscissa,
+            "modulus_margin": self.modulus_margin,
+            "margin_frequency": self.margin_frequency,
+            "modulus_margin_from": self.margin_from,
+            "nyquist": None if self.winding is None else {
+                "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
+                "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
+            },
+            "independent": self.independent.to_dict() | {"disagreements": list(self.disagreements)},
+            "poles": [
+                {
+                    "pade_order": approximation.order, "spectral_abscissa": approximation.abscissa,
+                    "phase_error_deg": float(np.degrees(approximation.phase_error)),
+                    "good_up_to": approximation.good_up_to if np.isfinite(approximation.good_up_to) else None,
+                }
+                for approximation in self.approximations
+            ],
+            "largest_sampled_pole": float(np.abs(self.sampled).max()),
+            "feed_forward_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
+            "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
+            "targets": [
+                {
+                    "vehicle_mode": target.vehicle_mode,
+                    "mode": None if target.mode is None else target.mode.to_dict(),
+                    "mac": target.mac,
+                }
+                for target in self.targets
+            ],
+            "identified": [mode.to_dict() for mode in self.identified],
+            "peaks": dict(self.peaks),
+            "violations": [violation.to_dict() for violation in self.violations],
+            "robustness": [deviation.to_dict() for deviation in self.robustness],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def verify(
+    case: Case, untuned: System | None = None, *, deviations: bool = True, margin_from: float = 0.0
+) -> Verification:
+    """Check a tuned case.
+
+    Parameters
+    ----------
+    untuned : System, optional
+        The rig before it was tuned, which the figures compare with; the case's own unless given.
+    deviations : bool
+        Whether to work out :attr:`Verification.robustness`, about half of the time.
+    margin_from : float
+        Hz, from where on the modulus margin counts, that of the deviations too; the winding counts all frequencies.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the feed-forward has no solution.
+    """
+    parts = parts_of(case, untuned=untuned)
+    reference = cut(case.emulated_vehicle, case.rig)
+    feed_forward = case.loop.structure.feed_forward(case.rig, reference, case.loop)
+    neutral = neutral_motions(parts)
+    notes: list[str] = []
+    winding, sampled, delay = encirclements(parts), sampled_poles(parts), case.loop["dead_time"]
+    orders = approximations(parts, orders=orders_for(delay, winding.gain_edge))
+    counted = _believed(orders, delay, winding.gain_edge, notes)
+    checks = {f"poles, order {mode.order}": mode.unstable(neutral) == 0 for mode in counted}
+    checks["Nyquist criterion"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
+    independent = _independent(case, parts)
+    if independent.unstable_poles is not None:
+        checks["dynamic stiffness"] = independent.unstable_poles == 0
+    if independent.not_covered:
+        notes.append(f"not checked by the independent method, which does not cover {independent.not_covered}")
+    checks["sampled loop"] = inside(sampled, neutral)
+    feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
+    if feed_forward is not None:
+        checks["feed-forward poles"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
+    traces, identified = _simulated(parts, feed_forward, notes)
+    checks["simulation"] = traces is not None
+    designed = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
+    every = (*designed, *feedback_modes(parts, orders[-1].order))
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
+    peaks = {} if traces is None else peaks_of(parts, traces)
+    errors, targets = error_figures(case, parts, feed_forward), target_modes_of(case, designed or every)
+    least = min(swinging, default=(1.0, 0.0))
+    above = encirclements(parts, margin_from=margin_from) if margin_from > 0 else winding
+    return Verification(
+        all(checks.values()), checks,
+        float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
+        above.modulus_margin, above.margin_frequency, margin_from, winding, independent,
+        tuple(independent.disagreements(winding.unstable == 0, winding.modulus_margin)),
+        orders, sampled, feed_forward_poles, every, targets, least,
+        of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
+        violations_of(case, peaks, above.modulus_margin, least), errors,
+        robustness(parts, feed_forward, errors.nodes, orders[-1].order, margin_from) if deviations else (), traces,
+        (*notes, *remarks_on(case, neutral)),
+    )  # fmt: skip
+
+
+def _simulated(
+    parts: Parts, feed_forward: FeedForward | None, notes: list[str]
+) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
+    """The manoeuvre and the modes identified from it; no traces, and why in the notes, where the loop runs away."""
+    try:
+        traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+        return traces, identified_modes(parts, feed_forward, traces)
+    except SimulationError as fault:
+        notes.append(f"simulation: {fault.wrong}")
+        return None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
+
+
+def remarks_on(case: Case, neutral: int) -> list[str]:
+    """What of case and simulation differs, in sentences; ``neutral`` rigid motions coast."""
+    remarks = []
+    if not is_linear(case.vehicle) or not all(is_linear(part) for part in case.residual_vehicle.parts):
+        remarks.append("the controller's residual vehicle is linear; the simulated vehicle has all its effects")
+    if case.loop["dead_time"] < case.loop["sample_time"] / 2:
+        remarks.append("the hold of a sample alone takes longer than the dead time: simulated with the hold")
+    if neutral:
+        rigid = "1 rigid motion stands" if neutral == 1 else f"{neutral} rigid motions stand"
+        remarks.append(f"{rigid} at 0 without drag and coast, as in the vehicle")
+    return remarks
+
+
+def _independent(case: Case, parts: Parts) -> IndependentCheck:
+    """The vehicle and the feedback loop with continuous control, by dynamic stiffness."""
+    frequencies = np.geomspace(*case.band, COMPARED_FREQUENCIES)
+    pairs = [(pair.input, pair.sensor) for pair in case.compared]
+    inputs, sensors = ([*dict.fromkeys(names)] for names in zip(*pairs, strict=True))
+    H = ExactLoop(parts).response(2j * np.pi * frequencies, inputs, sensors)
+    controlled = np.stack([H[:, sensors.index(sensor), inputs.index(source)] for source, sensor in pairs], axis=1)
+    return check(case, frequencies, ComparedBed(case, parts).of_vehicle(frequencies), controlled)
+
+
+def inside(z: np.ndarray, neutral: int) -> bool:
+    """Whether poles z (x,) are stable, of which ``neutral`` may rest at 1."""
+    on = np.abs(z - 1) < 1e-9
+    return int(on.sum()) <= neutral and bool(np.all(np.abs(z[~on]) < 1))
+
+
+def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, notes: list[str]) -> list[Approximation]:
+    """The approximations that are good as far as the loop has gain, and the highest order whatever it is."""
+    errors = [float(phase_error(delay, order.order, np.array([edge]))[0]) for order in orders]
+    poor = [str(order.order) for order, error in zip(orders[:-1], errors[:-1], strict=True) if error > BELIEVED]
+    if poor:
+        notes.append(
+            f"poles with the dead time approximated to order {', '.join(poor)} do not count: "
+            f"more than 5° off at {edge:.0f} Hz, where the loop still has gain"
+        )
+    if errors[-1] > BELIEVED:
+        notes.append(f"even order {orders[-1].order} misses {np.degrees(errors[-1]):.0f}° of the dead time there")
+    return [order for order, error in zip(orders, errors, strict=True) if error <= BELIEVED or order is orders[-1]]
+
+
+def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
+    """For every target the mode that it became."""
+    inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
+    reached = []
+    for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
+        best = match_mode(wanted, candidates, inertia)
+        reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
+    return tuple(reached)
+
+
+# --- Checks of a tuned case whose controller is an observer: one sampled loop for measured and unmeasured torques.
+
+JUDGES_BEDS = "the observer on the bed as planned: it judges drawn beds"
+FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
+OBSERVED_RELATIVE_CHANGE, OBSERVED_DEAD_TIME_CHANGE = (
+    0.05,
+    5e-4,
+)  # of a stiffness or inertia; s: one quantity wrong at a time
+
+
+@dataclass(frozen=True)
+class RobustVerification:
+    """A tuned observer, checked, with what its beds and its loop do.
+
+    Attributes
+    ----------
+    verification : Verification
+    required : Requirements
+    loop : LoopFigures
+    beds : BedsCheck
+        By code that the search does not use.
+    """
+
+    verification: Verification
+    required: Requirements
+    loop: LoopFigures
+    beds: BedsCheck
+    dynamometers: tuple[str, ...]
+
+
+def verify_observer(case: Case, untuned: System | None, *, seed: int, beds: int) -> RobustVerification:
+    """Check a tuned case with an observer.
+
+    Parameters
+    ----------
+    untuned : System or None
+        The rig before it was tuned, which the figures compare with.
+    seed, beds : int
+        Of the fresh beds, and how many.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear or the design has no solution.
+    """
+    parts, reference = parts_of(case, untuned=untuned), cut(case.emulated_vehicle, case.rig)
+    model = observer_model(case.rig, reference, case.loop)
+    controller = controller_of(case)
+    required, neutral = requirements(case), neutral_motions(parts)
+    figures = loop_figures(planned(case, model.readings.noise), controller, required)
+    poles = np.linalg.eigvals(closed_matrices(sampled_beds(case, [{}]), controller)[0])
+    ahead = regulator(model)
+    fresh = check_beds(
+        case, law_of_observer(controller), required.damping_ratio, beds, seed + FRESH, required.rolled_off_from
+    )
+    checks = {
+        "sampled loop": inside(poles, neutral),
+        "feed-forward poles": resting_and_right(ahead.poles, neutral)[1] == 0,
+    }
+    notes = remarks_on(case, neutral)
+    traces, identified = _simulated_observed(parts, controller, checks, notes)
+    modes = _modes(case, parts, reference)
+    targets = target_modes_of(case, modes)
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
+    peaks = {} if traces is None else peaks_of(parts, traces)
+    least = min(swinging, default=(1.0, 0.0))
+    verification = Verification(
+        all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
+        figures.modulus_margin, figures.margin_at, required.margin_from, None, IndependentCheck(JUDGES_BEDS),
+        (), (), poles, ahead.poles, modes, targets, least,
+        of_the_targets_modes(identified, (target.mode for target in targets), modes), peaks,
+        violations_of(case, peaks, figures.modulus_margin, least),
+        figures_of(ObservedBed(case, parts, controller)), _deviations(case, controller), traces, tuple(notes),
+    )  # fmt: skip
+    return RobustVerification(verification, required, figures, fresh, controller.dynamometers)
+
+
+def controller_of(case: Case) -> ObserverController:
+    """The controller of a case with an observer.
+
+    Raises
+    ------
+    InputError
+        If the case has another structure or the design has no solution.
+    """
+    made = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
+    if made is None:
+        raise InputError(
+            f"{case.path}: loop.structure", f"{case.loop.structure.name!r} is no observer", "take 'observer'"
+        )
+    return made
+
+
+def _simulated_observed(
+    parts: Parts, controller: ObserverController, checks: dict[str, bool], notes: list[str]
+) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
+    """Traces of the manoeuvre and the target modes read off them; the check and its note are added."""
+    nothing = tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
+    try:
+        traces = simulate_case(parts, controller, *manoeuvre_torques(parts))
+        identified = identified_modes(parts, controller, traces)
+    except SimulationError as fault:
+        checks["simulation"] = False
+        notes.append(f"simulation: {fault.wrong}")
+        return None, nothing
+    checks["simulation"] = True
+    return traces, identified
+
+
+def _modes(case: Case, parts: Parts, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
+    """Modes of bed and residual vehicle under the state feedback, which every torque shows."""
+    model = observer_model(case.rig, reference, case.loop)
+    loop = case.loop
+    feedback = regulator(model, loop["command_weight"], loop["command_change_weight"])
+    return feed_forward_modes(parts, feedback, reference, "feedback")
+
+
+def _deviations(case: Case, controller: ObserverController) -> tuple[Deviation, ...]:
+    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
+    rows: list[tuple[str, float, dict[str, float]]] = []
+    done: set[str] = set()
+    for name, quantity in case.rig.parameters.items():
+        if name in done or name.rsplit(".", 1)[1] not in ("J", "stiffness") or name.count(".") != 2:
+            continue
+        together = {name, mirror_image(name, case.rig)}
+        done |= together
+        for change in (OBSERVED_RELATIVE_CHANGE, -OBSERVED_RELATIVE_CHANGE):
+            rows.append(
+                (f"rig.{name}", change, {f"rig.{member}": quantity.value * (1 + change) for member in together})
+            )
+    for change in (OBSERVED_DEAD_TIME_CHANGE, -OBSERVED_DEAD_TIME_CHANGE):
+        late = max(case.loop["dead_time"] + change, 0.0)
+        if late != case.loop["dead_time"]:
+            rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
+    beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, 100))
+    figures = bed_figures(beds, controller, case.loop.measured)
+    abscissa = np.log(figures.largest_pole) / controller.sample_time
+    deviations = [
+        Deviation(name, change, bool(stable), float(at), None, float(error))
+        for (name, change, _), stable, at, error in zip(
+            rows, figures.stable(), abscissa, figures.unmeasured, strict=True
+        )
+    ]
+    return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))

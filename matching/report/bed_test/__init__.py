@@ -1,1 +1,0 @@
-"""How the verification of a bed is drawn and written."""

@@ -1,1 +1,0 @@
-"""Drawn beds under an observer in the report of a match: requirements, held or missed, and the spread of errors."""

@@ -1,1 +1,0 @@
-"""How a commissioning is written."""

@@ -1,0 +1,964 @@
+"""Views of a diagnosis: figures, page, sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from string import Formatter
+from typing import Any
+
+import numpy as np
+import scipy
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
+
+from matching.diagnosis.holdout import HoldoutData
+from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, Pictured, PlotData, SensorErrors
+from matching.report.common import (
+    BAND,
+    EXTENDED,
+    INK,
+    LIMIT,
+    NOISE,
+    RIG,
+    VEHICLE,
+    Provenance,
+    embedded,
+    environment,
+    figure,
+    image,
+    number,
+    percent,
+    plain_ticks,
+    preformatted,
+    spaced,
+    styled,
+    unit,
+)
+from matching.report.curves import acting
+from modelling import display
+from modelling.effects import EFFECTS
+from modelling.effects.effect import place_in_words, shared_place
+from modelling.escape import html
+from modelling.system import Sensor, System
+
+# --- What the figures of a diagnosis share: line styles, the sensors they show, and axes in multiples of the noise.
+
+# Different in grey too: broad and pale against thin and dark; smooth curves dashed against solid.
+BEFORE: dict[str, Any] = {
+    "color": RIG, "linewidth": 1.8, "alpha": 0.5, "label": "base model, fitted", "zorder": 2.2,
+}  # fmt: skip
+AFTER: dict[str, Any] = {"color": EXTENDED, "linewidth": 0.8, "label": "extended model", "zorder": 2.4}
+SMOOTH: dict[str, dict[str, Any]] = {
+    BEFORE["label"]: {"linestyle": (0, (5, 1.6)), "linewidth": 1.6, "alpha": 1.0},
+    AFTER["label"]: {"linewidth": 1.6},
+}
+MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
+SENSORS_SHOWN = 4
+MOST_VECTOR_POINTS = 1500  # a longer line is stored as pixels, so that files stay small
+LONGEST_JOINED = 3  # times the usual distance of a sensor's samples: what is longer is a gap
+LINEAR_TO = 10  # times the noise; beyond, the axis is logarithmic
+LEAST_RANGE = 6.0  # times the noise, either way
+
+
+@dataclass(frozen=True)
+class View:
+    """One sensor and the components whose motion it is drawn over.
+
+    Attributes
+    ----------
+    index : int
+        Place among the model's sensors.
+    sensor : Sensor
+    inertia : str
+        Whose speed and angle.
+    shaft : str or None
+        Whose torque.
+    """
+
+    index: int
+    sensor: Sensor
+    inertia: str
+    shaft: str | None
+
+
+def views(system: System, plot_data: PlotData) -> list[View]:
+    """The sensors with the largest residuals of the base model, in times their noise, largest first."""
+    with np.errstate(invalid="ignore"):
+        misfit = _rms_by_sensor(plot_data.residual_before) / plot_data.noise
+    order = [int(j) for j in np.argsort(-np.nan_to_num(misfit, nan=-1.0)) if np.isfinite(misfit[j])]
+    return [_view(system, plot_data, j) for j in order[:SENSORS_SHOWN]]
+
+
+def _view(system: System, plot_data: PlotData, j: int) -> View:
+    sensor, motion = system.sensors[j], plot_data.before
+    if sensor.measures == "torque":
+        return View(j, sensor, motion.ends[sensor.of][0], sensor.of)
+    attached = [name for name, ends in motion.ends.items() if sensor.of in ends]
+    liveliest = max(attached, key=lambda name: float(np.std(motion.torque[name])), default=None)
+    return View(j, sensor, sensor.of, liveliest)
+
+
+def _rms_by_sensor(residual: np.ndarray) -> np.ndarray:
+    count = np.isfinite(residual).sum(axis=0)
+    return np.where(count, np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(count, 1)), np.nan)
+
+
+def styled_residuals(before: np.ndarray, after: np.ndarray) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
+    """Residuals (t,) before and after with their line styles; only those before where no effect was added."""
+    if np.array_equal(before, after, equal_nan=True):
+        return ((before, BEFORE),)
+    return (before, BEFORE), (after, AFTER)
+
+
+def label(sensor: Sensor) -> str:
+    """Name and unit of a sensor's reading."""
+    return f"{sensor.name}\nin {unit(sensor.unit)}"
+
+
+def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
+    """A line through points x (t,), y (t,), stored as pixels if it is long."""
+    axes.plot(x, y, rasterized=len(x) > MOST_VECTOR_POINTS, **look)
+
+
+def noise_band(row: Sequence[Any]) -> None:
+    """A band that holds 95 % of pure noise, on axes that share a scale in times the noise, linear near 0."""
+    for axes in row:
+        axes.axhspan(-2, 2, color=BAND, zorder=1, label="95 % of noise")
+    first = row[0]
+    first.set_yscale("symlog", linthresh=LINEAR_TO)
+    low, high = first.get_ylim()
+    first.set_ylim(min(low, -LEAST_RANGE), max(high, LEAST_RANGE))
+    low, high = first.get_ylim()
+    decades = [sign * 10.0**k for sign in (-1, 1) for k in range(1, 10)]
+    ticks = [tick for tick in (-5.0, 0.0, 5.0, *decades) if low <= tick <= high]
+    first.yaxis.set_major_locator(FixedLocator(ticks))
+    first.yaxis.set_minor_locator(NullLocator())
+    first.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def logarithmic(axes: Any) -> None:
+    """Logarithmic axes with few ticks and plain numbers."""
+    axes.set(xscale="log", yscale="log")
+    plain_ticks(axes.xaxis)
+    plain_ticks(axes.yaxis)
+
+
+def noise_line(axes: Any) -> None:
+    """A horizontal line at 1, the noise."""
+    axes.axhline(1.0, color=NOISE, linewidth=2.2, linestyle=(0, (1, 1)), label="noise", zorder=3)
+
+
+def recorded(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,) in s and values (k,) where a sensor has some, with a NaN in each gap.
+
+    A sensor that is recorded more slowly than others has no value between its samples; that is no gap.
+    """
+    present = np.flatnonzero(np.isfinite(values))
+    between = np.diff(present)
+    if not len(between) or len(present) == len(values):
+        return time, values
+    gaps = 1 + np.flatnonzero(between > LONGEST_JOINED * np.median(between))
+    return np.insert(time[present], gaps, time[present[gaps]]), np.insert(values[present], gaps, np.nan)
+
+
+def with_gaps(time: np.ndarray, parts: tuple[slice, ...], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (t,) in s and values (t,) with a NaN after each part, so that no line is drawn across a gap."""
+    samples = [recorded(time[p], values[p]) for p in parts if p.stop > p.start]
+    pieces = [(np.append(times, times[-1]), np.append(readings, np.nan)) for times, readings in samples]
+    return np.concatenate([times for times, _ in pieces]), np.concatenate([readings for _, readings in pieces])
+
+
+def continuous_time(plot_data: PlotData) -> np.ndarray:
+    """Time (t,) in s that goes on from recording to recording."""
+    motion, pieces, end = plot_data.before, [], 0.0
+    for i, part in enumerate(motion.segments):
+        time = motion.time[part]
+        start = time[0] if i == 0 else max(end + motion.step, time[0])
+        pieces.append(time - time[0] + start)
+        end = float(pieces[-1][-1])
+    return np.concatenate(pieces)
+
+
+def legend(fig: Any, axes: Any) -> None:
+    """One legend for the whole figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside upper center", ncols=4)
+
+
+# --- Figure of the torque balance: the torque that each component lacks in the base model, over its motion.
+
+BINS = 48
+LEAST_PER_BIN = 12  # samples, for a mean
+BALANCE_DOTS = 1500
+EDGE_S = 0.3  # left out at either end of a recording: the smoother has no data beyond
+EDGE_SHARE = 0.2  # of a short recording
+
+
+def balance_figure(plot_data: PlotData) -> Figure:
+    """Bars of the unexplained torque by component; that of the worst inertia and the worst shaft over their motion."""
+    motion, inner = plot_data.before, _inner(plot_data)
+    inertias, shafts = (
+        {name: torque[inner] for name, torque in group.items()} for group in (plot_data.inertias, plot_data.shafts)
+    )
+    size = {f"inertia {name}": _rms_torque(torque) for name, torque in inertias.items()}
+    size |= {f"shaft {name}": _rms_torque(torque) for name, torque in shafts.items()}
+    names = sorted(size, key=lambda name: size[name])
+    inertia = max(inertias, key=lambda name: _rms_torque(inertias[name]))
+    shaft = max(shafts, key=lambda name: _rms_torque(shafts[name]), default=None)
+    with styled():
+        fig = figure(11, max(3.0, 1.2 + 0.24 * len(names)))
+        bars, first, second = fig.subplots(1, 3, width_ratios=[1.1, 1, 1])
+        bars.barh(names, [size[name] for name in names], color=RIG, height=0.6)
+        bars.set_xlabel("Unexplained torque (rms) in N·m")
+        bars.grid(axis="y", visible=False)
+        _over(first, motion.speed[inertia][inner], inertias[inertia])
+        first.set(xlabel=f"Speed of {inertia} in rad/s", ylabel=f"Unexplained on {inertia} in N·m")
+        if shaft is None:
+            second.set_axis_off()
+        else:
+            _over(second, motion.twist[shaft][inner], shafts[shaft])
+            second.set(xlabel=f"Twist of {shaft} in rad", ylabel=f"Unexplained in {shaft} in N·m")
+    return fig
+
+
+def _inner(plot_data: PlotData) -> np.ndarray:
+    """Mask (t,) of the samples away from the ends, where the smoother has data on both sides."""
+    mask = np.zeros(len(plot_data.before.time), dtype=bool)
+    for part in plot_data.before.segments:
+        time = plot_data.before.time[part]
+        edge = min(EDGE_S, EDGE_SHARE * float(np.ptp(time)))
+        mask[part] = (time >= time[0] + edge) & (time <= time[-1] - edge)
+    return mask
+
+
+def _rms_torque(torque: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(torque**2)))
+
+
+def _over(axes: Any, x: np.ndarray, torque: np.ndarray) -> None:
+    axes.locator_params(axis="x", nbins=5)
+    few = np.linspace(0, len(x) - 1, min(len(x), BALANCE_DOTS)).astype(int)
+    axes.plot(x[few], torque[few], ".", color=RIG, markersize=2, alpha=0.3, rasterized=True)
+    edges = np.linspace(x.min(), x.max(), BINS + 1)
+    bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    count = np.bincount(bins, minlength=BINS)
+    mean = np.where(count >= LEAST_PER_BIN, np.bincount(bins, torque, BINS) / np.maximum(count, 1), np.nan)
+    axes.plot((edges[1:] + edges[:-1]) / 2, mean, color=INK, linewidth=1.8)
+
+
+# --- The captions of the figures of a diagnosis, for pages too that others draw for.
+
+CAPTIONS = {
+    "discrepancy": "What no named cause explains: a torque beside the extended model that would take most of it, with "
+    "a band of two standard uncertainties. What the model's own parameters can take is not in it.",
+    "errors": "Simulation of held-out data, which no fit used. At 1 the error equals the sensor's stated noise.",
+    "unseen": "Held-out data. Left: around the largest error of the base model. Right: measured minus simulated over "
+    "all held-out data, linear near zero and logarithmic beyond.",
+    "time": "Fitted data: measured minus simulated over time (pale) and its running mean.",
+    "where": "Measured minus simulated over the motion at the sensor's component; dots are samples, lines the mean of "
+    "a bin. A step at zero speed indicates dry friction, a kink over the twist free play or hardening, a wave over "
+    "the angle torque ripple.",
+    "spectrum": "Amplitude of the residual over frequency and over orders of the rotation. White noise of the stated "
+    "size lies at 1.",
+    "balance": "Torque that the measurement requires in addition to the base model, for each component alone (smoothed "
+    "with the linear model, without differentiation). It shows where to look, not the cause: neighbouring components "
+    "share what no sensor separates.",
+}
+
+
+# --- Figure of the torques that no cause explains, over speed, angle, load, twist or time.
+
+CURVES_SHOWN = 3
+COVERAGE_FACTOR = 2.0  # of the band
+
+
+def discrepancy_figure(curves: Sequence[DiscrepancyCurve]) -> Figure:
+    """The curves that would take most, each with its band."""
+    shown = curves[:CURVES_SHOWN]
+    with styled():
+        fig = figure(11, 3.2)
+        for axes, curve in zip(fig.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+            band = COVERAGE_FACTOR * curve.standard_uncertainty
+            axes.fill_between(curve.grid, curve.torque - band, curve.torque + band, color=RIG, alpha=0.25, lw=0)
+            axes.plot(curve.grid, curve.torque, color=RIG)
+            table, name = curve.at.split(".")
+            where = f"{curve.over.capitalize()} of {name}" if curve.over != "time" else "Time"
+            side = "on" if table == "inertias" else "in"
+            unit = UNITS[curve.over].replace("*", "·")
+            axes.set(xlabel=f"{where} in {unit}", ylabel=f"Unexplained {side} {name} in N·m")
+            axes.set_title(f"takes {100 * curve.share:.0f} % of the rest")
+    return fig
+
+
+# --- Figures of the base model and of the extended model on held-out data.
+
+WINDOW = 120  # samples to either side of the largest error
+MEAN_OVER = 25  # samples of the running mean by which the largest error is located
+BAR_OFFSET = 0.17  # of a bar from its sensor's line
+
+
+def errors_figure(errors: Mapping[str, SensorErrors]) -> Figure:
+    """Errors on held-out data in times the noise, by sensor."""
+    names = list(errors)[::-1]
+    keys: dict[str, tuple[dict[str, Any], float]] = {"before_holdout": (BEFORE | {"hatch": "////"}, BAR_OFFSET)}
+    keys["after_holdout"] = (AFTER | {"hatch": None}, -BAR_OFFSET)
+    if all(error.before_holdout == error.after_holdout for error in errors.values()):
+        keys = {"before_holdout": (keys["before_holdout"][0], 0.0)}
+    with styled():
+        fig = figure(7.2, 1.1 + 0.42 * len(names))
+        axes = fig.subplots()
+        largest = 2.0
+        for key, (look, shift) in keys.items():
+            rows = [(i, getattr(errors[name], key), errors[name].noise) for i, name in enumerate(names)]
+            known = [(i, value / noise) for i, value, noise in rows if np.isfinite(value) and noise]
+            places, ratios = [i + shift for i, _ in known], [ratio for _, ratio in known]
+            axes.barh(
+                places, ratios, height=0.3, color=look["color"], label=look["label"], hatch=look["hatch"],
+                edgecolor="white", linewidth=0,
+            )  # fmt: skip
+            for place, ratio in zip(places, ratios, strict=True):
+                axes.annotate(
+                    number(ratio, 3), (max(ratio, 1.0), place), xytext=(3, 0), textcoords="offset points",
+                    va="center", fontsize=8,
+                )  # fmt: skip
+            largest = max([largest, *ratios])
+        axes.axvline(1.0, color=NOISE, linewidth=1.6, label="noise")
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        if largest < 10:
+            axes.xaxis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
+            axes.xaxis.set_minor_formatter(StrMethodFormatter("{x:g}"))
+        axes.set_xlim(0.5, 2.2 * largest)
+        axes.set_yticks(range(len(names)), names)
+        axes.grid(axis="y", visible=False)
+        axes.set_xlabel("Root mean square error on held-out data, in times the noise")
+        legend(fig, axes)
+    return fig
+
+
+def holdout_figure(data: HoldoutData, sensor_views: list[View]) -> Figure:
+    """Traces around the largest error of the base model, and the residuals of all held-out data."""
+    with styled():
+        fig = figure(11, 0.9 + 1.75 * len(sensor_views))
+        rows = fig.subplots(len(sensor_views), 2, squeeze=False, width_ratios=[1, 1.3])
+        for (close, whole), view in zip(rows, sensor_views, strict=True):
+            _traces(close, data, view)
+            for residual, look in styled_residuals(data.before, data.after):
+                x, y = with_gaps(data.time, data.parts, residual[:, view.index] / data.noise[view.index])
+                line(whole, x, y, look)
+            noise_band([whole])
+            whole.set_ylabel("error in times\nthe noise")
+        for axes in rows[-1]:
+            axes.set_xlabel("Time in s")
+        legend(fig, rows[0, 0])
+    return fig
+
+
+def _traces(axes: Any, data: HoldoutData, view: View) -> None:
+    j = view.index
+    error = np.abs(np.nan_to_num(data.before[:, j]))
+    smooth = np.convolve(error, np.ones(MEAN_OVER) / MEAN_OVER, "same")
+    worst = int(np.argmax(smooth))
+    part = next(part for part in data.parts if part.start <= worst < part.stop)
+    cut = slice(max(worst - WINDOW, part.start), min(worst + WINDOW, part.stop))
+    measured = data.measured[cut, j]
+    line(axes, *recorded(data.time[cut], measured), MEASURED)
+    axes.locator_params(axis="x", nbins=5)
+    for residual, look in styled_residuals(data.before, data.after):
+        simulated = recorded(data.time[cut], measured - residual[cut, j])
+        line(axes, *simulated, look | SMOOTH[look["label"]] | {"linewidth": 1.3})
+    axes.set_ylabel(label(view.sensor))
+
+
+# --- Figures of the residual over time, over speed, torque and angle, over frequency and orders of the rotation.
+
+DOTS = 1200
+LEAST_REVOLUTIONS = 2  # that an order spectrum needs
+HIGHEST_ORDER = 12
+MOST_SAMPLES = 4_000  # of an order spectrum; more are averaged first
+WELCH_SAMPLES = 4096  # of a segment
+UNEVEN = 0.1  # share of the longer steps, and of the shorter ones, where a rate is no whole part of that of the grid
+
+
+def time_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+    """Residuals over the fitted data, in times the noise."""
+    time = continuous_time(plot_data)
+    with styled():
+        fig = figure(11, 0.9 + 1.25 * len(sensor_views))
+        rows = fig.subplots(len(sensor_views), 1, squeeze=False, sharex=True)[:, 0]
+        for axes, view in zip(rows, sensor_views, strict=True):
+            for residual, look in _both(plot_data):
+                scaled = residual[:, view.index] / plot_data.noise[view.index]
+                if len(scaled) != len(time):
+                    continue
+                pale = look | {"alpha": 0.25, "label": None}
+                line(axes, *with_gaps(time, plot_data.before.segments, scaled), pale)
+                line(axes, *with_gaps(time, plot_data.before.segments, _running_mean(scaled)), look)
+            noise_band([axes])
+            axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
+        rows[-1].set_xlabel("Time in s")
+        legend(fig, rows[0])
+    return fig
+
+
+def where_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+    """Residuals over the motion at the sensor's component: dots, and the mean of each bin."""
+    with styled():
+        fig = figure(11, 0.9 + 2.1 * len(sensor_views))
+        grid = fig.subplots(len(sensor_views), 3, squeeze=False, sharey="row")
+        for row, view in zip(grid, sensor_views, strict=True):
+            motion = _motion(plot_data, view)
+            for axes, (name, x) in zip(row, motion.items(), strict=False):
+                for residual, look in _both(plot_data):
+                    scaled = residual[:, view.index] / plot_data.noise[view.index]
+                    if len(scaled) == len(x):
+                        _binned(axes, x, scaled, look)
+                axes.set_xlabel(name)
+                if name.endswith("°"):
+                    axes.set_xticks(range(0, 361, 90))
+                else:
+                    axes.locator_params(axis="x", nbins=5)
+            noise_band(row[: len(motion)])
+            row[0].set_ylabel(f"{view.sensor.name}\nin times the noise")
+            for axes in row[len(motion) :]:
+                axes.set_axis_off()
+        legend(fig, grid[0, 0])
+    return fig
+
+
+def spectrum_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+    """Amplitude spectra over frequency and over orders of the rotation; white noise of the stated size is 1."""
+    with styled():
+        fig = figure(11, 0.9 + 2.1 * len(sensor_views))
+        grid = fig.subplots(len(sensor_views), 2, squeeze=False, sharey="row")
+        for (left, right), view in zip(grid, sensor_views, strict=True):
+            angle = plot_data.before.angle[view.inertia]
+            revolves = float(np.ptp(angle)) / (2 * np.pi) > LEAST_REVOLUTIONS
+            for residual, look in _both(plot_data):
+                scaled = residual[:, view.index] / plot_data.noise[view.index]
+                if len(scaled) != len(plot_data.before.time):
+                    continue
+                part = max(plot_data.before.segments, key=lambda part: part.stop - part.start)
+                x, y = _spectrum(scaled[part], plot_data.before.step)
+                line(left, x[1:], y[1:], look)
+                if revolves:
+                    line(right, *_orders(scaled, angle), look | SMOOTH[look["label"]])
+            noise_line(left)
+            logarithmic(left)
+            left.set(xlabel="Frequency in Hz", ylabel=f"{view.sensor.name}\nin times the noise")
+            if not revolves:
+                words = f"{view.inertia} makes less than {LEAST_REVOLUTIONS} revolutions"
+                right.text(0.5, 0.5, words, transform=right.transAxes, ha="center", color=LIMIT)
+                right.set_axis_off()
+                continue
+            noise_line(right)
+            right.set(xlim=(0, HIGHEST_ORDER), xlabel=f"Order, per revolution of {view.inertia}")
+            right.set_xticks(range(HIGHEST_ORDER + 1))
+        legend(fig, grid[0, 0])
+    return fig
+
+
+def _running_mean(residual: np.ndarray) -> np.ndarray:
+    """Mean (t,) of the values about each sample, NaN where there is none."""
+    present = np.isfinite(residual)
+    total, count = (
+        scipy.ndimage.uniform_filter1d(values, MEAN_OVER) for values in (np.nan_to_num(residual), present.astype(float))
+    )
+    return np.divide(total, count, out=np.full(len(residual), np.nan), where=present)
+
+
+def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
+    return styled_residuals(plot_data.residual_before, plot_data.residual_after)
+
+
+def _motion(plot_data: PlotData, view: View) -> dict[str, np.ndarray]:
+    motion = plot_data.before
+    over = {f"Speed of {view.inertia} in rad/s": motion.speed[view.inertia]}
+    if view.shaft is not None:
+        over[f"Torque of {view.shaft} in N·m"] = motion.torque[view.shaft]
+    angle = motion.angle[view.inertia]
+    if np.ptp(angle) > 2 * np.pi:
+        over[f"Angle of {view.inertia} within a revolution in °"] = np.degrees(angle) % 360
+    else:
+        over[f"Angle of {view.inertia} in rad"] = angle
+    return over
+
+
+def _binned(axes: Any, x: np.ndarray, residual: np.ndarray, look: dict[str, Any]) -> None:
+    present = np.isfinite(residual)
+    x, residual = x[present], residual[present]
+    few = np.linspace(0, len(x) - 1, min(len(x), DOTS)).astype(int)
+    axes.plot(x[few], residual[few], ".", color=look["color"], markersize=1.5, alpha=0.3, rasterized=True, zorder=1.5)
+    edges = np.linspace(x.min(), x.max(), BINS + 1)
+    bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    count = np.bincount(bins, minlength=BINS)
+    mean = np.where(count >= LEAST_PER_BIN, np.bincount(bins, residual, BINS) / np.maximum(count, 1), np.nan)
+    axes.plot((edges[1:] + edges[:-1]) / 2, mean, **look | SMOOTH[look["label"]])
+
+
+def _spectrum(residual: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (f,) and amplitudes (f,), 1 for white noise of the stated size; missing samples count as 0.
+
+    A sensor that is recorded more slowly than others is taken at its own rate.
+    """
+    residual, every = _at_its_rate(residual)
+    step *= every
+    length = min(len(residual), WELCH_SAMPLES)
+    frequency, power = scipy.signal.welch(np.nan_to_num(residual), 1 / step, nperseg=length, detrend=False)
+    return frequency, np.sqrt(power / (2 * step))
+
+
+def _at_its_rate(residual: np.ndarray) -> tuple[np.ndarray, float]:
+    """A residual at the rate at which its sensor was recorded, and how many samples apart that is."""
+    present = np.flatnonzero(np.isfinite(residual))
+    steps = np.diff(present)
+    if not len(steps):
+        return residual, 1
+    if steps.max() == steps.min() + 1 and UNEVEN < np.mean(steps == steps.max()) < 1 - UNEVEN:  # 2.5 apart, say
+        even = np.linspace(present[0], present[-1], len(present))
+        return np.interp(even, present, residual[present]), float(even[1] - even[0])
+    every = int(np.median(steps))
+    return residual[present[0] % every :: every] if every > 1 else residual, every
+
+
+def _orders(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orders (f,) and amplitudes (f,) of a residual over an angle (t,) in rad, 1 for white noise.
+
+    Lomb (1976) and Scargle (1982): the angle need not grow evenly, nor always in one direction.
+    """
+    orders = np.arange(0.1, HIGHEST_ORDER + 0.05, 0.05)
+    present = np.isfinite(residual)
+    size = max(-(-present.sum() // MOST_SAMPLES), 1)
+    count = present.sum() // size
+    angle, residual = (
+        values[present][: count * size].reshape(count, size).mean(axis=1) for values in (angle, residual)
+    )
+    # a mean of n has 1/n of the noise's power
+    return orders, np.sqrt(size * scipy.signal.lombscargle(angle, residual, orders))
+
+
+# --- The figures of a diagnosis by name, with their captions.
+
+SENSORS_IN_DETAIL = 3  # with a row each in the figures over motion and frequency
+
+
+def figures(shown: Pictured, system: System) -> dict[str, Figure]:
+    """All figures by name: errors and traces of held-out data, residuals over time, motion and frequency, balance."""
+    plot_data = shown.plot_data
+    sensor_views = views(system, plot_data)
+    rest = {"discrepancy": discrepancy_figure(shown.discrepancy)} if shown.discrepancy else {}
+    return rest | {
+        "errors": errors_figure(shown.errors),
+        "unseen": holdout_figure(plot_data.holdout, sensor_views),
+        "balance": balance_figure(plot_data),
+        "time": time_figure(plot_data, sensor_views),
+        "where": where_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
+        "spectrum": spectrum_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
+    }
+
+
+def pictures(shown: Pictured, system: System) -> dict[str, bytes]:
+    """The files of :func:`figures` (SVG), by name."""
+    return {name: image(drawn) for name, drawn in figures(shown, system).items()}
+
+
+def acting_figures(shown: Pictured, system: System) -> dict[str, str]:
+    """The same to act in the browser, as :func:`matching.report.curves.acting` has them."""
+    return acting(figures(shown, system))
+
+
+# --- A diagnosis in words, from the content of ``diagnosis.json``: one sentence, and a summary for a terminal.
+
+PLACES = {
+    "shafts": "the shaft", "gears": "the gear", "inertias": "the inertia",
+    "inputs": "the input", "sensors": "the sensor",
+}  # fmt: skip
+LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
+PLAIN_POWERS = range(-4, 6)  # powers of ten that are written without exponent
+MOST_DECIMALS = 8
+
+
+def answer(result: Mapping[str, Any]) -> str:
+    """The answer in one sentence."""
+    causes, worst = result["causes"], _worst(result["errors"])
+    if result["verdict"] == "adequate":
+        largest = max((_in_noise(error, "after_holdout") or 0.0 for error in result["errors"].values()), default=0.0)
+        return (
+            "The model is adequate: on held-out data no sensor's error is larger than "
+            f"{number(largest, 3)} times its noise."
+        )
+    if not causes:
+        size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
+        return f"None of the known effects explains what the model misses{size} on held-out data."
+    clauses = [clause(cause) + _rivals(cause) for cause in causes]
+    text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
+    text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
+    if worst is not None:
+        name, before, after = worst
+        text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {_pooled(result)}{name} "
+        text += (
+            f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
+        )
+        text += " on held-out data"
+    return text + ("." if result["verdict"] == "explained" else ", and an unexplained error remains.")
+
+
+def _pooled(result: Mapping[str, Any]) -> str:
+    """The error of all sensors together on held-out data, over their ranges; empty for a single sensor."""
+    gain = result.get("gain", {})
+    before, after = gain.get("nrmse_before"), gain.get("nrmse_after")
+    if len(result["errors"]) < 2 or before is None or after is None:
+        return ""
+    falls = "rises" if after > before else "falls"
+    return f"all sensors {falls} from {percent(before)} to {percent(after)} of their range; that of the worst sensor "
+
+
+def clause(cause: Mapping[str, Any]) -> str:
+    """A cause as a clause: the shaft link has 0.0210 ± 0.0010 rad of free play."""
+    kind, values = cause["kind"], {key: measured(estimate) for key, estimate in cause["parameters"].items()}
+    words = EFFECTS[kind].words or "has " + spaced(kind)
+    places = [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    if kind in EFFECTS and EFFECTS[kind].follows:
+        places, values = places[:1], values | {"second": _subject(places[1])}
+    in_words = {"second"} | {key for _, key, _, _ in Formatter().parse(words) if key}
+    further = [f"{spaced(key)} {value}" for key, value in values.items() if key not in in_words]
+    return f"{_subject(places)} {words.format_map(values)}" + (f" ({', '.join(further)})" if further else "")
+
+
+def _subject(at: str | Sequence[str]) -> str:
+    """A place with its article: the shaft link; of several that share an effect: each of the sensors a and b."""
+    places = [at] if isinstance(at, str) else at
+    table, name = places[0].split(".", 1)
+    if len(places) > 1:
+        names = [place.split(".", 1)[1] for place in places]
+        return f"each of {PLACES[table]}s {', '.join(names[:-1])} and {names[-1]}"
+    return f"{PLACES[table]} {name}" if "." not in name else places[0]
+
+
+def kind_and_place(cause: Mapping[str, Any]) -> str:
+    """A cause or candidate by kind and place: backlash at shafts.link."""
+    return f"{cause['kind']} at {place(cause['at'])}"
+
+
+def place(at: str | list[str]) -> str:
+    """A place of ``diagnosis.json`` for a sentence or a table."""
+    return place_in_words(at if isinstance(at, str) else shared_place(at))
+
+
+def _rivals(cause: Mapping[str, Any]) -> str:
+    rivals = [kind_and_place(rival) for rival in cause["alternatives"] if rival["confidence"] > LEAST_RIVAL_CONFIDENCE]
+    return f" (these data do not rule out {' or '.join(rivals)} instead)" if rivals else ""
+
+
+def measured(estimate: Mapping[str, Any]) -> str:
+    """A value with its standard uncertainty, to two digits of that (JCGM 100, 7.2.6), and its unit."""
+    value, u = estimate["value"], estimate["standard_uncertainty"]
+    printed_unit = unit(estimate["unit"])
+    if not u or not math.isfinite(u):
+        return f"{number(value)} {printed_unit}".rstrip()
+    u = float(f"{u:.1e}")  # 0.0996 is 0.10
+    decimals = 1 - math.floor(math.log10(u))
+    power = math.floor(math.log10(max(abs(value), u)))
+    if power in PLAIN_POWERS and decimals <= MOST_DECIMALS:
+        places = max(decimals, 0)
+        text = f"{round(value, decimals):.{places}f} ± {round(u, decimals):.{places}f}"
+    else:
+        places = max(decimals + power, 0)
+        text = f"{value / 10.0**power:.{places}f}e{power} ± {u / 10.0**power:.{places}f}e{power}"
+    return f"{text} {printed_unit}".rstrip()
+
+
+def _in_noise(error: Mapping[str, float | None], key: str) -> float | None:
+    """A root mean square error in times the sensor's noise; None where it is unknown."""
+    value, noise = error[key], error["noise"]
+    return None if value is None or not noise else value / noise
+
+
+def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float, float] | None:
+    """The sensor with the largest error that is left on held-out data; before and after in times its noise."""
+    rows = [
+        (name, _in_noise(error, "before_holdout"), _in_noise(error, "after_holdout")) for name, error in errors.items()
+    ]
+    known = [(name, before, after) for name, before, after in rows if before is not None and after is not None]
+    return max(known, key=lambda row: row[2], default=None)
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result for a terminal: the answer, what to do next, then the evidence."""
+    lines = [answer(result), *(f"  first: {step}" for step in to_correct(result))]
+    if result["next_recording"]:
+        lines.append(f"  next: {result['next_recording']}")
+    for cause in result["causes"]:
+        lines += _evidence(cause)
+    for name, error in result["errors"].items():
+        before, after = (number(_in_noise(error, key), 3) for key in ("before_holdout", "after_holdout"))
+        lines.append(f"  {name}: error on held-out data from {before} to {after} times the noise")
+    if result["fidelity"]:
+        before, after = result["fidelity"]["before"], result["fidelity"]["after"]
+        lines.append(
+            f"  fidelity on held-out data: R_RVM from {percent(before['R_RVM'])} to {percent(after['R_RVM'])}"
+            f" (a perfect model: {percent(result['fidelity']['noise_floor']['R_RVM'])})"
+        )
+    for row in result["rest"]:
+        lines.append(
+            f"  remaining error of {row['sensor']}: largest from {row['from']:g} to {row['to']:g} s, "
+            f"{number(row['worst_ratio'], 3)} times the noise"
+        )
+    lines += [f"  {shape(curve)}" for curve in result.get("discrepancy", [])[:1]]
+    if kept := result.get("kept_discrepancy"):
+        before, after = percent(kept["nrmse_before"]), percent(kept["nrmse_after"])
+        lines.append(
+            f"  the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
+            f"held-out data falls from {before} to {after} of the sensors' ranges"
+        )
+    unidentified = not_identifiable(result)
+    if unidentified:
+        lines.append(f"  not identifiable from these data: {', '.join(unidentified)}")
+    return "\n".join([*lines, *(f"  note: {note}" for note in result["notes"])])
+
+
+def shape(curve: Mapping[str, Any]) -> str:
+    """What no cause explains, as a torque over one variable."""
+    text = f"what remains has a shape: a torque over the {curve['over']} of {curve['at']} would take "
+    text += f"{percent(curve['share'])} of it"
+    if curve["repeats"] is not None:
+        text += f"; the curves of both halves of the data correlate by {number(curve['repeats'], 2)}"
+    return text
+
+
+def _evidence(cause: Mapping[str, Any]) -> list[str]:
+    lines = [f"  {kind_and_place(cause)}, confidence {cause['confidence']:.2f}: {cause['evidence']}"]
+    lines += [f"    {key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
+    rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
+    return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
+
+
+def to_correct(result: Mapping[str, Any]) -> list[str]:
+    """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
+    ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
+    steps = []
+    for cause in result["causes"]:
+        gain = cause["parameters"].get("factor")  # of an input or a sensor
+        if gain is not None and gain["value"] < 0:
+            steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
+    at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
+    if at_bound:
+        ends = "ends at the bound of its range" if len(at_bound) == 1 else "end at the bounds of their ranges"
+        steps.append(f"{', '.join(at_bound)} {ends}: widen that in the model file, unless physics sets it")
+    return [f"{step}, and run again" for step in steps]
+
+
+def not_identifiable(result: Mapping[str, Any]) -> list[str]:
+    """Names of the quantities that these recordings do not determine."""
+    parameters = result["parameters"].items()
+    return [name for name, estimate in parameters if "not identifiable" in estimate.get("note", "")]
+
+
+# --- The report of a diagnosis: one HTML page that opens anywhere, without network.
+
+MEANING = {
+    "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
+    "explained": "With the named causes every sensor's residual is white noise of its stated uncertainty, on fitted "
+    "and on held-out data.",
+    "unexplained": "More than noise remains. The named causes explain part of it; no known effect explains the rest "
+    "well enough, so treat the values of the causes with care.",
+}
+REASONS = {
+    "": "taken",
+    "not_better": "takes no more than noise would",
+    "not_physical": "its values are not physical",
+    "beyond_recording": "its values lie beyond what was recorded",
+    "worse_unseen": "held-out data are met worse with it",
+    "at_bound": "it ends at the bound of its range",
+    "rival": "another explains more",
+}
+NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
+
+
+def content(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The content of ``diagnosis.json``: the answer in a sentence first, then the diagnosis."""
+    result = diagnosis.to_dict()
+    return {"answer": answer(result), **result}
+
+
+def page(
+    result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes],
+    moving: Mapping[str, str] | None = None, made: Provenance | None = None,
+) -> str:  # fmt: skip
+    """The page as HTML.
+
+    Parameters
+    ----------
+    result : mapping
+        The content of ``diagnosis.json``.
+    title : str
+        Of the model; may be empty.
+    units : dict of str to str
+        SI unit of every sensor.
+    images : mapping of str to bytes
+        Figures by the names of :func:`matching.report.diagnosis.figures`.
+    moving : mapping of str to str, optional
+        Some of them to act in the browser, as :func:`matching.report.curves.acting` has them.
+    made : Provenance, optional
+        Where the result comes from.
+    """
+    verdict, causes = result["verdict"], result["causes"]
+    values = {
+        "made": made,
+        "title": f"Diagnosis: {title}" if title else "Diagnosis of a model",
+        "verdict": verdict,
+        "answer": result["answer"],
+        "meaning": NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict],
+        "to_do": _to_do(result),
+        "causes": [_cause(cause) for cause in causes],
+        "errors": [_error(name, units[name], error) for name, error in result["errors"].items()],
+        "gain": result["gain"],
+        "fidelity": _fidelity(result["fidelity"]) if result["fidelity"] else None,
+        "rest": result["rest"],
+        "shapes": [shape(curve) for curve in result.get("discrepancy", [])],
+        "rivals": _rival_rows([row for row in result["candidates"] if row["instead_of"]]),
+        "not_taken": _not_taken([row for row in result["candidates"] if not row["instead_of"]]),
+        "quantities": [
+            {"name": name, "value": measured(estimate), "note": estimate.get("note", "")}
+            for name, estimate in result["parameters"].items()
+        ],
+        "notes": result["notes"],
+        "figures": {name: embedded(image) for name, image in images.items()},
+        "captions": CAPTIONS,
+        "moving": moving or {},
+    }
+    templates = environment()
+    templates.filters["share"] = _share
+    return templates.get_template("diagnosis.html").render(values)
+
+
+def _to_do(result: Mapping[str, Any]) -> list[str]:
+    """What the reader should do, in sentences."""
+    steps = [f"{step[:1].upper()}{step[1:]}." for step in to_correct(result)]
+    if result["causes"]:
+        steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
+    if result["next_recording"]:
+        words = result["next_recording"]
+        steps.append(f"{words[:1].upper()}{words[1:]}.")
+    elif result["verdict"] == "unexplained":
+        steps.append(
+            "Add a sensor near the component where the remaining error is largest, or look for an effect that the "
+            "program does not know: no rival of a named cause is left that another recording could separate."
+        )
+    unidentified = not_identifiable(result)
+    if unidentified:
+        steps.append(
+            f"Do not rely on the fitted values of {', '.join(unidentified)}: these data do not determine them."
+        )
+    return steps or ["Nothing: the model can be used, and no further recording is needed."]
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{number(100 * value, 3)} %"
+
+
+def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    estimates = cause["parameters"].items()
+    return {
+        "kind": spaced(cause["kind"]),
+        "at": place(cause["at"]),
+        "values": [(spaced(key), measured(estimate)) for key, estimate in estimates],
+        "confidence": f"{cause['confidence']:.2f}",
+        "gain": number(cause["gain"], 3),
+        "evidence": cause["evidence"],
+        "notes": [f"{spaced(key)}: {estimate['note']}" for key, estimate in estimates if "note" in estimate],
+    }
+
+
+def _error(name: str, unit: str, error: Mapping[str, Any]) -> dict[str, Any]:
+    after = error["after_holdout"]
+    return {"name": name, "unit": unit, **error, "ratio": None if after is None else after / error["noise"]}
+
+
+def _rival_rows(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Candidates by the cause that they could replace, with the second best in words."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for candidate in candidates:
+        groups.setdefault(candidate["instead_of"], []).append(candidate)
+    out = []
+    for cause, rows in groups.items():
+        named = next(row["chi_square"] for row in rows if _label(row) == cause)
+        table = [
+            row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "margin": row["chi_square"] - named,
+                   "confidence": f"{row['confidence']:.2g}"}
+            for row in rows
+        ]  # fmt: skip
+        others = [row for row in rows if _label(row) != cause]
+        words = "No other candidate was worth a fit."
+        if others:
+            second = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
+            words = (
+                f"Second best: {spaced(second['kind'])} at {place(second['at'])}, whose residual is "
+                f"{number(second['misfit'], 3)} times the noise; the χ² of its fit minus that of the cause is "
+                f"{number(second['chi_square'] - named, 3)}."
+            )
+        out.append({"cause": cause, "rows": table, "words": words})
+    return out
+
+
+def _not_taken(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Candidates that were fitted by themselves and stand in no cause's place, with the reason in words."""
+    return [
+        row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "reason": REASONS[row["not_taken"] or ""]}
+        for row in candidates
+    ]
+
+
+def _label(candidate: Mapping[str, Any]) -> str:
+    return kind_and_place(candidate)
+
+
+def _fidelity(fidelity: Mapping[str, Any]) -> dict[str, Any]:
+    before, after = fidelity["before"], fidelity["after"]
+    rows = []
+    for base, extended in zip(before["signals"], after["signals"], strict=True):
+        name = f"<code>{html(base['name'])}</code>"
+        delays = f"delay: {_delay(base)} base model, {_delay(extended)} extended"
+        rows.append({"name": f"{name}, R<sub>NRMSE</sub>", "what": "deviation over the range of the measurement",
+                     "before": percent(base["R_NRMSE"]), "after": percent(extended["R_NRMSE"])})  # fmt: skip
+        rows.append({"name": f"{name}, R<sub>τ</sub>", "what": delays,
+                     "before": percent(base["R_tau"]), "after": percent(extended["R_tau"])})  # fmt: skip
+    for name, u, what in (
+        ("R_RVM", "R_RVM_standard_uncertainty", "the model's simulation against the measurement, all sensors (Eq. 21)"),
+        ("R_MU", None, "uncertainty of the sensors over the range of the measurement (Eqs. 22, 23)"),
+        ("R_XiL", "standard_uncertainty", "both, without R_SD, which needs a test bed (Eq. 16)"),
+    ):
+        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
+        rows.append({"name": f"<b>R<sub>{name[2:]}</sub></b>", "before": cells[0], "after": cells[1], "what": what})
+    floor = percent(fidelity["noise_floor"]["R_RVM"])
+    return {"rows": rows, "f_max": fidelity["f_max"], "notes": fidelity["notes"], "floor": floor}
+
+
+def _delay(signal: Mapping[str, Any]) -> str:
+    if signal["delay"] is None:
+        return f"not determined ({signal['delay_undetermined']})"
+    return f"{number(1e3 * signal['delay'], 3)} ± {number(1e3 * signal['delay_standard_uncertainty'], 2)} ms"
+
+
+# --- Views of a diagnosis: measured and simulated on held-out data, and the answer in words.
+
+
+@display.plot.register
+def plot(diagnosis: Diagnosis) -> Figure:
+    """Measurement, base model and extended model on data that no fit used."""
+    with styled():
+        return holdout_figure(diagnosis.plot_data.holdout, views(diagnosis.extended, diagnosis.plot_data))
+
+
+@display.text.register
+def as_text(diagnosis: Diagnosis) -> str:
+    """The answer in a sentence, what to do, causes and errors."""
+    return summary(content(diagnosis))
+
+
+@display.html.register
+def as_html(diagnosis: Diagnosis) -> str:
+    """The text of the result as HTML for a notebook."""
+    return preformatted(as_text(diagnosis))

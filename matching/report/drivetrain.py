@@ -1,0 +1,892 @@
+"""A drivetrain on axes, by its layout; texts of files are written as they are, never as formulas."""
+
+from __future__ import annotations
+
+import functools
+import math
+import textwrap
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyBboxPatch, Patch, Polygon, Rectangle
+from matplotlib.text import Text
+
+from matching.match.case import Case
+from matching.report.common import (
+    INK,
+    LIMIT,
+    RIG,
+    VEHICLE,
+    amount,
+    embedded,
+    environment,
+    figure,
+    image,
+    number,
+    spaced,
+    styled,
+)
+from modelling import display
+from modelling.equations import lagrange
+from modelling.equations.lagrange import derive
+from modelling.errors import InputError
+from modelling.modal.result import Mode
+from modelling.system import System
+from modelling.units import QUANTITY_UNITS
+
+# --- Where the inertias of a drivetrain stand on paper: a tree from one end, branches in lanes of their own.
+#
+# Where branches meet again (two wheels that carry one body), the inertia stands behind all of them and in their middle.
+
+MOST_INERTIAS = 80  # more are no drawing any more
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A shaft, gear or differential: its table and name, the end nearer to the root, the other ends, and its lane.
+
+    A differential has no lane of its own: it stands in that of its near end.
+    """
+
+    table: str
+    name: str
+    near: str
+    far: tuple[str, ...]
+    lane: float = 0.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Column and lane of every inertia, from 0, and the joints in the order in which they are met.
+
+    The first child of a branch stands above, the last below; lanes count downwards.
+    """
+
+    column: dict[str, int]
+    lane: dict[str, float]
+    joints: tuple[Joint, ...]
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return max(self.column.values()) + 1
+
+    @property
+    def lanes(self) -> float:
+        """Distance of the first and the last lane, plus one."""
+        return max([*self.lane.values(), *(joint.lane for joint in self.joints)]) + 1
+
+
+def layout(system: System) -> Layout:
+    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below.
+
+    Raises
+    ------
+    InputError
+        If it has too many inertias to be drawn.
+    """
+    if len(system.inertias) > MOST_INERTIAS:
+        raise InputError(
+            "inertias", f"{len(system.inertias)} are too many for a drawing", f"at most {MOST_INERTIAS} are drawn"
+        )
+    tree = _grown(system)
+    _put_behind(tree)
+    lane = _lanes(tree.roots, tree.children, tree.order)
+    return _with_lanes(tree, lane)
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """Columns, children and order of the inertias as they were met, from each root; joints, and those met again."""
+
+    roots: list[str]
+    column: dict[str, int]
+    children: dict[str, list[str]]
+    order: list[str]
+    joints: list[Joint]
+    again: list[Joint]
+
+    def below(self, name: str) -> list[str]:
+        """An inertia and all that hang on it."""
+        names = [name]
+        for each in names:  # grows while it is worked through
+            names += self.children[each]
+        return names
+
+
+def _grown(system: System) -> _Tree:
+    """The tree of shortest paths from the first inertia that is an end, and so on for parts that stand apart."""
+    connections = _connections(system)
+    meeting: dict[str, list[int]] = {part.name: [] for part in system.inertias}
+    for number, (_, _, ends) in enumerate(connections):
+        for end in ends:
+            meeting[end].append(number)
+    tree = _Tree([], {}, {}, [], [], [])
+    drawn: set[int] = set()
+    while len(tree.column) < len(system.inertias):
+        left = [part.name for part in system.inertias if part.name not in tree.column]
+        root = next((name for name in left if len(meeting[name]) <= 1), left[0])
+        tree.roots.append(root)
+        tree.column[root], tree.children[root] = 0, []
+        reached = [root]
+        for name in reached:  # grows while it is worked through
+            for number in meeting[name]:
+                if number not in drawn:
+                    drawn.add(number)
+                    table, joint, ends = connections[number]
+                    reached += _reach(tree, Joint(table, joint, name, tuple(end for end in ends if end != name)))
+        tree.order.extend(reached)
+    return tree
+
+
+def _reach(tree: _Tree, joint: Joint) -> list[str]:
+    """Enter a joint; the inertias that are met for the first time."""
+    tree.joints.append(joint)
+    fresh = [end for end in joint.far if end not in tree.column]
+    for end in fresh:
+        tree.column[end], tree.children[end] = tree.column[joint.near] + 1, []
+    tree.children[joint.near] += fresh
+    if not fresh:
+        tree.again.append(joint)
+    return fresh
+
+
+def _put_behind(tree: _Tree) -> None:
+    """Move every inertia that is met again, with all that hangs on it, behind the inertias from which it is met."""
+    for _ in tree.again:  # a move may make another one necessary
+        for joint in tree.again:
+            for end in joint.far:
+                behind = tree.column[joint.near] + 1 - tree.column[end]
+                below = tree.below(end)
+                if behind > 0 and joint.near not in below:
+                    for name in below:
+                        tree.column[name] += behind
+
+
+def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
+    """Joints in the lane of their far end; those that close a circle in that of their near end, or below all.
+
+    An inertia in which branches end together stands in the middle of them.
+    """
+    ends = {end for joint in tree.again for end in joint.far if not tree.children[end]}
+    busy = {name for name, below in tree.children.items() if not ends.issuperset(below)}
+    following, placed = max(lane.values()) + 1, list[Joint]()
+    for joint in tree.joints:
+        its_lane = lane[joint.near if joint.table == "differentials" else joint.far[0]]
+        if joint in tree.again and joint.table != "differentials":
+            its_lane = lane[joint.near]
+            if joint.near in busy:
+                its_lane, following = following, following + 1
+            busy.add(joint.near)
+        elif ends.intersection(joint.far):
+            busy.add(joint.near)
+        placed.append(replace(joint, lane=its_lane))
+    column, lane = dict(tree.column), dict(lane)
+    for name in ends:
+        arriving = [joint.lane for joint in placed if name in joint.far and joint.table != "differentials"]
+        lane[name] = (min(arriving) + max(arriving)) / 2 if arriving else lane[name]
+        while any(
+            column[name] == column[other] and abs(lane[name] - lane[other]) < 1 for other in lane if other != name
+        ):
+            column[name] += 1
+    return Layout(column, lane, tuple(placed))
+
+
+def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
+    connections = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
+    connections += [("gears", part.name, tuple(part.between)) for part in system.gears]
+    return connections + [
+        ("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials
+    ]
+
+
+def _lanes(roots: list[str], children: dict[str, list[str]], order: list[str]) -> dict[str, float]:
+    """Ends of branches one below the other, every other inertia in the middle of what hangs on it."""
+    lane: dict[str, float] = {}
+    waiting, following = list(reversed(roots)), 0
+    while waiting:
+        name = waiting.pop()
+        if not children[name]:
+            lane[name] = float(following)
+            following += 1
+        waiting.extend(reversed(children[name]))
+    for name in reversed(order):
+        if children[name]:
+            lane[name] = (lane[children[name][0]] + lane[children[name][-1]]) / 2
+    return lane
+
+
+# --- The symbols of a drivetrain drawing, each drawn on axes at a place; lengths in units of the drawing.
+
+LINE: dict[str, Any] = {"color": INK, "linewidth": 1.1, "solid_capstyle": "round"}
+DISC_WIDTH = 0.26
+ELEMENT = 0.75  # length of spring and damper
+APART = 0.15  # of spring and damper from the shaft's axis
+GEAR_RADIUS = 0.13
+
+
+def line(axes: Axes, *points: tuple[float, float]) -> None:
+    """A shaft without twist."""
+    x, y = zip(*points, strict=True)
+    axes.plot(x, y, **LINE)
+
+
+def disc(axes: Axes, x: float, y: float, half: float, colour: str, *, emulated: bool) -> None:
+    """An inertia seen from the side; hatched where software stands in for it."""
+    axes.add_patch(
+        Rectangle(
+            (x - DISC_WIDTH / 2, y - half), DISC_WIDTH, 2 * half, facecolor=colour, edgecolor=INK, linewidth=1.1,
+            hatch="////" if emulated else None, zorder=3,
+        )
+    )  # fmt: skip
+
+
+def spring_and_damper(axes: Axes, x: float, y: float, *, damped: bool) -> None:
+    """A torsion spring, in parallel with a damper where there is one, centred at x."""
+    left, right = x - ELEMENT / 2, x + ELEMENT / 2
+    up = y + APART if damped else y
+    t = np.linspace(0, 1, 10)
+    across = np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]) * 0.09
+    axes.plot(left + ELEMENT * t, up + across, **LINE)
+    if not damped:
+        return
+    down, cup = y - APART, x + 0.1
+    for end in (left, right):
+        line(axes, (end, up), (end, down))
+    line(axes, (left, down), (x - 0.02, down))
+    line(axes, (x - 0.02, down - 0.07), (x - 0.02, down + 0.07))  # piston
+    line(axes, (x - 0.14, down + 0.1), (cup, down + 0.1), (cup, down - 0.1), (x - 0.14, down - 0.1))
+    line(axes, (cup, down), (right, down))
+
+
+def gear_pair(axes: Axes, x: float, y: float) -> None:
+    """Two wheels in mesh."""
+    for side in (1, -1):
+        place = (x, y + side * GEAR_RADIUS)
+        axes.add_patch(Circle(place, GEAR_RADIUS, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=3))
+        axes.add_patch(Circle(place, 0.02, color=INK, zorder=4))
+
+
+def differential(axes: Axes, x: float, y: float) -> None:
+    """The cage of an open differential."""
+    corners = [(x - 0.22, y), (x, y + 0.22), (x + 0.22, y), (x, y - 0.22)]
+    axes.add_patch(Polygon(corners, closed=True, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=3))
+    for corner, other in (((-1, -1), (1, 1)), ((-1, 1), (1, -1))):
+        axes.plot(
+            [x + 0.09 * corner[0], x + 0.09 * other[0]], [y + 0.09 * corner[1], y + 0.09 * other[1]], zorder=4, **LINE
+        )
+
+
+def dynamometer_symbol(axes: Axes, x: float, y: float, half: float, colour: str) -> None:
+    """The housing of a dynamometer round its rotor."""
+    wide, high = DISC_WIDTH / 2 + 0.2, half + 0.12
+    axes.add_patch(
+        FancyBboxPatch(
+            (x - wide, y - high), 2 * wide, 2 * high, boxstyle="round,pad=0.02,rounding_size=0.1",
+            facecolor="white", edgecolor=colour, linewidth=1.6, zorder=1,
+        )
+    )  # fmt: skip
+
+
+def cut(axes: Axes, x: float, y: float, colour: str) -> None:
+    """The cut through a shaft."""
+    axes.plot([x, x], [y - 0.36, y + 0.36], color=colour, linewidth=1.8, linestyle=(0, (4, 2)), zorder=5)
+
+
+# --- Drivetrain
+
+COLUMN, TALLEST, LEAST_HEIGHT = 3.5, 0.62, 0.12  # units: from disc to disc at least; half the height of discs
+LETTER, BETWEEN = 0.08, 0.15  # units: width of a letter on average; between texts
+LINE_HEIGHT = 0.2  # units of a line of text
+TOP = TALLEST + 0.7  # units above the first lane
+LANE = 2.1  # units between lanes, with one line of text below a disc
+ELBOW = 0.62  # units behind a disc where a branch turns off
+CUT = 0.76  # units between the cut and the inertia behind it
+TEXT_POINTS = 6.5
+LETTERS = {"angle": "φ", "speed": "ω", "acceleration": "α", "torque": "M"}
+HARDWARE, ARROW = "#B8B8B8", "↻"
+
+
+@dataclass(frozen=True)
+class Emphasis:
+    """What a case says of a drivetrain.
+
+    Attributes
+    ----------
+    colours : dict of str to str
+        Colour of an inertia by name; grey where none is stated.
+    emulated : frozenset of str
+        Inertias that software stands in for.
+    machines : dict of str to str
+        Name of the dynamometer by the inertia of its rotor.
+    cuts : dict of str to str
+        Inertia behind the cut, by the name of the shaft that it runs through.
+    """
+
+    colours: dict[str, str] = field(default_factory=dict)
+    emulated: frozenset[str] = frozenset()
+    machines: dict[str, str] = field(default_factory=dict)
+    cuts: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A drivetrain laid out: notes by component, distance of lanes (units), inertia of the tallest disc (kg·m²).
+
+    ``column`` is the distance of columns, units.
+    """
+
+    system: System
+    layout: Layout
+    emphasis: Emphasis
+    notes: dict[str, list[str]]
+    lane: float
+    largest: float
+    column: float
+
+    @property
+    def width(self) -> float:
+        """Units."""
+        return self.column * (self.layout.columns - 1) + 2.0
+
+    @property
+    def height(self) -> float:
+        """Units."""
+        return self.lane * self.layout.lanes + TOP - TALLEST - 0.4
+
+    def place(self, inertia: str) -> tuple[float, float]:
+        """Centre of an inertia, units."""
+        return self.column * self.layout.column[inertia], -self.lane * self.layout.lane[inertia]
+
+    def is_geared(self, shaft: str) -> bool:
+        """Whether a shaft has a ratio."""
+        return next(part for part in self.system.shafts if part.name == shaft).ratio is not None
+
+    def half(self, inertia: str) -> float:
+        """Half the height of a disc: discs of one thickness have J ~ r⁴."""
+        part = next(part for part in self.system.inertias if part.name == inertia)
+        return max(TALLEST * (part.J.value / self.largest) ** 0.25, LEAST_HEIGHT)
+
+
+def drawing(system: System, emphasis: Emphasis | None = None, largest: float | None = None) -> Drawing:
+    """Lay out a drivetrain to be drawn.
+
+    Parameters
+    ----------
+    largest : float, optional
+        Inertia of the tallest disc, kg·m²; default the system's largest.
+
+    Raises
+    ------
+    InputError
+        If it has too many inertias.
+    """
+    notes = _notes(system)
+    most = max((len(lines) for lines in notes.values()), default=0)
+    largest = largest or max(part.J.value for part in system.inertias)
+    emphasis = emphasis or Emphasis()
+    lane, column = LANE + LINE_HEIGHT * most, _column(system, emphasis, notes)
+    return Drawing(system, layout(system), emphasis, notes, lane, largest, column)
+
+
+def _column(system: System, emphasis: Emphasis, notes: dict[str, list[str]]) -> float:
+    """Distance of columns, units, with room for the widest texts of an inertia and of a shaft beside each other."""
+
+    def longest(table: str, names: list[str]) -> int:
+        lines = [*names, *(line for part, each in notes.items() if part.startswith(table) for line in each)]
+        return max(map(len, lines), default=0)
+
+    machines = [f"(dynamometer {name})" for name in emphasis.machines.values()]
+    of_inertia = longest("inertias.", [*(part.name for part in system.inertias), *machines])
+    of_shaft = longest("shafts.", [part.name for part in system.shafts])
+    return max(COLUMN, LETTER * (of_inertia + of_shaft) + 2 * BETWEEN)
+
+
+def draw(axes: Axes, drawn: Drawing) -> None:
+    """Draw it."""
+    for joint in drawn.layout.joints:
+        with _labelled(axes, f"{joint.table}.{joint.name}"):
+            _joint(axes, drawn, joint)
+    for part in drawn.system.inertias:
+        with _labelled(axes, f"inertias.{part.name}"):
+            _inertia(axes, drawn, part.name)
+    axes.set_xlim(-1.0, drawn.width - 1.0)
+    axes.set_ylim(TOP - drawn.height, TOP)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+@contextmanager
+def _labelled(axes: Axes, part: str) -> Iterator[None]:
+    """What is drawn within has the name of the part as its label; no legend shows it."""
+    before = set(axes.get_children())
+    yield
+    for artist in axes.get_children():
+        if artist not in before:
+            artist.set_label(part)
+
+
+def _notes(system: System) -> dict[str, list[str]]:
+    """Lines below every component: torques that act, sensors, effects."""
+    notes: dict[str, list[str]] = {}
+    for source in system.inputs:
+        notes.setdefault(f"inertias.{source.on}", []).append(f"{ARROW} {spaced(source.name)}")
+    for sensor in system.sensors:
+        table = "shafts" if sensor.measures == "torque" else "inertias"
+        notes.setdefault(f"{table}.{sensor.of}", []).append(f"{LETTERS[sensor.measures]}: {spaced(sensor.name)}")
+    on_what = {f"inputs.{part.name}": f"inertias.{part.on}" for part in system.inputs} | {
+        f"sensors.{part.name}": f"{'shafts' if part.measures == 'torque' else 'inertias'}.{part.of}"
+        for part in system.sensors
+    }
+    for effect in system.effects:
+        notes.setdefault(on_what.get(effect.at, effect.at), []).append(f"+ {spaced(effect.kind)}")
+    return notes
+
+
+def _inertia(axes: Axes, drawn: Drawing, name: str) -> None:
+    x, y = drawn.place(name)
+    half, emphasis = drawn.half(name), drawn.emphasis
+    part = next(part for part in drawn.system.inertias if part.name == name)
+    if name in emphasis.machines:
+        dynamometer_symbol(axes, x, y, half, RIG)
+    disc(axes, x, y, half, emphasis.colours.get(name, HARDWARE), emulated=name in emphasis.emulated)
+    above = spaced(name)
+    if name in emphasis.machines:
+        machine = spaced(emphasis.machines[name])
+        above += f"\n({machine})" if "dynamometer" in machine else f"\n(dynamometer {machine})"
+    _text(axes, x, y + half + 0.18, above, va="bottom", weight="bold")
+    lines = [amount(part.J.value, "kg*m^2"), *drawn.notes.get(f"inertias.{name}", [])]
+    _text(axes, x, y - half - 0.18, "\n".join(lines), va="top")
+
+
+def _joint(axes: Axes, drawn: Drawing, joint: Joint) -> None:
+    x, y = drawn.place(joint.near)
+    if joint.table == "differentials":
+        middle = x + ELBOW + 0.3
+        line(axes, (x, y), (middle, y))
+        for end in joint.far:
+            to_x, to_y = drawn.place(end)
+            line(axes, (middle, y), (middle, to_y), (to_x, to_y))
+        differential(axes, middle, y)
+        beside = middle + 0.3 + LETTER * len(joint.name) / 2  # between the branches
+        _text(axes, beside, y - 0.07, spaced(joint.name), va="bottom")
+        return
+    (end,) = joint.far
+    (to_x, to_y), across = drawn.place(end), -drawn.lane * joint.lane
+    geared = joint.table == "shafts" and drawn.is_geared(joint.name)
+    centre = x + drawn.column / 2 + (0.25 if geared else 0.12 if y != to_y else 0.0)
+    reach = ELEMENT / 2 if joint.table == "shafts" else 0.0
+    turn = x + ELBOW
+    line(axes, (x, y), (turn, y), (turn, across), (centre - reach, across))
+    back = [] if across == to_y else [(to_x - ELBOW, across), (to_x - ELBOW, to_y)]
+    line(axes, (centre + reach, across), *back, (to_x, to_y))
+    (_shaft if joint.table == "shafts" else _gear)(axes, drawn, joint.name, centre, across)
+    if joint.name in drawn.emphasis.cuts and joint.table == "shafts":
+        behind = drawn.place(drawn.emphasis.cuts[joint.name])[0]
+        cut(axes, behind + (-CUT if behind >= to_x else CUT), across, RIG)
+
+
+def _shaft(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:
+    part = next(part for part in drawn.system.shafts if part.name == name)
+    spring_and_damper(axes, x, y, damped=part.damping.value > 0)
+    if drawn.is_geared(name):
+        gear_pair(axes, x - ELEMENT / 2 - 0.28, y)
+    _text(axes, x, y + 0.32, spaced(name), va="bottom")
+    lines = [amount(part.stiffness.value, "N*m/rad")]
+    lines += [] if part.ratio is None else [f"i = {number(part.ratio.value)}"]
+    _text(axes, x, y - 0.32, "\n".join([*lines, *drawn.notes.get(f"shafts.{name}", [])]), va="top")
+
+
+def _gear(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:
+    part = next(part for part in drawn.system.gears if part.name == name)
+    gear_pair(axes, x, y)
+    _text(axes, x, y + 0.32, spaced(name), va="bottom")
+    _text(axes, x, y - 0.32, f"i = {number(part.ratio.value)}", va="top")
+
+
+def _text(axes: Axes, x: float, y: float, text: str, va: str, weight: str = "normal") -> None:
+    colour = INK if weight == "bold" else LIMIT
+    axes.text(
+        x, y, text, ha="center", va=va, fontsize=TEXT_POINTS, color=colour, weight=weight, linespacing=1.1,
+        parse_math=False, zorder=6,
+    )  # fmt: skip
+
+
+# --- Drawings of a model, and of a case with the vehicle above its rig and the cut marked in both.
+
+INCHES = 0.62  # of a unit of the drawing
+NARROWEST_INCHES = 4.5  # with room for the legend
+TITLE_POINTS = 9.0
+POINTS_AN_INCH = 72.0
+LETTER_WIDTH = 0.62  # of the height of a title's letters, on average
+LEGEND = "height of a disc ~ J^(1/4), as of discs of one thickness; ↻ torque input; φ ω α M sensor; + effect"
+
+CASE_LEGEND = (
+    "dashed: the cut; hatched: residual vehicle, emulated by the dynamometers; grey: hardware that both have; "
+)
+
+
+def model_figure(system: System) -> Figure:
+    """The drivetrain of a model.
+
+    Raises
+    ------
+    InputError
+        If it has too many inertias.
+    """
+    return _figure([(system.title, "#222222", drawing(system))])
+
+
+def case_figure(case: Case) -> Figure:
+    """Vehicle above rig: shared hardware in grey, what only one has in its colour, what is emulated hatched.
+
+    Raises
+    ------
+    InputError
+        If one of them has too many inertias.
+    """
+    vehicle, rig = case_drawings(case)
+    return _figure(
+        [
+            (f"Vehicle: {case.vehicle.title}", VEHICLE, vehicle),
+            (f"Rig: {case.rig.title}", RIG, rig),
+        ],
+        CASE_LEGEND,
+    )
+
+
+def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
+    """Vehicle and rig laid out, with what the case says of them.
+
+    Raises
+    ------
+    InputError
+        If one of them has too many inertias.
+    """
+    vehicle, rig = ({part.name for part in system.inertias} for system in (case.vehicle, case.rig))
+    interfaces = case.residual_vehicle.interfaces
+    rotors = {source.name: source.on for source in case.rig.inputs}
+    machines = {rotors[machine.torque_input]: machine.name for machine in case.loop.dynamometers}
+    of_vehicle = Emphasis(
+        dict.fromkeys(vehicle - rig, VEHICLE),
+        frozenset(vehicle - rig),
+        cuts={interface.shaft: interface.vehicle_end for interface in interfaces},
+    )
+    of_rig = Emphasis(
+        dict.fromkeys(rig - vehicle, RIG),
+        machines=machines,
+        cuts={interface.shaft: interface.rig_end for interface in interfaces},
+    )
+    largest = max(part.J.value for system in (case.vehicle, case.rig) for part in system.inertias)
+    both = drawing(case.vehicle, of_vehicle, largest), drawing(case.rig, of_rig, largest)
+    column = max(drawn.column for drawn in both)  # parts of both stand below each other
+    return replace(both[0], column=column), replace(both[1], column=column)
+
+
+def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figure:
+    width = max(drawn.width for _, _, drawn in drawings)
+    heights = [drawn.height for _, _, drawn in drawings]
+    with styled():
+        inches = max(INCHES * width, NARROWEST_INCHES)
+        letters = int(inches * POINTS_AN_INCH / (TITLE_POINTS * LETTER_WIDTH))
+        titles = [textwrap.fill(title, letters, break_on_hyphens=False) for title, _, _ in drawings]
+        lines = sum(1 + title.count("\n") for title in titles)
+        fig = figure(inches, INCHES * (sum(heights) + 0.6) + 0.25 * lines)
+        beside = (inches / INCHES - width) / 2  # of a drawing narrower than the figure
+        rows = fig.subplots(len(drawings), 1, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, title, (_, colour, drawn) in zip(rows, titles, drawings, strict=True):
+            draw(axes, drawn)
+            axes.set_xlim(-1.0 - beside, width - 1.0 + beside)
+            axes.set_title(title, loc="left", color=colour, fontsize=TITLE_POINTS, parse_math=False)
+        fig.supxlabel(legend + LEGEND, fontsize=6, color="#555555", parse_math=False, wrap=True)
+    return fig
+
+
+# --- A drawing of a drivetrain as plain shapes, each with the part that it belongs to: for pages on which parts react.
+
+POINTS_PER_UNIT = 0.62 * 72  # one unit of the drawing is 0.62 inches wide
+AROUND = 0.15  # about the box of a part, units: what marks it is drawn there
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line through points (k, 2), units; width in units."""
+
+    points: tuple[tuple[float, float], ...]
+    colour: str
+    width: float
+    dashed: bool
+
+
+@dataclass(frozen=True)
+class Area:
+    """A filled polygon with corners (k, 2), units; ``hatched`` where software stands in for the part."""
+
+    corners: tuple[tuple[float, float], ...]
+    fill: str
+    colour: str
+    width: float
+    hatched: bool
+
+
+@dataclass(frozen=True)
+class Label:
+    """Lines of text centred at x; ``below`` is whether they hang from y or stand on it; height in units."""
+
+    x: float
+    y: float
+    lines: tuple[str, ...]
+    below: bool
+    bold: bool
+    colour: str
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPart:
+    """A part of a drivetrain as drawn: its name (``shafts.link``) and its shapes from back to front."""
+
+    name: str
+    shapes: tuple[Stroke | Area | Label, ...]
+
+    @functools.cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """Left, lower, right and upper end of its areas and texts, or of its lines where it has neither."""
+        solid = [shape for shape in self.shapes if not isinstance(shape, Stroke)]
+        places = np.array([place for shape in solid or self.shapes for place in _places(shape)])
+        (left, lower), (right, upper) = places.min(axis=0), places.max(axis=0)
+        return float(left), float(lower), float(right), float(upper)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drivetrain as shapes; ``extent`` is left, lower, right and upper end in units, y upwards."""
+
+    drawing: Drawing
+    parts: tuple[DrawnPart, ...]
+    extent: tuple[float, float, float, float]
+
+
+def picture(drawn: Drawing) -> Picture:
+    """The shapes of a drawing: those that :func:`matching.report.drivetrain.draw` draws, part by part."""
+    axes = Figure().add_axes((0, 0, 1, 1))
+    draw(axes, drawn)
+    by_part: dict[str, list[Artist]] = {}
+    for artist in axes.get_children():
+        if isinstance(artist, Line2D | Patch | Text) and "." in str(artist.get_label()):
+            by_part.setdefault(str(artist.get_label()), []).append(artist)
+    parts = tuple(DrawnPart(name, tuple(_shapes(axes, artists))) for name, artists in by_part.items())
+    (left, right), (lower, upper) = axes.get_xlim(), axes.get_ylim()
+    boxes = [part.box for part in parts]  # a long name at an end reaches beyond the axes
+    return Picture(drawn, parts, (
+        min([left, *(box[0] - AROUND for box in boxes)]), min([lower, *(box[1] - AROUND for box in boxes)]),
+        max([right, *(box[2] + AROUND for box in boxes)]), max([upper, *(box[3] + AROUND for box in boxes)]),
+    ))  # fmt: skip
+
+
+def _shapes(axes: Axes, artists: Iterable[Artist]) -> Iterable[Stroke | Area | Label]:
+    for artist in sorted(artists, key=lambda each: each.get_zorder()):
+        if isinstance(artist, Line2D):
+            width = artist.get_linewidth() / POINTS_PER_UNIT
+            yield Stroke(_points(artist.get_xydata()), to_hex(artist.get_color()), width, artist.is_dashed())
+        elif isinstance(artist, Patch):
+            outline = (artist.get_transform() - axes.transData).transform_path(artist.get_path())
+            for corners in outline.to_polygons(closed_only=True):
+                yield Area(
+                    _points(corners), to_hex(artist.get_facecolor()), to_hex(artist.get_edgecolor()),
+                    artist.get_linewidth() / POINTS_PER_UNIT, bool(artist.get_hatch()),
+                )  # fmt: skip
+        elif isinstance(artist, Text):
+            (x, y), below = artist.get_position(), artist.get_verticalalignment() == "top"
+            lines = tuple(line for line in artist.get_text().split("\n") if line)
+            bold = artist.get_fontweight() == "bold"
+            yield Label(x, y, lines, below, bold, to_hex(artist.get_color()), TEXT_POINTS / POINTS_PER_UNIT)
+
+
+def _points(array: Any) -> tuple[tuple[float, float], ...]:
+    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in array)
+
+
+def _places(shape: Stroke | Area | Label) -> Iterable[tuple[float, float]]:
+    if isinstance(shape, Stroke):
+        return shape.points
+    if isinstance(shape, Area):
+        return shape.corners
+    letter = 0.3 if shape.bold else 0.27  # half its width over its height, on average
+    half = letter * shape.height * max(map(len, shape.lines), default=0)
+    tall = 1.2 * shape.height * len(shape.lines) * (-1 if shape.below else 1)
+    return [(shape.x - half, shape.y), (shape.x + half, shape.y + tall)]
+
+
+# --- A drivetrain as SVG for a page: parts that can be clicked and reached by Tab, energies as colour, a mode swinging.
+#
+# The mark on every disc moves as a point of its rim does, seen from the side: up and down with the angle of the
+# inertia.
+
+PIXELS_PER_UNIT = 62
+FRAMES = 16  # of one period of the swinging mode
+LINE_SPACING = 1.1  # of the height of letters
+WORDS = {
+    "inertias": "inertia", "shafts": "shaft", "gears": "gear", "differentials": "differential",
+}  # fmt: skip
+LARGEST_OPACITY = 0.6  # of the colour for energy, so that texts on it stay readable
+LEAST_SHARE = 0.005  # of the energy, below which a part is not coloured
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What is marked in a drawing.
+
+    Attributes
+    ----------
+    selected : str
+        Name of the part that is edited, or empty.
+    changed : collection of str
+        Names of parts that differ from the file.
+    mode : Mode or None
+        Its energy shares colour the parts, and its shape swings.
+    """
+
+    selected: str = ""
+    changed: Collection[str] = field(default_factory=frozenset)
+    mode: Mode | None = None
+
+
+def drivetrain_svg(picture: Picture, marks: Marks | None = None, *, reacts: bool = False, prefix: str = "") -> str:
+    """The drawing as an element of a page.
+
+    Parameters
+    ----------
+    reacts : bool
+        Whether parts are buttons: each has ``data-part`` and is reached by Tab.
+    prefix : str
+        Put before identifiers, so that several drawings fit on one page.
+    """
+    marks = marks or Marks()
+    left, lower, right, upper = picture.extent
+    system = picture.drawing.system
+    return environment().get_template("drivetrain.svg").render(
+        left=left, top=-upper, width=round(right - left, 3), height=round(upper - lower, 3), scale=PIXELS_PER_UNIT,
+        title=f"Drivetrain {system.title}".strip(), reacts=reacts, prefix=prefix,
+        parts=[_part(picture, part, marks, prefix) for part in picture.parts],
+        swing=[] if marks.mode is None else _swing(picture, marks.mode),
+    )  # fmt: skip
+
+
+def _part(picture: Picture, part: DrawnPart, marks: Marks, prefix: str) -> dict[str, Any]:
+    left, lower, right, upper = part.box
+    share = 0.0 if marks.mode is None else _energy(marks.mode, part.name)
+    return {
+        "name": part.name, "words": _words(picture, part.name, share), "changed": part.name in marks.changed,
+        "selected": part.name == marks.selected, "x": round(left - 0.1, 3), "y": round(-upper - 0.08, 3),
+        "width": round(right - left + 0.2, 3), "height": round(upper - lower + 0.16, 3),
+        "heat": f"rgba(230,159,0,{min(LARGEST_OPACITY, 0.1 + share):.2f})" if share > LEAST_SHARE else "transparent",
+        "shapes": _markup(part, prefix),
+    }  # fmt: skip
+
+
+@functools.lru_cache(maxsize=2048)
+def _markup(part: DrawnPart, prefix: str) -> Markup:
+    """The shapes of a part, which stay while a slider moves."""
+    shapes = [_shape(shape) for shape in part.shapes]
+    return Markup(environment().get_template("drivetrain_part.svg").render(shapes=shapes, prefix=prefix))
+
+
+def _energy(mode: Mode, part: str) -> float:
+    """Share of a part in the kinetic or potential energy of a mode, those of its effects included."""
+    shares = mode.kinetic if part.startswith("inertias.") else mode.potential
+    return sum(share for name, share in shares.items() if name == part or name.startswith(f"{part}."))
+
+
+def _words(picture: Picture, name: str, share: float) -> str:
+    """What a reader who does not see the drawing is told of a part."""
+    table, _, part = name.partition(".")
+    component = picture.drawing.system[name]
+    quantities = [(key, getattr(component, key, None), unit) for key, unit in QUANTITY_UNITS.items()]
+    amounts = [f"{key} {amount(quantity.value, unit)}" for key, quantity, unit in quantities if quantity is not None]
+    energy = [f"{100 * share:.0f} % of the energy"] if share > LEAST_SHARE else []
+    return ", ".join([f"{WORDS[table]} {spaced(part)}", *amounts, *energy])
+
+
+def _shape(shape: Stroke | Area | Label) -> dict[str, Any]:
+    if isinstance(shape, Stroke):
+        values: dict[str, Any] = {"kind": "stroke", "points": _svg_points(shape.points), "dashed": shape.dashed}
+        return values | {"colour": shape.colour, "width": round(shape.width, 4)}
+    if isinstance(shape, Area):
+        values = {"kind": "area", "points": _svg_points(shape.corners), "fill": shape.fill, "hatched": shape.hatched}
+        return values | {"colour": shape.colour, "width": round(shape.width, 4)}
+    step = LINE_SPACING * shape.height
+    first = -shape.y + (0.8 * shape.height if shape.below else -step * (len(shape.lines) - 1))
+    lines = [
+        {"x": round(shape.x, 3), "y": round(first + step * place, 3), "text": text}
+        for place, text in enumerate(shape.lines)
+    ]
+    return {"kind": "text", "lines": lines, "bold": shape.bold, "colour": INK, "height": shape.height}
+
+
+def _svg_points(points: tuple[tuple[float, float], ...]) -> str:
+    return " ".join(f"{x:g},{-y:g}" for x, y in points)
+
+
+def _swing(picture: Picture, mode: Mode) -> list[dict[str, Any]]:
+    largest = max((abs(amplitude) for amplitude in mode.shape.values()), default=0.0) or 1.0
+    discs = []
+    for part in picture.drawing.system.inertias:
+        amplitude = complex(mode.shape.get(f"inertias.{part.name}", 0.0)) / largest
+        (x, y), half = picture.drawing.place(part.name), picture.drawing.half(part.name)
+        turns = (math.tau * frame / FRAMES for frame in range(FRAMES + 1))
+        heights = (-y - half * (amplitude.real * math.cos(turn) - amplitude.imag * math.sin(turn)) for turn in turns)
+        size = f"{abs(amplitude):.2f}" if abs(amplitude.imag) > 1e-9 else f"{round(amplitude.real, 2) + 0.0:+.2f}"
+        values = ";".join(f"{height:.3f}" for height in heights)
+        discs.append({"x": x, "y": -y, "half": round(half, 3), "heights": values, "amplitude": size})
+    return discs
+
+
+# --- Models and cases in a notebook: their drawing; of a model its equations below.
+
+_DRAWING = "<p><img alt='{{ title }}' src='{{ picture }}' style='max-width:100%'></p>"
+
+
+@display.plot.register
+def plot_system(system: System) -> Figure:
+    """The drivetrain."""
+    return model_figure(system)
+
+
+@display.plot.register
+def plot_case(case: Case) -> Figure:
+    """Vehicle above rig with the cut."""
+    return case_figure(case)
+
+
+@display.html.register
+def system_html(system: System) -> str:
+    """Title, drivetrain and equations; without the drawing where there are too many inertias."""
+    equations = lagrange.html(derive(system), system)
+    if len(system.inertias) > MOST_INERTIAS:
+        return equations
+    heading, end, rest = equations.rpartition("</h4>")
+    return heading + end + _drawn(model_figure(system), system.title or "drivetrain") + rest
+
+
+@display.html.register
+def case_html(case: Case) -> str:
+    """Vehicle above rig; the title where one of them is too long to be drawn."""
+    title = case.title or "case"
+    if max(len(system.inertias) for system in (case.vehicle, case.rig)) > MOST_INERTIAS:
+        return environment().from_string("<p>{{ title }}</p>").render(title=title)
+    return _drawn(case_figure(case), title)
+
+
+def _drawn(figure: Figure, title: str) -> str:
+    """Everything of the user's stands in a picture or is escaped."""
+    return environment().from_string(_DRAWING).render(title=title, picture=embedded(image(figure)))

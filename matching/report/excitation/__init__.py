@@ -1,1 +1,0 @@
-"""How a planned excitation is drawn and written."""

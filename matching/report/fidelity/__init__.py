@@ -1,1 +1,0 @@
-"""Views of an XiL fidelity: figures and text."""

@@ -1,1 +1,0 @@
-"""Views of a match: figures, page, text."""

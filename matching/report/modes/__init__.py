@@ -1,1 +1,0 @@
-"""Views of models and modes: energy shares, mode table, moving drawing, equations."""

@@ -1,1 +1,0 @@
-"""Frequency responses of the compared functions, and their errors."""

@@ -1,1 +1,0 @@
-"""Views of simulations and frequency responses."""

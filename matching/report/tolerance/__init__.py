@@ -1,1 +1,0 @@
-"""Views of a tolerance study: distributions and their drivers."""

@@ -1,1 +1,0 @@
-"""Views of an uncertainty budget: contributions, Ishikawa diagram, table."""

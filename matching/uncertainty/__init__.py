@@ -1,0 +1,1 @@
+"""Measurement uncertainty after the GUM (Eqs. 9–12)."""

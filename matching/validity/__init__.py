@@ -1,1 +1,0 @@
-"""What a test bed's results are worth: measurement uncertainty (GUM) and XiL fidelity."""

@@ -1,1 +1,0 @@
-"""Uncertainty budgets: measurands with formulas, inputs with distributions, and their TOML files."""

@@ -1,0 +1,529 @@
+"""The controlled test bed: residual vehicle, control loop with its structures, feed-forward, manoeuvres."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from scipy.linalg import block_diag, expm
+
+from modelling.bed.vehicle import FeedForward, Interface, ResidualVehicle
+from modelling.linear.state_space import StateSpace, state_space
+from modelling.system import Input, Sensor, Shaft, System
+
+# --- The blocks of a controller, in the order in which a signal runs through them: what a diagram of it shows.
+
+
+@dataclass(frozen=True)
+class ControllerBlock:
+    """One block.
+
+    Attributes
+    ----------
+    title : str
+    gives : str
+        The signal that goes to the next block.
+    takes : tuple of str
+        Signals that enter beside that of the block before.
+    quantities : tuple of str
+        Values of the loop that are entered here, by name.
+    holds_residual_vehicle : bool
+        Whether the values of the residual vehicle are entered here.
+    """
+
+    title: str
+    gives: str
+    takes: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    holds_residual_vehicle: bool = False
+
+
+# What every structure's command runs through until it comes back as a reading.
+OF_BED = (
+    ControllerBlock("Dead time and inverter", "air-gap torque", quantities=("dead_time", "inverter_lag")),
+    ControllerBlock("Dynamometer, adapter, specimen", "torque at the flange", takes=("torques on the specimen",)),
+    ControllerBlock("Torque flange", "readings, once a sample", quantities=("torque_sensor_lag", "sample_time")),
+)
+
+
+# --- The control structure ``observer`` as it runs: estimate, command, prediction to the next sample.
+
+
+@dataclass(frozen=True)
+class ObserverController:
+    """Observer with state feedback; x states, k commands, y sensors, w known torques.
+
+    What the search tunes and the verification judges of this structure. What leaves the computer is a
+    :class:`modelling.controller.law.ControlLaw`: one form for all structures, with the limits.
+
+    At every sample the predicted state ξ is corrected by what the sensors read, the command follows, and the state is
+    predicted to the next sample with the command as it was sent: ξ̂ = ξ + L·(y − C·ξ), u = −F·ξ̂ − G·w,
+    ξ⁺ = A·ξ̂ + B·u + W·w. A command that was limited enters the prediction as limited, so nothing winds up.
+
+    Attributes
+    ----------
+    A, B, W, C, L, F, G : ndarray
+        (x, x), (x, k), (x, w), (y, x), (x, y), (k, x), (k, w).
+    sensors, known, dynamometers : tuple of str
+        Names of y, w and u: sensors of the rig; measured torques, those of the residual vehicle last.
+    sample_time : float
+        s. A command is issued at the sample whose readings it uses; the dead time is in A.
+    observed : int
+        The first states, which the sensors correct and commands reach; the others run on known torques alone.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    W: np.ndarray
+    C: np.ndarray
+    L: np.ndarray
+    F: np.ndarray
+    G: np.ndarray
+    sensors: tuple[str, ...]
+    known: tuple[str, ...]
+    dynamometers: tuple[str, ...]
+    sample_time: float
+    observed: int
+
+    @cached_property
+    def space(self) -> StateSpace:
+        """The same as x⁺ = A·x + B·[y, w], u = C·x + D·[y, w], commands not limited."""
+        keep = np.eye(len(self.A)) - self.L @ self.C
+        closed = self.A - self.B @ self.F
+        return StateSpace(
+            closed @ keep,
+            np.hstack([closed @ self.L, self.W - self.B @ self.G]),
+            -self.F @ keep,
+            np.hstack([-self.F @ self.L, -self.G]),
+            (*self.sensors, *self.known),
+            self.dynamometers,
+        )
+
+    @cached_property
+    def feedback(self) -> StateSpace:
+        """From sensors to commands alone: what decides on stability."""
+        o, y, whole = self.observed, len(self.sensors), self.space
+        return StateSpace(
+            whole.A[:o, :o], whole.B[:o, :y], whole.C[:, :o], whole.D[:, :y], self.sensors, self.dynamometers
+        )
+
+    def correct(self, state: np.ndarray, readings: np.ndarray) -> np.ndarray:
+        """The predicted state (x,) corrected by readings (y,)."""
+        return state + self.L @ (readings - self.C @ state)
+
+    def command(self, corrected: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Commands (k,) for a corrected state (x,) and known torques (w,)."""
+        return -self.F @ corrected - self.G @ known
+
+    def predict(self, corrected: np.ndarray, sent: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """The state (x,) at the next sample after commands ``sent`` (k,)."""
+        return self.A @ corrected + self.B @ sent + self.W @ known
+
+
+# --- The control loop as data, and what a control structure has to answer.
+#
+# Per dynamometer: measured flange torque → torque-sensor lag → residual vehicle → reference speed → controller →
+# dead time → inverter lag → air-gap torque on the rotor. What the controller does with these signals is its structure,
+# an object from one file of :mod:`modelling.bed.controllers`.
+
+
+@dataclass(frozen=True)
+class LoopQuantity:
+    """A quantity of the loop: SI unit, start value, physical bounds, what it is."""
+
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    meaning: str
+
+
+HARDWARE = {
+    "dead_time": LoopQuantity(
+        "s", 0.003, 0.0, 0.2, "total dead time from sensor to air-gap torque: computing, bus, half a sample of hold"
+    ),
+    "inverter_lag": LoopQuantity("s", 0.002, 1e-5, 0.2, "first-order lag of the air-gap torque"),
+    "torque_sensor_lag": LoopQuantity("s", 0.0005, 1e-6, 0.2, "first-order lag of the torque flange and its filter"),
+    "sample_time": LoopQuantity("s", 0.001, 1e-5, 0.05, "sample time of the residual vehicle model and the controller"),
+}
+
+
+@dataclass(frozen=True)
+class Dynamometer:
+    """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is.
+
+    ``torque_gain`` is its air-gap torque over its command as calibrated: commands are divided by it.
+    """
+
+    name: str
+    torque_input: str
+    torque_sensor: str
+    speed_sensor: str
+    follows: str
+    torque_gain: float = 1.0
+
+
+class ControlStructure(ABC):
+    """What a controller does with the measured signals; k dynamometers, x states, r inputs of the residual vehicle.
+
+    Structures have no state of their own: every method takes the values it works with.
+
+    Attributes
+    ----------
+    name : str
+        As case files write it under ``loop.structure``.
+    quantities : dict of str to LoopQuantity
+        What may be tuned of it.
+    blocks : tuple of ControllerBlock
+        The controller of one dynamometer; every one of ``quantities`` is entered in one of them.
+    has_feed_forward : bool
+        Whether :meth:`feed_forward` gives one.
+    is_observer : bool
+        Whether :meth:`observer` gives the whole controller; there is no law in the Laplace domain then.
+    further_starts : tuple of dict
+        Values of all quantities where a search may begin beside those of the case.
+    """
+
+    name: str
+    quantities: Mapping[str, LoopQuantity]
+    blocks: tuple[ControllerBlock, ...] = ()
+    has_feed_forward: bool = False
+    is_observer: bool = False
+    further_starts: tuple[Mapping[str, float], ...] = ()
+
+    @abstractmethod
+    def gives_torque(self, values: Mapping[str, float]) -> bool:
+        """Whether the dynamometers ever give torque at these values."""
+
+    def integrators(self, values: Mapping[str, float]) -> int:
+        """Poles at s = 0 that the feedback law of one dynamometer has at these values."""
+        return 0
+
+    @abstractmethod
+    def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
+        """Torque inputs that the feed-forward takes as measured.
+
+        Parameters
+        ----------
+        measured : sequence of str
+            Inputs of the rig whose torque is measured.
+        simulated : sequence of str
+            Inputs of the residual vehicle, whose torque the controller itself computes.
+        """
+
+    def commands(
+        self, values: Mapping[str, Any], s: Any, reference: Sequence[Any], speeds: Sequence[Any], torques: Sequence[Any]
+    ) -> list[Any]:
+        """Feedback law in the Laplace domain: the torque command of each dynamometer (k), before the dead time.
+
+        Numbers may be NumPy arrays or CasADi expressions
+        (:class:`modelling.equations.casadi_code.Complex`), of any one shape.
+
+        Parameters
+        ----------
+        values : mapping
+            Of :attr:`quantities`, SI.
+        s : complex
+            rad/s.
+        reference, speeds, torques : sequence (k)
+            Reference speed, rotor speed (rad/s) and lagged flange torque in the direction that drives the rotor (N·m).
+        """
+        raise NotImplementedError(f"{self.name} runs from sample to sample only")
+
+    def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
+        """The same feedback law in continuous time, residual vehicle included.
+
+        Parameters
+        ----------
+        residual : StateSpace
+            All of the residual vehicle: inputs [interface torques (k), its own inputs (r)], outputs reference speeds
+            (k), in the order of the dynamometers.
+        rig : System
+            As the controller believes it to be.
+
+        Returns
+        -------
+        StateSpace
+            Inputs [flange torques (k), rotor speeds (k), inputs of the residual vehicle (r)], outputs commands (k).
+        """
+        raise NotImplementedError(f"{self.name} runs from sample to sample only")
+
+    def sampled(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
+        """The feedback law as it runs, from sample to sample: :meth:`controller` by Tustin's rule unless overridden."""
+        continuous = self.controller(loop, residual, rig)
+        A, B, C, D, _ = scipy.signal.cont2discrete(
+            (continuous.A, continuous.B, continuous.C, continuous.D), loop["sample_time"], "bilinear"
+        )
+        return StateSpace(A, B, C, D, continuous.inputs, continuous.outputs)
+
+    def feed_forward(self, rig: System, residual: ResidualVehicle, loop: Loop) -> FeedForward | None:
+        """The model-based feed-forward of measured torques, which has poles of its own; None where there is none.
+
+        Parameters
+        ----------
+        residual : ResidualVehicle
+            As cut out of the vehicle: the reference, not what was tuned for the feedback.
+
+        Raises
+        ------
+        InputError
+            If there is no stabilising solution.
+        """
+        return None
+
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
+        """The whole controller where it is an observer with state feedback; None for feedback laws.
+
+        Parameters
+        ----------
+        residual : ResidualVehicle
+            As cut out of the vehicle.
+
+        Raises
+        ------
+        InputError
+            If a model cannot be made linear or a Riccati equation has no stabilising solution.
+        """
+        return None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
+
+    ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
+    ``further_sensors`` those of the rig that reach it beside the dynamometers' own.
+    """
+
+    structure: ControlStructure
+    dynamometers: tuple[Dynamometer, ...]
+    measured: tuple[str, ...]
+    values: Mapping[str, float]
+    further_sensors: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    @property
+    def controller_sensors(self) -> tuple[str, ...]:
+        """Sensors that reach the controller: the dynamometers' torques, their speeds, then further ones."""
+        torques = [dynamometer.torque_sensor for dynamometer in self.dynamometers]
+        return (*torques, *(dynamometer.speed_sensor for dynamometer in self.dynamometers), *self.further_sensors)
+
+    @property
+    def quantities(self) -> dict[str, LoopQuantity]:
+        """Every quantity of the loop by name: hardware, then the structure's."""
+        return {**HARDWARE, **self.structure.quantities}
+
+    @property
+    def torqueless(self) -> bool:
+        """Whether the dynamometers never give torque."""
+        return not self.structure.gives_torque(self.values)
+
+    def command_delay(self, dead_time: float | None = None) -> float:
+        """From a sample to the moment its command begins to act, s, not below 0.
+
+        A command that is held for a sample lags half of it, which the dead time (s, the loop's unless given) counts.
+        """
+        return max((self["dead_time"] if dead_time is None else dead_time) - self["sample_time"] / 2, 0.0)
+
+    def with_values(self, values: Mapping[str, float]) -> Loop:
+        """The same loop with some values changed by name."""
+        return replace(self, values={**self.values, **values})
+
+
+# --- Rig, lags and residual vehicle as one continuous model: what a controller predicts with.
+
+
+@dataclass(frozen=True)
+class BedModel:
+    """Rig with inverter and torque-sensor lags, driving the residual vehicle through the torque of the cut shafts.
+
+    Attributes
+    ----------
+    space : StateSpace
+        Inputs [commands as they act (k), measured torques (w)], outputs [sensors of the rig, and of each dynamometer
+        its lagged torque ``NAME torque`` and its speed ``NAME speed``].
+    speed_error : ndarray (k, x)
+        Speed of the rig less that of the residual vehicle at each cut, rad/s by state.
+    measured : tuple of str (w)
+        Every torque that is no dynamometer's: of the rig, then of the residual vehicle.
+    rig_states : int
+        The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
+        follow.
+    shaft_torques : ndarray (x, k)
+        What a torque beside that of each cut shaft's spring and damper does, like columns of B.
+    """
+
+    space: StateSpace
+    speed_error: np.ndarray
+    measured: tuple[str, ...]
+    rig_states: int
+    shaft_torques: np.ndarray
+
+    @property
+    def rotor_torques(self) -> np.ndarray:
+        """What a torque right at each dynamometer's rotor does (x, k), like columns of B."""
+        k, n = len(self.speed_error), self.rig_states
+        return np.vstack([self.space.A[:n, n : n + k], np.zeros((len(self.space.A) - n, k))])
+
+
+def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
+    """Put rig, lags and residual vehicle together, without dead time.
+
+    Raises
+    ------
+    InputError
+        If a model cannot be made linear.
+    """
+    rig_space = state_space(_with_interfaces(rig, residual))
+    parts = [state_space(part) for part in residual.parts]
+    interface_torques = {cut.torque for cut in residual.interfaces}
+    dynamometer_inputs = [dynamometer.torque_input for dynamometer in loop.dynamometers]
+    on_rig = tuple(part.name for part in rig.inputs if part.name not in dynamometer_inputs)
+    in_vehicle = [(i, name) for i, part in enumerate(parts) for name in part.inputs if name not in interface_torques]
+    k, n = len(loop.dynamometers), len(rig_space.A)
+    A = block_diag(
+        rig_space.A,
+        -np.eye(k) / loop["inverter_lag"],
+        -np.eye(k) / loop["torque_sensor_lag"],
+        *(part.A for part in parts),
+    )
+    starts = np.cumsum([n + 2 * k, *(len(part.A) for part in parts)])
+    B = np.zeros((len(A), k + len(on_rig) + len(in_vehicle)))
+    error, shaft_torques = np.zeros((k, len(A))), np.zeros((len(A), k))
+    for j, dynamometer in enumerate(loop.dynamometers):
+        cut = next(cut for cut in residual.interfaces if cut.shaft == dynamometer.follows)
+        A[:n, n + j] = rig_space.input(dynamometer.torque_input)
+        B[n + j, j] = 1 / loop["inverter_lag"]
+        A[n + k + j, :n] = rig_space.output(dynamometer.torque_sensor) / loop["torque_sensor_lag"]
+        at = next(i for i, part in enumerate(parts) if cut.torque in part.inputs)
+        rows = slice(starts[at], starts[at + 1])
+        A[rows, :n] += np.outer(parts[at].input(cut.torque), cut.factor * rig_space.output(_torque(cut)))
+        first, second = (rig_space.input(name) for name in _ends(cut))
+        shaft_torques[:n, j] = second - first / _ratio(rig, cut)
+        shaft_torques[rows, j] = cut.factor * parts[at].input(cut.torque)
+        error[j, :n] = rig_space.output(_speed(cut))
+        error[j, rows] = -parts[at].output(cut.speed)
+    for j, name in enumerate(on_rig, k):
+        B[:n, j] = rig_space.input(name)
+    for j, (at, name) in enumerate(in_vehicle, k + len(on_rig)):
+        B[starts[at] : starts[at + 1], j] = parts[at].input(name)
+    C, D, outputs = _readings(rig_space, loop, len(A), B.shape[1], on_rig)
+    measured = (*on_rig, *(name for _, name in in_vehicle))
+    space = StateSpace(A, B, C, D, (*dynamometer_inputs, *measured), outputs)
+    return BedModel(space, error, measured, n, shaft_torques)
+
+
+def _readings(
+    rig: StateSpace, loop: Loop, states: int, inputs: int, on_rig: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """C (y, x), D (y, u) and names (y) of the outputs."""
+    k, n, sensors = len(loop.dynamometers), len(rig.A), len(rig.C)
+    C, D = np.zeros((sensors + 2 * k, states)), np.zeros((sensors + 2 * k, inputs))
+    C[:sensors, :n] = rig.C
+    names = list(rig.outputs)
+    for j, dynamometer in enumerate(loop.dynamometers):
+        C[sensors + 2 * j, n + k + j] = 1
+        C[sensors + 2 * j + 1, :n] = rig.output(dynamometer.speed_sensor)
+        names += [f"{dynamometer.name} torque", f"{dynamometer.name} speed"]
+    for j, name in enumerate(on_rig, k):
+        D[:sensors, j] = rig.D[:, rig.inputs.index(name)]
+    return C, D, tuple(names)
+
+
+def _torque(cut: Interface) -> str:
+    return f"interface_torque_{cut.shaft}"
+
+
+def _speed(cut: Interface) -> str:
+    return f"interface_speed_{cut.shaft}"
+
+
+def _ends(cut: Interface) -> tuple[str, str]:
+    """Names of torques on the first and the second end of a cut shaft."""
+    return f"first_end_torque_{cut.shaft}", f"second_end_torque_{cut.shaft}"
+
+
+def _shaft(rig: System, cut: Interface) -> Shaft:
+    return next(shaft for shaft in rig.shafts if shaft.name == cut.shaft)
+
+
+def _ratio(rig: System, cut: Interface) -> float:
+    ratio = _shaft(rig, cut).ratio
+    return 1.0 if ratio is None else ratio.value
+
+
+def _with_interfaces(rig: System, residual: ResidualVehicle) -> System:
+    """The rig with sensors of torque and speed at its interfaces, and with torques on both ends of the cut shafts."""
+    sensors = tuple(
+        sensor
+        for cut in residual.interfaces
+        for sensor in (Sensor(_torque(cut), "torque", cut.shaft), Sensor(_speed(cut), "speed", cut.rig_end))
+    )
+    torques = tuple(
+        Input(name, end, "torque")
+        for cut in residual.interfaces
+        for name, end in zip(_ends(cut), _shaft(rig, cut).between, strict=True)
+    )
+    return replace(rig, sensors=rig.sensors + sensors, inputs=rig.inputs + torques)
+
+
+# --- The bed's model from sample to sample, with a dead time that need not be a multiple of the sample time.
+
+WHOLE_SAMPLE = 1e-9  # of a sample: dead times this little short of a whole number of samples count as whole
+
+
+@dataclass(frozen=True)
+class DelayedBed:
+    """x(j + 1) = whole·x(j) + new·u(j − delay) + old·u(j − delay − 1) + torques·w(j), all held over a sample.
+
+    Attributes
+    ----------
+    whole : ndarray (x, x)
+        What a whole sample makes of the state without inputs.
+    new, old : ndarray (x, k)
+        Commands for the rest of a sample, and those before for its first part, while the newer ones are still delayed.
+    torques : ndarray (x, w)
+        Measured torques.
+    delay : int
+        Whole samples of dead time; the rest of it is shared between ``new`` and ``old``.
+    """
+
+    whole: np.ndarray
+    new: np.ndarray
+    old: np.ndarray
+    torques: np.ndarray
+    delay: int
+
+
+def delayed_bed(A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_time: float, step: float) -> DelayedBed:
+    """Exact discretisation of ẋ = A·x + commands·u(t − dead_time) + torques·w over a step, both in s.
+
+    A (x, x), commands (x, k), torques (x, w).
+    """
+    delay = int(np.floor(dead_time / step + WHOLE_SAMPLE))
+    late = max(dead_time - delay * step, 0.0)  # s at the begin of each sample, in which the command before still acts
+    k = commands.shape[1]
+    before, early = held(A, np.hstack([commands, torques]), late)
+    after, new = held(A, np.hstack([commands, torques]), step - late)
+    return DelayedBed(after @ before, new[:, :k], after @ early[:, :k], after @ early[:, k:] + new[:, k:], delay)
+
+
+def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Exact discretisation (x, x), (x, u) over a step (s) with inputs held."""
+    n, m = len(A), B.shape[1]
+    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
+    return block[:n, :n], block[:n, n:]
+
+
+def of_model(model: BedModel, dead_time: float, step: float) -> DelayedBed:
+    """The model of rig, lags and residual vehicle, sampled (s); inputs: the commands, then the measured torques."""
+    k = len(model.speed_error)
+    plant = model.space
+    return delayed_bed(plant.A, plant.B[:, :k], plant.B[:, k:], dead_time, step)

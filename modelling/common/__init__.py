@@ -1,1 +1,0 @@
-"""What every room needs: errors, strict TOML tables, how results are displayed, interruption."""

@@ -1,0 +1,405 @@
+"""A quantity that differs from what the model states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+import scipy
+from sympy import Expr, Float, pi, sin
+
+from modelling.effects.effect import (
+    Drivetrain,
+    EquationBuilder,
+    FittedMotion,
+    Guess,
+    InputPath,
+    Kind,
+    Motion,
+    Parameter,
+    RecordedRange,
+    Symbols,
+    members,
+    shared_place,
+)
+from modelling.effects.sensors_and_actuators import InputOffset
+
+# --- A resisting torque that does not depend on motion (grade, offset load).
+
+
+class ConstantTorque(Kind):
+    """A constant ``torque`` against positive motion."""
+
+    kind = "constant_torque"
+    words = "bears a resisting torque of {torque} that does not depend on motion"
+    in_recording = (
+        "the speed that a constant motor torque holds is lower than the model's by the same torque in both "
+        "directions of load, and at standstill the drive does not stay at rest."
+    )
+    tables = ("inertias",)
+    zero_of_recording = True
+    parameters = {"torque": Parameter("N*m")}
+    speed_exponent = 0
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        assembly.add_torque(name, -p["torque"], motion)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield Guess(({at: -np.ones_like(motion.time)},), lambda a: {"torque": float(a[0])})
+
+    def same_as(self, at: str, system: Drivetrain) -> list[tuple[str, str]]:
+        """An offset of each input on the inertia, with the opposite sign."""
+        return [(InputOffset.kind, f"inputs.{part.name}") for part in system.inputs if f"inertias.{part.on}" == at]
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return -largest, largest
+
+
+# --- Torque that varies with the angle (cogging, torque ripple, universal joint).
+
+MOST_ORDERS = 4  # that are tried from one spectrum
+LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
+HIGHEST_ORDER = 24.0  # the same: above those of cogging and joints
+
+
+class TorqueRipple(Kind):
+    """amplitude·sin(order·angle + phase), driving."""
+
+    kind = "torque_ripple"
+    words = "has a torque ripple of {amplitude} with order {order} per turn"
+    in_recording = "an oscillation whose frequency follows the speed: a slanted line in a plot of spectra over speed."
+    tables = ("inertias",)
+    parameters = {"order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad")}
+    state_dependent = True
+    zero_mean = ("amplitude",)
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        angle, gradient = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
+        for order, chosen_from in outstanding_orders(angle, gradient):
+            yield _guess(at, angle, order, chosen_from)
+
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
+        angle = motion.angle[at.split(".")[1]]
+        span = float(np.ptp(angle))
+        if span > 4 * np.pi:
+            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
+                yield _guess(at, angle, float(order))
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return (max(guess - 0.3, LOWEST_ORDER), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
+
+    def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
+        shift = math.pi if parameters["amplitude"] < 0 else 0.0
+        phase = math.remainder(parameters["phase"] + shift, 2 * math.pi)
+        return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        name = at.split(".")[1]
+        if key == "order":
+            return recorded.lowest_order(name), math.inf
+        return (-math.inf, recorded.torque[name]) if key == "amplitude" else (-math.inf, math.inf)
+
+
+def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
+    additions = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
+    return Guess(additions, partial(wave_parameters, order), chosen_from)
+
+
+def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
+    """Parameters of a ripple for the amplitudes a (2,) of sine and cosine."""
+    return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
+
+
+def outstanding_orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Orders at which −∂χ²/∂torque over angle stands out of its spectrum, and from how many each was chosen."""
+    span = float(np.ptp(angle))
+    if not 0.5 * np.pi < span < 1e6:
+        return
+    # an order that turns further than half a period a sample cannot be seen; some samples are slower than the mean
+    highest = min(HIGHEST_ORDER, 4 * np.pi * len(angle) / span)
+    if span < 2 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
+        yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
+        return
+    # gradient summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
+    width = 2 * np.pi / (10 * highest)
+    length = 2 * int(span / width) + 2  # half of it zeros: orders twice as fine as the span resolves
+    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), gradient, length)))
+    orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
+    fine = orders[1]
+    used = (orders > max(LOWEST_ORDER, 2 * fine)) & (orders <= highest)
+    if not used.any():
+        return
+    orders, strength = orders[used], strength[used]
+    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="constant")
+    outstanding = strength / (level + 1e-3 * strength.max() + 1e-300)
+    for _ in range(MOST_ORDERS):
+        best = int(np.argmax(outstanding))
+        yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)
+        outstanding[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0
+
+
+# --- Torque on one inertia that varies with the angle of another: teeth of a gear, pulses of an engine at the wheels.
+
+SUFFIXES = {1: "", 2: "_2", 3: "_3"}  # of the harmonics' parameters
+LEAST_LAG = 1.0  # rad of the ripple's phase, by which one angle has to leave a fixed ratio to the other; else a ripple
+# over its own angle is the same torque, if that is one of an order that is looked for
+RIGID = 1e-6  # of an angle's range: what leaves a fixed ratio by less is joined by rigid gears
+
+
+class GearedRipple(Kind):
+    """Σ amplitude_k·sin(k·order·angle of the second inertia + phase_k), driving the first; pulses have harmonics."""
+
+    kind = "geared_ripple"
+    words = "has a torque ripple of {amplitude} with order {order} per turn of {second}"
+    in_recording = "an oscillation whose frequency follows the speed of another shaft, also where the two speeds part."
+    tables = ("inertias",)
+    follows = True
+    parameters = {
+        "order": Parameter("1", lower=0.0), "amplitude": Parameter("N*m"), "phase": Parameter("rad"),
+        "amplitude_2": Parameter("N*m", optional=True), "phase_2": Parameter("rad", optional=True),
+        "amplitude_3": Parameter("N*m", optional=True), "phase_3": Parameter("rad", optional=True),
+    }  # fmt: skip
+    state_dependent = True
+    zero_mean = ("amplitude", "amplitude_2", "amplitude_3")
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        first, second = members(name)
+        angle = assembly.motions[second.split(".")[1]].angle
+        for k, suffix in SUFFIXES.items():
+            if f"amplitude{suffix}" in p:
+                wave = sin(k * p["order"] * angle + p.get(f"phase{suffix}", 0))
+                assembly.add_torque(first, p[f"amplitude{suffix}"] * wave, motion)
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        places = self.places(system)
+        return [shared_place((first, second)) for first in places for second in places if first != second]
+
+    def shared_guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield from self.guesses(motion, at)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        first, second = (place.split(".")[1] for place in members(at))
+        angle = motion.angle[second]
+        ratio, lag = _parting(angle, motion.angle[first])
+        if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
+            return
+        for order, chosen_from in outstanding_orders(angle, motion.torque_gradient[first]):
+            if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:
+                yield _geared_guess(members(at)[0], angle, order, (1,), chosen_from)
+
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        """Pulses of that order, and orders near the best one, half a line apart, as of a ripple of its own angle."""
+        first, second = members(at)
+        angle = motion.angle[second.split(".")[1]]
+        yield _geared_guess(first, angle, best["order"], tuple(SUFFIXES))
+        span = float(np.ptp(angle))
+        if span > 4 * np.pi:
+            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
+                yield _geared_guess(first, angle, float(order), (1,))
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return TorqueRipple().fit_bounds(key, guess, step) if key == "order" else (-math.inf, math.inf)
+
+    def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
+        out = dict(parameters)
+        for suffix in SUFFIXES.values():
+            amplitude, phase = parameters.get(f"amplitude{suffix}"), parameters.get(f"phase{suffix}", 0.0)
+            if amplitude is not None:
+                turned = math.remainder(phase + (math.pi if amplitude < 0 else 0.0), 2 * math.pi)
+                out |= {f"amplitude{suffix}": abs(amplitude), f"phase{suffix}": turned}
+        return out
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        first, second = (place.split(".")[1] for place in members(at))
+        if key == "order":
+            return recorded.lowest_order(second), math.inf
+        return (-math.inf, recorded.torque[first]) if key.startswith("amplitude") else (-math.inf, math.inf)
+
+
+def _parting(angle: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """The ratio of an angle (t,) to another (magnitude), and the range (rad) of what is left of it by that."""
+    straight = np.column_stack([other, np.ones_like(other)])
+    line = np.linalg.lstsq(straight, angle, rcond=None)[0]
+    return abs(float(line[0])), float(np.ptp(angle - straight @ line))
+
+
+def _geared_guess(
+    place: str, angle: np.ndarray, order: float, harmonics: tuple[int, ...], chosen_from: float = 1.0
+) -> Guess:
+    waves = [function(k * order * angle) for k in harmonics for function in (np.sin, np.cos)]
+    return Guess(tuple({place: wave} for wave in waves), partial(_parameters, order, harmonics), chosen_from)
+
+
+def _parameters(order: float, harmonics: tuple[int, ...], a: np.ndarray) -> dict[str, float]:
+    """Parameters for the amplitudes a (2·k,) of sine and cosine, harmonic by harmonic."""
+    out = {"order": order}
+    for k, pair in zip(harmonics, a.reshape(-1, 2), strict=True):
+        wave = wave_parameters(order, pair)
+        out |= {f"amplitude{SUFFIXES[k]}": wave["amplitude"], f"phase{SUFFIXES[k]}": wave["phase"]}
+    return out
+
+
+# --- An inertia whose motion was recorded and is imposed, instead of a torque on it.
+
+BANDWIDTH = 3000.0  # rad/s of the filter through which the recording drives the inertia; at 50 Hz it errs by 0.5 %
+DELAYS = {"speed": 1 / BANDWIDTH, "angle": 2 / BANDWIDTH}  # s, by which the filter is late at low frequencies
+
+
+class ImposedMotion(Kind):
+    """The inertia follows the input on it, a recorded ``speed`` (rad/s) or ``angle`` (rad), whatever torque that takes.
+
+    The recording is not differentiated: the inertia follows it through a filter of first order (speed) or of second
+    order with critical damping (angle), far above the frequencies of drivetrains; its delay is taken off the recording.
+    Without such an input the inertia is held.
+    """
+
+    kind = "imposed_motion"
+    words = "moves as recorded"
+    in_recording = "its motion is that of a drive of its own, whatever torque acts on it."
+    tables = ("inertias",)
+    linear = True
+    imposes_motion = True
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        assembly.impose(name, motion, -BANDWIDTH * motion.speed)
+
+    def imposed_input(self, path: InputPath, measures: str, motion: Motion, assembly: EquationBuilder) -> None:
+        path.delay -= Float(DELAYS[measures])
+        acceleration: Expr = BANDWIDTH * (path.value - motion.speed)
+        if measures == "angle":
+            acceleration = BANDWIDTH**2 * (path.value - motion.angle) - 2 * BANDWIDTH * motion.speed
+        assembly.impose(path.place, motion, acceleration)
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """None: what drives an inertia is known of a bed, not found in its recordings."""
+        return []
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield from ()
+
+
+# --- A torque that repeats over the angle of an axis which does not turn round and round (screw, rack, robot joint).
+
+HARMONICS = (1, 2, 3)
+PERIODS = (1.25, 0.6, 0.3, 0.15)  # first guesses, of the range of the angle
+MOST_TURNS = 3.0  # above, a torque over the turn is a ripple, whose order its spectrum shows
+FEWEST_PASSES = 2.0  # the path over the range: a place is passed at least twice
+
+
+class PositionTorque(Kind):
+    """Σ amplitude_k·sin(2π·k·angle/``period`` + phase_k), resisting; the second and third harmonic are optional."""
+
+    kind = "position_torque"
+    words = "bears a resisting torque of {amplitude} that repeats over {period} of its angle"
+    in_recording = "the residual over the angle repeats whenever the axis passes the same place, either way."
+    tables = ("inertias",)
+    parameters = {
+        "period": Parameter("rad", lower=1e-9),
+        "amplitude": Parameter("N*m"), "phase": Parameter("rad"),
+        "amplitude_2": Parameter("N*m", optional=True), "phase_2": Parameter("rad", optional=True),
+        "amplitude_3": Parameter("N*m", optional=True), "phase_3": Parameter("rad", optional=True),
+    }  # fmt: skip
+    state_dependent = True
+    zero_mean = ("amplitude",)
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        for k, suffix in SUFFIXES.items():
+            if f"amplitude{suffix}" in p:
+                angle = 2 * pi * k * motion.angle / p["period"] + p.get(f"phase{suffix}", 0)
+                assembly.add_torque(name, -p[f"amplitude{suffix}"] * sin(angle), motion)
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """None: a part of its period mimics an offset, and encoders start elsewhere in every recording.
+
+        A diagnosis shows such a torque as a curve over the angle instead.
+        """
+        return []
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        angle = motion.angle[at.split(".")[1]]
+        span = float(np.ptp(angle))
+        path = sum(float(np.abs(np.diff(angle[part])).sum()) for part in motion.segments)
+        if not 0 < span < 2 * np.pi * MOST_TURNS or path < FEWEST_PASSES * span:
+            return
+        for share in PERIODS:
+            for harmonics in ((1,), HARMONICS):
+                waves = [2 * np.pi * k / (share * span) * angle for k in harmonics]
+                additions = tuple({at: -wave(x)} for x in waves for wave in (np.sin, np.cos))
+                yield Guess(additions, partial(_harmonics, share * span))
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return (0.7 * guess, 1.4 * guess) if key == "period" else super().fit_bounds(key, guess, step)
+
+    def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
+        out = dict(parameters)
+        for suffix in SUFFIXES.values():
+            if f"amplitude{suffix}" in parameters:
+                amplitude, phase = parameters[f"amplitude{suffix}"], parameters.get(f"phase{suffix}", 0.0)
+                out[f"amplitude{suffix}"] = abs(amplitude)
+                out[f"phase{suffix}"] = math.remainder(phase + (math.pi if amplitude < 0 else 0.0), 2 * math.pi)
+        return out
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return (-largest, largest) if key.startswith("amplitude") else (-math.inf, math.inf)
+
+
+def _harmonics(period: float, a: np.ndarray) -> dict[str, float]:
+    """Parameters for the amplitudes a (2·k,) of sine and cosine, harmonic by harmonic."""
+    out = {"period": period}
+    for k, (sine, cosine) in enumerate(a.reshape(-1, 2), 1):
+        out[f"amplitude{SUFFIXES[k]}"] = float(np.hypot(sine, cosine))
+        out[f"phase{SUFFIXES[k]}"] = float(np.arctan2(cosine, sine))
+    return out
+
+
+# --- Wrong parameter
+
+
+class Quantified(Protocol):
+    """What has a value, SI."""
+
+    value: float
+
+
+class WrongParameter(Kind):
+    """The quantity at the place (e.g. ``inertias.body.J``) is ``value`` instead."""
+
+    kind = "wrong_parameter"
+    words = "is {value}, not what the model gives"
+    in_recording = "the frequencies of modes are off, in every recording and at every amplitude alike."
+    tables = ("inertias", "shafts", "gears")
+    parameters = {"value": Parameter("quantity")}
+    linear = True
+    replaces_quantity = True
+
+    def places(self, system: Drivetrain) -> list[str]:
+        return [name for name in system.parameters if name.count(".") == 2]
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """A whole-number ratio is counted in teeth: it is known, and what looks like another one is a loss."""
+        counted = {name for name in system.parameters if name.endswith(".ratio") and _whole(system.parameters[name])}
+        return [name for name in self.places(system) if name not in counted]
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        known = motion.value[at]
+        scale = abs(known) or 1.0
+        yield Guess(
+            ({at: scale},),
+            lambda a: {"value": known + scale * float(a[0])} if known + scale * float(a[0]) >= 0 else None,
+        )
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return (0.0, float("inf")) if guess > 0 else super().fit_bounds(key, guess, step)
+
+
+def _whole(quantity: Quantified) -> bool:
+    return float(quantity.value).is_integer()

@@ -1,1 +1,0 @@
-"""Measured data: files of several formats become recordings in SI on one time base."""

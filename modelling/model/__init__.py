@@ -1,1 +1,0 @@
-"""A drivetrain as data: components, quantities, effects, checks, and the model file they are read from."""

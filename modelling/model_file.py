@@ -1,0 +1,297 @@
+"""Model files: TOML ⇄ System."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from modelling.effects import EFFECTS
+from modelling.effects.effect import Kind, place_in_file, shared_place
+from modelling.errors import InputError, unknown
+from modelling.system import TABLES, Differential, Effect, Gear, Inertia, Input, Quantity, Sensor, Shaft, System
+from modelling.toml import check_keys, read_toml, text, title
+from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
+
+# --- Files
+
+_KEYS = {
+    "inertias": {"J", "drag"},
+    "shafts": {"between", "ratio", "stiffness", "damping"},
+    "gears": {"between", "ratio"},
+    "differentials": {"cage", "left", "right"},
+    "inputs": {"on", "measures", "reference"},
+    "sensors": {"measures", "of", "uncertainty"},
+}
+_TOP = {"title", "reference", "mirror", "effects", *TABLES}
+
+
+def load(path: str | Path) -> System:
+    """Read a model file.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    return from_dict(read_toml(path), str(path))
+
+
+def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
+    """A system from the content of a model file.
+
+    Parameters
+    ----------
+    data : mapping
+        As :func:`tomllib.load` gives it.
+    where : str
+        How errors call it.
+
+    Raises
+    ------
+    InputError
+        One line that names file and key.
+    """
+    check_keys(data, _TOP, where)
+    try:
+        return System(
+            inertias=tuple(_parts(data, "inertias", where, _inertia)),
+            shafts=tuple(_parts(data, "shafts", where, _shaft)),
+            gears=tuple(_parts(data, "gears", where, _gear)),
+            differentials=tuple(_parts(data, "differentials", where, _differential)),
+            inputs=tuple(_parts(data, "inputs", where, _input)),
+            sensors=tuple(_parts(data, "sensors", where, _sensor)),
+            mirror=_mirror(data.get("mirror", {}), f"{where}: mirror"),
+            effects=_effects(data, where),
+            title=title(data, where),
+            reference=text(data, "reference", where, ""),
+        )
+    except InputError as fault:
+        if fault.where.startswith(where):
+            raise
+        raise InputError(f"{where}: {fault.where}" if fault.where else where, fault.wrong, fault.right) from None
+
+
+def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str, dict, str], Any]) -> list:
+    parts = data.get(table, {})
+    if not isinstance(parts, dict):
+        raise InputError(f"{where}: {table}", "is no table", f"write [{table}.NAME]")
+    components = []
+    for name, content in parts.items():
+        place = f"{where}: {table}.{name}"
+        components.append(make(name, check_keys(content, _KEYS[table], place), place))
+    return components
+
+
+def _inertia(name: str, table: dict, place: str) -> Inertia:
+    return Inertia(name, _needed(table, "J", place), _optional(table, "drag", place) or Quantity(0.0))
+
+
+def _shaft(name: str, table: dict, place: str) -> Shaft:
+    return Shaft(
+        name,
+        _between(table, place),
+        _needed(table, "stiffness", place),
+        _optional(table, "damping", place) or Quantity(0.0),
+        _optional(table, "ratio", place),
+    )
+
+
+def _gear(name: str, table: dict, place: str) -> Gear:
+    return Gear(name, _between(table, place), _needed(table, "ratio", place))
+
+
+def _differential(name: str, table: dict, place: str) -> Differential:
+    return Differential(name, *(text(table, key, place) for key in ("cage", "left", "right")))
+
+
+def _input(name: str, table: dict, place: str) -> Input:
+    measures, reference = (text(table, key, place) if key in table else None for key in ("measures", "reference"))
+    return Input(name, text(table, "on", place), measures, reference)
+
+
+def _sensor(name: str, table: dict, place: str) -> Sensor:
+    measures = text(table, "measures", place)
+    if measures not in SENSOR_UNITS:
+        raise unknown(measures, list(SENSOR_UNITS), f"{place}.measures")
+    unit = SENSOR_UNITS[measures]
+    uncertainty = to_si(table["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in table else None
+    return Sensor(name, measures, text(table, "of", place), uncertainty)
+
+
+def _mirror(table: Any, place: str) -> tuple[tuple[str, str], ...]:
+    pairs = table.get("pairs", []) if isinstance(table, dict) else None
+    if not isinstance(pairs, list) or (isinstance(table, dict) and set(table) - {"pairs"}):
+        raise InputError(place, "is not understood", 'write pairs = [["left", "right"], …] below [mirror]')
+    return tuple(_pair(pair, f"{place}.pairs") for pair in pairs)
+
+
+def _effects(data: Mapping[str, Any], where: str) -> tuple[Effect, ...]:
+    tables = data.get("effects", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InputError(f"{where}: effects", "is no list of tables", "write [[effects]] with kind and at below")
+    if not tables:
+        return ()
+    # units and places are those of the system without effects
+    inputs = {name: {"on": table["on"]} for name, table in data.get("inputs", {}).items()}  # what imposes is an effect
+    base = from_dict({key: value for key, value in data.items() if key != "effects"} | {"inputs": inputs}, where)
+    places: dict[str, dict[str, None]] = {}
+    return tuple(_effect(table, base, places, f"{where}: effects[{number}]") for number, table in enumerate(tables, 1))
+
+
+def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]], place: str) -> Effect:
+    kind = text(table, "kind", place)
+    if kind not in EFFECTS:
+        raise unknown(kind, sorted(EFFECTS), f"{place}.kind")
+    law = EFFECTS[kind]
+    if kind not in places_by_kind:
+        places_by_kind[kind] = dict.fromkeys(law.places(base))
+    at = _effect_place(table, places_by_kind[kind], place)
+    parameters = _separate({key: value for key, value in table.items() if key not in ("kind", "at")}, law, place)
+    for key in parameters:
+        if key not in law.parameters:
+            raise unknown(key, law.file_keys, f"{place} ({kind})")
+    quantities = (
+        (key, quantity(value, law.unit(key, at, base), f"{place}.{key}")) for key, value in parameters.items()
+    )
+    return Effect(kind, at, tuple(quantities))
+
+
+def _separate(values: Mapping[str, Any], law: Kind, place: str) -> dict[str, Any]:
+    """Values by key, those of a list each by itself: ``key_1``, ``key_2``, …."""
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        if key not in law.arrays:
+            out[key] = value
+        elif isinstance(value, list):
+            out |= {f"{key}_{i}": element for i, element in enumerate(value, 1)}
+        else:
+            raise InputError(f"{place}.{key}", "is no list", f"write {key} = [first, second, …]")
+    return out
+
+
+def _joined(effect: Effect) -> dict[str, Any]:
+    """The parameters of an effect as a file writes them."""
+    out: dict[str, Any] = {}
+    for key, value in effect.parameters:
+        array, _, number = key.rpartition("_")
+        if array in effect.law.arrays and number.isdecimal():
+            out.setdefault(array, []).append(_written(value))
+        else:
+            out[key] = _written(value)
+    return out
+
+
+def _effect_place(table: dict, possible: Collection[str], place: str) -> str:
+    """The place of an effect; a list of inputs or sensors shares it."""
+    several = table.get("at")
+    names = several if isinstance(several, list) and several else [text(table, "at", place)]
+    for name in names:
+        if not isinstance(name, str) or name not in possible:
+            raise unknown(str(name), list(possible), f"{place}.at")
+    return shared_place(names)
+
+
+def quantity(value: Any, si: str, where: str) -> Quantity:
+    """A quantity as files write it: a number, ``"number unit"``, ``{value, lower, upper}`` or ``{value, tolerance}``.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, not finite, of another unit, or its bounds cross.
+    """
+    if not isinstance(value, dict):
+        return Quantity(to_si(value, si, where))
+    keys = set(value)
+    if keys not in ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"}):
+        raise InputError(
+            where,
+            f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}",
+            "write {value, lower, upper} or {value, tolerance}",
+        )
+    middle = to_si(value["value"], si, f"{where}.value")
+    if "tolerance" in keys:
+        tolerance = to_si(value["tolerance"], "1", f"{where}.tolerance")
+        if tolerance < 0:
+            raise InputError(
+                f"{where}.tolerance", f"{tolerance:g} is negative", "write the relative half-width, e.g. 0.1"
+            )
+        half = abs(middle) * tolerance
+        low, high = middle - half, middle + half
+    elif "lower" in keys:
+        low, high = (to_si(value[key], si, f"{where}.{key}") for key in ("lower", "upper"))
+    else:
+        return Quantity(middle)
+    try:
+        return Quantity(middle, low, high)
+    except InputError as fault:
+        raise InputError(where, fault.wrong, fault.right) from None
+
+
+def _needed(table: dict, key: str, place: str) -> Quantity:
+    if key not in table:
+        raise InputError(place, f"{key!r} is missing", f"give a number{in_unit(QUANTITY_UNITS[key])}")
+    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}")
+
+
+def _optional(table: dict, key: str, place: str) -> Quantity | None:
+    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}") if key in table else None
+
+
+def _between(table: dict, place: str) -> tuple[str, str]:
+    if "between" not in table:
+        raise InputError(place, "'between' is missing", 'write between = ["first", "second"]')
+    return _pair(table["between"], f"{place}.between")
+
+
+def _pair(value: Any, where: str) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(where, "is no pair", 'write ["first", "second"]')
+    for end in value:
+        if not isinstance(end, str):
+            raise InputError(where, f"{type(end).__name__} where a name in quotes is expected", 'write "…"')
+    return value[0], value[1]
+
+
+def to_dict(system: System) -> dict[str, Any]:
+    """The content of the model file of a system; :func:`from_dict` gives the same system back."""
+    data: dict[str, Any] = {}
+    if system.title:
+        data["title"] = system.title
+    if system.reference:
+        data["reference"] = system.reference
+    for table in TABLES:
+        if parts := getattr(system, table):
+            data[table] = {part.name: _fields(part, _KEYS[table]) for part in parts}
+    if system.mirror:
+        data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
+    if system.effects:
+        data["effects"] = [
+            {"kind": effect.kind, "at": place_in_file(effect.at)} | _joined(effect) for effect in system.effects
+        ]
+    return data
+
+
+def dumps(system: System) -> str:
+    """A system as the text of a model file, in SI."""
+    return tomli_w.dumps(to_dict(system))
+
+
+def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
+    order = ("between", "cage", "left", "right", "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
+    fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
+    return {
+        key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
+        for key, value in fields.items()
+        if not (key in ("drag", "damping") and value == Quantity(0.0))
+    }
+
+
+def _written(value: Quantity) -> float | dict[str, float]:
+    if value.lower is None or value.upper is None:
+        return value.value
+    assert math.isfinite(value.lower)
+    return {"value": value.value, "lower": value.lower, "upper": value.upper}

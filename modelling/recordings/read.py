@@ -1,0 +1,687 @@
+"""From a measurement file to a recording: of the channels of a model, or of signals of any kind."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modelling.errors import InputError, listed, unknown
+from modelling.recordings.readers import Table, read_table, time_hint
+from modelling.recordings.recording import GAP_STEPS, Recording, bridged, longest_bridge, missing_note, rows_a_value
+from modelling.system import System
+from modelling.toml import read_toml
+from modelling.units import LARGEST, factor, signal_unit, to_si
+
+# --- What channels are called in measurement files: a small file that maps them to a model's names.
+#
+# [channels]
+# motor_torque = "T_EM_actual"                                  # name in the model = name in the measurement
+# motor_speed = { channel = "n_EM", unit = "1/min" }            # a unit where the file has none, or a wrong one
+# flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction
+# load_speed = { channel = "n_load", group = 3, factor = 1.02 } # of an MDF: the group; times a factor
+# time = "t"
+
+KEYS = ("channel", "unit", "sign", "factor", "group")
+CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of a measurement file: its name there, its unit (None: as the file says), what it is multiplied by, and
+    the group it is in where several have it (MDF), and where the channel file says so: ``FILE: channels.NAME``."""
+
+    name: str
+    unit: str | None = None
+    factor: float = 1.0
+    group: int | None = None
+    where: str = field(default="", compare=False)
+
+
+def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
+    """Read a channel file: Channel by the model's name.
+
+    Raises
+    ------
+    InputError
+        Names file and key: no table ``[channels]``, a key or value that does not fit, a channel that is used twice.
+    """
+    path = Path(path)
+    data = read_toml(path)
+    for key in data:
+        if key != "channels":
+            raise unknown(key, ["channels"], f"{path}")
+    table = data.get("channels")
+    if not isinstance(table, dict) or not table:
+        raise InputError(f"{path}: channels", "is missing or empty", 'write [channels] with NAME = "channel" rows')
+    channels = {name: _channel(value, f"{path}: channels.{name}") for name, value in table.items()}
+    first_use: dict[str, str] = {}
+    for name, channel in channels.items():
+        if channel.name in first_use:
+            raise InputError(
+                f"{path}: channels.{name}",
+                f"{channel.name!r} is {first_use[channel.name]!r} already",
+                "name another channel",
+            )
+        first_use[channel.name] = name
+    return channels
+
+
+def _channel(value: Any, where: str) -> Channel:
+    table = value if isinstance(value, dict) else {"channel": value}
+    for key in table:
+        if key not in KEYS:
+            raise unknown(key, list(KEYS), where)
+    name, unit, sign, group = table.get("channel"), table.get("unit"), table.get("sign", 1), table.get("group")
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(where, "names no channel", 'write "channel" or { channel = "…", unit = "…", sign = -1 }')
+    if unit is not None and not isinstance(unit, str):
+        raise InputError(f"{where}.unit", f"{unit!r} is no unit", 'write a text such as "N*m" or "1/min"')
+    if isinstance(sign, bool) or sign not in (1, -1):
+        raise InputError(f"{where}.sign", f"{sign!r} is no sign", "write 1 or -1")
+    multiplier = to_si(table.get("factor", 1.0), "1", f"{where}.factor")
+    if multiplier == 0:
+        raise InputError(f"{where}.factor", "is 0", "write what the channel is to be multiplied by")
+    if group is not None and (isinstance(group, bool) or not isinstance(group, int) or group < 0):
+        raise InputError(f"{where}.group", f"{group!r} is no group", "write its number, counted from 0")
+    return Channel(name.strip(), unit, sign * multiplier, group, where)
+
+
+def _same_unit(first: str, second: str) -> bool:
+    """Whether two units of a sensor or input are the same, as rpm and 1/min."""
+    for si in CHANNEL_UNITS:
+        try:
+            return factor(first, si) == factor(second, si)
+        except InputError:
+            continue
+    return first == second
+
+
+def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
+    """What channels of the model, and time, are called in the file."""
+    return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
+
+
+def groups_in_file(channels: Mapping[str, Channel] | None) -> dict[str, int]:
+    """The group of every channel for which one is named, by the channel's name in the file."""
+    return {channel.name: channel.group for channel in (channels or {}).values() if channel.group is not None}
+
+
+def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
+    """A table with the model's names and signs; columns without an entry in ``channels`` keep theirs.
+
+    Raises
+    ------
+    InputError
+        If a channel is not in the file; with what it might be.
+    """
+    if "time" in channels and channels["time"].name in table.names and table.names[0] != channels["time"].name:
+        table = _time_first(table, channels["time"].name)
+    names, units, values, notes = list(table.names), list(table.units), table.values.copy(), list(table.notes)
+    for name, channel in channels.items():
+        if channel.name not in table.names:
+            time_has_no_name = name == "time" and table.names[:1] == ["time"]
+            if channel.name in table.others or time_has_no_name:
+                continue
+            fault = unknown(channel.name, [*table.names, *table.others], channel.where or f"channels.{name}")
+            raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
+        if name in table.names and name != channel.name:
+            wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
+            raise InputError(source, wrong, "drop one")
+        index = table.names.index(channel.name)
+        stated, unit = table.units[index], channel.unit if channel.unit is not None else table.units[index]
+        if stated and not _same_unit(stated, unit):
+            notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
+        names[index], units[index] = name, unit
+        values[:, index] *= channel.factor
+    return replace(table, names=names, units=units, values=values, notes=tuple(notes))
+
+
+def _time_first(table: Table, time: str) -> Table:
+    """The column that is to be time in front; another one called ``time`` is left out."""
+    first = table.names.index(time)
+    order = [first, *(i for i, name in enumerate(table.names) if name not in (time, "time"))]
+    left_out = ("time",) if "time" in table.names else ()
+    return replace(
+        table,
+        names=[table.names[i] for i in order],
+        units=[table.units[i] for i in order],
+        values=np.ascontiguousarray(table.values[:, order]),
+        others=(*left_out, *table.others),
+    )
+
+
+# --- Columns of a file: found by name, converted to SI.
+
+
+def check_header(table: Table, source: str) -> None:
+    """Check that the first column is time, that names differ, and that there are rows.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    columns = (*table.names, *table.others)
+    if not columns:
+        raise InputError(source, "has no columns", "'time [s]' and the inputs are needed")
+    if "time" not in table.names:
+        raise InputError(source, f"has no column 'time'; there are {listed(list(columns))}", time_hint(columns))
+    if table.names[0] != "time":
+        raise InputError(f"{source}: line 1", f"the first column is {columns[0]!r}", "it must be 'time [s]'")
+    for i, name in enumerate(table.names):
+        if name in table.names[:i]:
+            raise InputError(f"{source}: line 1", f"column {name!r} is there twice", "names must differ")
+    if len(table.values) < 2:
+        rows = len(table.values)
+        if table.others and len(table.names) == 1:
+            there = f"has none of the channels that are asked for; there are {listed(list(table.others))}"
+            raise InputError(source, there, "a channel file (--channels) maps names")
+        raise InputError(source, f"has {rows} row{'s' * (rows != 1)} of numbers", "at least two are needed")
+
+
+def column(table: Table, name: str, rows: np.ndarray, scale: float, source: str) -> np.ndarray:
+    """Values (t,) of a column in the rows (t,), times ``scale``; NaN where missing.
+
+    Raises
+    ------
+    InputError
+        If a value is infinite, or larger than any quantity.
+    """
+    with np.errstate(over="ignore"):
+        values = table.values[rows, table.names.index(name)] * scale
+    if np.isinf(values).any():
+        row = int(rows[np.argmax(np.isinf(values))])
+        raise InputError(
+            f"{source}: {table.place(row)}", f"{name!r} is infinite", "write a finite number or leave it empty"
+        )
+    if (np.abs(values) > LARGEST).any():
+        row = int(rows[np.nanargmax(np.abs(values))])
+        wrong = f"{name!r} is {table.values[row, table.names.index(name)]:g}"
+        raise InputError(f"{source}: {table.place(row)}", wrong, f"at most {LARGEST:g} (SI) is read: leave it empty")
+    return values
+
+
+# --- What a recording holds, in words.
+
+
+def contents_of(recording: Recording, system: System) -> str:
+    """Samples, length, inputs and sensors of a system's recording, and what is to note of it, in one line."""
+    inputs, sensors = [part.name for part in system.inputs], recording.sensors(system)
+    notes = "".join(f"; note: {note}" for note in recording.notes)
+    return (
+        f"a recording: {len(recording.time)} samples over {recording.time[-1] - recording.time[0]:g} s, "
+        f"inputs {', '.join(inputs) or 'none'}, sensors {', '.join(sensors) or 'none'}{notes}"
+    )
+
+
+# --- The time base of a recording: which rows count, and when they were sampled.
+
+ON_GRID = 0.01  # of a step: time stamps that deviate less from a regular grid are put on it
+JITTER = 0.5  # of a step: time stamps that deviate more do not jitter about a regular grid
+MOST_REPEATED = 0.05  # of the rows: with more repeated time stamps, time has too few digits
+LARGEST_START = 1e5  # s: a time that starts later counts from a date; it is made to start at 0
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Rows (t,) of a table that count, their times (t,) in s, and notes of what was corrected."""
+
+    rows: np.ndarray
+    time: np.ndarray
+    notes: tuple[str, ...]
+
+
+def time_base(seconds: np.ndarray, table: Table, source: str) -> TimeBase:
+    """Check the times (t,) of a table's rows in s, and put them on a regular grid where they are near one.
+
+    Raises
+    ------
+    InputError
+        If a time is missing or not finite, time falls, all rows have the same time, or so many time stamps are repeated
+        that their digits must be too few.
+    """
+    if not np.isfinite(seconds).all():
+        row = int(np.argmin(np.isfinite(seconds)))
+        raise InputError(f"{source}: {table.place(row)}", "time is missing or not finite", "every row needs its time")
+    step = np.diff(seconds)
+    if (step < 0).any():
+        row = int(np.argmax(step < 0)) + 1
+        raise InputError(
+            f"{source}: {table.place(row)}",
+            f"time falls from {seconds[row - 1]:.10g} to {seconds[row]:.10g} s",
+            "time must rise",
+        )
+    rows = np.flatnonzero(np.append(True, step > 0))
+    notes = _repeated(seconds, rows, source)
+    time, shifted = seconds[rows], abs(seconds[0]) > LARGEST_START
+    if shifted:
+        time = time - time[0]
+        notes.append(f"time starts at {seconds[0]:.15g} s in the file, at 0 here")
+    on_grid, more = _on_grid(time)
+    return TimeBase(rows, on_grid, (*notes, *more))
+
+
+def _repeated(seconds: np.ndarray, rows: np.ndarray, source: str) -> list[str]:
+    """A note of time stamps that are repeated; ``rows`` are the first of each."""
+    repeated = len(seconds) - len(rows)
+    if len(rows) < 2:
+        raise InputError(
+            source,
+            f"all rows have the same time, {seconds[0]:.10g} s",
+            "write time with more digits, or from the start of the recording",
+        )
+    first = seconds[int(np.argmax(np.diff(seconds) == 0))]
+    if repeated > max(1.0, MOST_REPEATED * len(seconds)):
+        raise InputError(
+            source,
+            f"{repeated} of {len(seconds)} time stamps are repeated, first at {first:.10g} s",
+            "write time with more digits, or from the start of the recording",
+        )
+    if repeated:
+        return [f"{repeated} time stamps are repeated, first at {first:g} s: the first row of each is kept"]
+    return []
+
+
+def _on_grid(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Times (t,) on a regular grid where they are near one, and notes of gaps, jitter and uneven steps."""
+    step = np.diff(time)
+    usual = float(np.median(step))
+    notes = gap_notes(time)
+    if notes:
+        return time, notes
+    if np.abs(step - np.rint(step / usual) * usual).max() < JITTER * usual:
+        grid = time[0] + np.arange(len(time)) * (time[-1] - time[0]) / (len(time) - 1)
+        deviation = float(np.abs(time - grid).max())
+        if deviation <= ON_GRID * usual:
+            return grid, []
+        if np.abs(step / usual - 1).max() < JITTER:
+            return time, [f"time stamps jitter by up to {deviation * 1e3:.3g} ms about steps of {usual * 1e3:g} ms"]
+    return time, [f"uneven time steps, {step.min():g} to {step.max():g} s"]
+
+
+def gap_notes(time: np.ndarray) -> list[str]:
+    """A note of the gaps in time (t,), s, if there are any."""
+    step = np.diff(time)
+    gaps = np.flatnonzero(step > GAP_STEPS * np.median(step))
+    if not len(gaps):
+        return []
+    where = ", ".join(f"{step[i]:g} s at {time[i]:g} s" for i in gaps[:3])
+    more = f" and {len(gaps) - 3} more" if len(gaps) > 3 else ""
+    longest = longest_bridge(time)
+    if (step[gaps] <= longest).all():
+        return [f"gaps in time ({where}{more}): inputs vary linearly across them"]
+    return [f"gaps in time ({where}{more}): inputs vary linearly across those up to {longest:g} s, others divide it"]
+
+
+# --- A drivetrain as one rigid body: its inertia, and torque and speed of a recording, all at the shaft of one sensor.
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Inertia (kg·m²), torque (t,) (N·m) and speed (t,) (rad/s) at one shaft, and how often time divides the speed's
+    change: once where the speed was recorded, twice where it comes from an angle."""
+
+    inertia: float
+    torque: np.ndarray
+    speed: np.ndarray
+    order: int
+
+
+def as_one_rigid_body(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System) -> Iterator[RigidBody]:
+    """One for each recorded speed or angle of an inertia, channels (t,) at times (t,) in s; complete ones alone."""
+    for sensor in system.sensors:
+        if sensor.measures not in ("speed", "angle") or sensor.name not in channels:
+            continue
+        ratios = _speed_ratios(system, sensor.of)
+        inertia = sum(part.J.value * ratios[part.name] ** 2 for part in system.inertias if part.name in ratios)
+        torque = sum((ratios[part.on] * channels[part.name] for part in system.inputs if part.on in ratios), 0 * time)
+        motion = channels[sensor.name]
+        if inertia <= 0 or not np.isfinite(motion).all():
+            continue
+        if sensor.measures == "speed":
+            yield RigidBody(inertia, torque, motion, 1)
+        else:
+            yield RigidBody(inertia, torque, np.gradient(motion, time), 2)
+
+
+def _speed_ratios(system: System, root: str) -> dict[str, float]:
+    """Speed of each inertia that shafts, gears and differentials connect to ``root``, over its speed."""
+    ratios, waiting = {root: 1.0}, [root]
+    links: list[tuple[str, str, float]] = []
+    links += [(*shaft.between, shaft.ratio.value if shaft.ratio else 1.0) for shaft in system.shafts]
+    links += [(*gear.between, gear.ratio.value) for gear in system.gears]
+    for part in system.differentials:
+        links += [(part.cage, part.left, 1.0), (part.cage, part.right, 1.0)]
+    while waiting:
+        name = waiting.pop()
+        for first, second, ratio in links:  # speed(first) = ratio · speed(second)
+            if first == name and second not in ratios and ratio:
+                ratios[second] = ratios[name] / ratio
+                waiting.append(second)
+            elif second == name and first not in ratios:
+                ratios[first] = ratios[name] * ratio
+                waiting.append(first)
+    return ratios
+
+
+# --- Whether a time column without a unit can be in seconds: by the model's frequencies, and by the recorded motion.
+
+SHORTER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
+LONGEST_STEP = 1.0  # s: sampled more slowly, no drivetrain shows how it moves
+CERTAIN = 5.0  # standard errors at least of the inertia that the recording shows
+BLOCKS = (20, 60, 200)  # parts of a recording over which the momentum is balanced
+BETWEEN_UNITS = math.sqrt(1e3)  # a factor nearer to another unit's than to one
+
+
+def check_seconds(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System, source: str) -> None:
+    """Check that times (t,), read as seconds, fit the model and what was recorded with them, channels (t,) in SI.
+
+    Raises
+    ------
+    InputError
+        If the steps are too long to show the model's slowest shaft, if the recorded torques accelerate the inertias a
+        thousand times faster or more than the recorded motion says, or if neither tells and a step is a second or
+        more. Names the unit that fits.
+    """
+    step = float(np.median(np.diff(time)))
+    where = f"{source}: column 'time'"
+    frequencies = _shaft_frequencies(system)
+    if frequencies and step > 0.5 / min(frequencies):
+        for unit, seconds in SHORTER_UNITS.items():
+            if step * seconds <= 0.5 / min(frequencies):
+                reason = f"steps of {step:g} s cannot show the model's {min(frequencies):.3g} Hz"
+                raise InputError(where, f"has no unit, and {reason}", _remedy(unit))
+    factor = _time_factor(time, channels, system)
+    if factor is not None:
+        for unit, seconds in SHORTER_UNITS.items():
+            if 1 / BETWEEN_UNITS < factor * seconds < BETWEEN_UNITS:
+                reason = f"read as seconds, the inertias follow their torques some {1 / seconds:g} times too slowly"
+                raise InputError(where, f"has no unit, and {reason}", _remedy(unit))
+    elif step >= LONGEST_STEP:
+        right = "write its unit: 'time [s]', 'time [ms]' or 'time [us]'"
+        raise InputError(where, f"has no unit, and steps of {step:g} s are long for a drivetrain", right)
+
+
+def _remedy(unit: str) -> str:
+    return f"it is probably in {unit}: write 'time [{unit}]' (or 'time [s]' if it is in seconds)"
+
+
+def _shaft_frequencies(system: System) -> list[float]:
+    """Frequency in Hz of each shaft with its two inertias alone, √(k·(1/J₁ + 1/J₂))/2π.
+
+    It is never below the lowest mode of the drivetrain, and near enough to it to tell milliseconds from seconds.
+    """
+    inertias = {part.name: part.J.value for part in system.inertias}
+    frequencies = []
+    for shaft in system.shafts:
+        first, second = (inertias.get(name, 0.0) for name in shaft.between)
+        if first > 0 and second > 0 and shaft.stiffness.value > 0:
+            first *= shaft.ratio.value**2 if shaft.ratio else 1.0  # reflected to the second's side
+            frequencies.append(math.sqrt(shaft.stiffness.value * (1 / first + 1 / second)) / (2 * math.pi))
+    return frequencies
+
+
+def _time_factor(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System) -> float | None:
+    """How many times too long the recorded times are for the motion; None where nothing tells.
+
+    The balance of momentum of the whole drivetrain as one rigid body, over parts of the recording: the integral of the
+    torques is inertia times change of speed plus viscous, dry and constant torque. Where time is too long by a factor,
+    so are the integral and with it the fitted inertia; with speeds from angles, by the factor's square.
+    """
+    best, factor = CERTAIN, None
+    for body in as_one_rigid_body(time, channels, system):
+        for count in BLOCKS:
+            inertia, certainty = _fitted_inertia(time, body.torque, body.speed, count)
+            if certainty > best and inertia > 0:
+                best, factor = certainty, (inertia / body.inertia) ** (1 / body.order)
+    return factor
+
+
+def _fitted_inertia(time: np.ndarray, torque: np.ndarray, speed: np.ndarray, count: int) -> tuple[float, float]:
+    """Inertia (kg·m²) that speeds and torques (t,) show over ``count`` parts, and over its standard error."""
+    width = len(time) // (count + 1)
+    if width < 3:
+        return 0.0, 0.0
+    steps = np.diff(time)
+
+    def integral(values: np.ndarray) -> np.ndarray:
+        return np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * steps))
+
+    ends = np.arange(0, width * (count + 1), width)
+    columns = [np.diff(speed[ends]), np.diff(integral(speed)[ends]), np.diff(integral(np.sign(speed))[ends])]
+    columns.append(np.diff(time[ends]))
+    matrix = np.stack([column / (np.linalg.norm(column) or 1.0) for column in columns], axis=1)
+    impulse = np.diff(integral(torque)[ends])
+    solution, _, rank, _ = np.linalg.lstsq(matrix, impulse, rcond=1e-9)
+    free = len(impulse) - rank
+    norm = float(np.linalg.norm(columns[0]))
+    if free < 5 or norm == 0:
+        return 0.0, 0.0
+    residual = impulse - matrix @ solution
+    error = math.sqrt(float(residual @ residual) / free * float(np.linalg.pinv(matrix.T @ matrix)[0, 0]))
+    return float(solution[0]) / norm, float(solution[0]) / error if error > 0 else math.inf
+
+
+# --- Read
+
+
+def read_recording(path: str | Path, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
+    """Read the channels of a system from a file.
+
+    Every input of the system must be there. Sensors that are missing are unused, as are columns that the system does
+    not have. Gaps are treated as :mod:`modelling.recordings.recording` says.
+
+    Parameters
+    ----------
+    path : path
+        CSV, MDF, ``.mat`` or Parquet.
+    system : System
+    channels : mapping of str to Channel, optional
+        What the channels are called in the file, where that differs; see
+        :func:`modelling.recordings.read.read_channels`.
+
+    Raises
+    ------
+    InputError
+        One line that names file, line or column: no header, no time, text among numbers, unknown unit, missing input,
+        time that does not rise, too few rows.
+    """
+    source = str(path)
+    names = [*_units(system), *system.input_references]
+    table = read_table(path, names_in_file(names, channels), groups_in_file(channels))
+    return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
+
+
+def recording_from_table(table: Table, system: System, source: str) -> Recording:
+    """The channels of a system in SI from a table with the model's names; see :func:`read_recording`.
+
+    Raises
+    ------
+    InputError
+        One line that names file, column or row.
+    """
+    if table.names == ["time"]:  # a missing input says more than that nothing was read
+        _check_inputs(table, system, source)
+    check_header(table, source)
+    _check_inputs(table, system, source)
+    si_units = _units(system)
+    units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
+    scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
+    scales |= _references(table, system, source)
+    base = _time_base(table, source)
+    columns = {name: column(table, name, base.rows, scale, source) for name, scale in scales.items()}
+    notes = [*table.notes, *base.notes]
+    complete = np.ones(len(base.time), dtype=bool)
+    for part in system.inputs:
+        columns[part.name] = _bridged_input(part.name, base.time, columns[part.name], source, notes)
+        complete &= np.isfinite(columns[part.name])
+    if complete.sum() < 2:
+        raise InputError(source, "has fewer than two rows in which every input has a value", "record them together")
+    time = base.time[complete]
+    channels = {name: values[complete] for name, values in columns.items()}
+    if not table.units[0]:
+        check_seconds(time, channels, system, source)
+    for name in dict.fromkeys([*(sensor.name for sensor in system.sensors), *_references(table, system)]):
+        if name in channels:
+            _note_missing_sensor(name, time, channels, notes)
+    notes += _unused_notes(table, system)
+    return Recording(time, channels, tuple(notes), source, units)
+
+
+def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Channel] | None = None) -> Recording:
+    """Read signals of any dimension by name, complete, in SI.
+
+    Names that the file does not have are left out. A column without a unit is taken to be in SI.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel, optional
+        What the signals are called in the file. Where the file has the name itself and not that channel, it is used.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_recording`; and if a gap in a signal is too long to bridge.
+    """
+    source = str(path)
+    wanted = {name: channel for name, channel in (channels or {}).items() if name in names or name == "time"}
+    table = read_table(path, {*names_in_file(names, wanted), *names, "time"}, groups_in_file(wanted))
+    wanted = {
+        name: channel for name, channel in wanted.items() if channel.name in table.names or name not in table.names
+    }
+    table = renamed(table, wanted, source) if wanted else table
+    check_header(table, source)
+    base = _time_base(table, source)
+    notes = [*table.notes, *base.notes]
+    values, units = {}, {}
+    for name, unit in zip(table.names, table.units, strict=True):
+        if name in names:
+            scale = signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
+            signal = column(table, name, base.rows, scale, source)
+            values[name] = _bridged_signal(name, base.time, signal, source, notes)
+            units[name] = unit
+    return Recording(base.time, values, tuple(notes), source, units)
+
+
+def _units(system: System) -> dict[str, str]:
+    """SI units of the channels of a system by name."""
+    return system.input_units | {part.name: part.unit for part in system.sensors}
+
+
+def _references(table: Table, system: System, source: str = "") -> dict[str, float]:
+    """References of controllers that were recorded, with the factor to SI: signals of any dimension."""
+    wanted = system.input_references
+    return {
+        name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
+        for name, unit in zip(table.names, table.units, strict=True)
+        if name in wanted
+    }
+
+
+def _time_base(table: Table, source: str) -> TimeBase:
+    scale = factor(table.units[0], "s", f"{source}: column 'time'")
+    return time_base(table.values[:, 0] * scale, table, source)
+
+
+def _check_inputs(table: Table, system: System, source: str) -> None:
+    """Raise ``InputError`` for an input that was not recorded, with the most similar column."""
+    known = _units(system)
+    columns = (*table.names[1:], *table.others)
+    for part in system.inputs:
+        if part.name not in table.names:
+            unused = [name for name in columns if name not in known]
+            hint = unknown(part.name, unused or list(columns), source).right
+            raise InputError(
+                source, f"input {part.name!r} was not recorded", f"{hint}; a channel file (--channels) maps names"
+            )
+
+
+def _check_any_value(name: str, values: np.ndarray, source: str) -> None:
+    if not np.isfinite(values).any():
+        raise InputError(f"{source}: column {name!r}", "has no value", "it must be recorded")
+
+
+def _bridged_input(name: str, time: np.ndarray, values: np.ndarray, source: str, notes: list[str]) -> np.ndarray:
+    """An input (t,) with short gaps bridged; NaN where rows have to be left out."""
+    if np.isfinite(values).all():
+        return values
+    _check_any_value(name, values, source)
+    filled = bridged(time, values)
+    left = int(np.isnan(filled).sum())
+    treatment = "bridged by straight lines"
+    if left:
+        treatment = f"bridged by straight lines up to {longest_bridge(time):g} s, {left} rows left out"
+    notes.append(missing_note(name, time, values, treatment))
+    return filled
+
+
+def _bridged_signal(name: str, time: np.ndarray, values: np.ndarray, source: str, notes: list[str]) -> np.ndarray:
+    """A signal (t,) with short gaps bridged and the nearest value at its ends."""
+    if np.isfinite(values).all():
+        return values
+    _check_any_value(name, values, source)
+    known = np.flatnonzero(np.isfinite(values))
+    longest, first = longest_bridge(time), time[np.argmin(np.isfinite(values))]
+    missing = max(float(np.diff(time[known]).max(initial=0.0)), time[known[0]] - time[0], time[-1] - time[known[-1]])
+    if missing > longest:
+        raise InputError(
+            f"{source}: column {name!r}",
+            f"{missing:g} s of values are missing, first at {first:g} s",
+            f"it may lack {longest:g} s at a time: cut the recording",
+        )
+    notes.append(missing_note(name, time, values, "bridged by straight lines"))
+    return np.interp(time, time[known], values[known])
+
+
+def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.ndarray], notes: list[str]) -> None:
+    """Note missing values of a sensor; a sensor without any value is taken out of the channels."""
+    missing = ~np.isfinite(channels[name])
+    if missing.all():
+        notes.append(f"{name} has no value and is unused")
+        del channels[name]
+    elif every := rows_a_value(channels[name]):
+        notes.append(f"{name} is sampled slower: one value in {every} rows; it is compared where it has one")
+    elif missing.any():
+        notes.append(missing_note(name, time, channels[name], "left out"))
+
+
+def _unused_notes(table: Table, system: System) -> list[str]:
+    """Notes of columns that the model does not have, and of sensors that may be among them."""
+    known = {*_units(system), *system.input_references}
+    unused = [name for name in (*table.names[1:], *table.others) if name not in known]
+    if not unused:
+        return []
+    notes = [f"not in the model, unused: {listed(unused)}"]
+    for sensor in system.sensors:
+        similar = get_close_matches(sensor.name, unused, n=1, cutoff=0.75)
+        if sensor.name not in table.names and similar:
+            notes.append(f"{sensor.name!r} was not recorded; is it column {similar[0]!r}? A channel file can say so")
+    return notes
+
+
+# --- Writing a recording as CSV.
+
+
+def csv_text(time: np.ndarray, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """Text of a CSV recording: ``time [s]``, then ``name [unit]``; nine digits, of time twelve.
+
+    Parameters
+    ----------
+    time : ndarray (t,)
+    columns : mapping of str to ndarray (t,)
+    units : mapping of str to str
+        By column.
+    """
+    text = io.StringIO()
+    header = ",".join(["time [s]", *(f"{name} [{units[name]}]" for name in columns)])
+    formats = ["%.12g", *["%.9g"] * len(columns)]  # twelve: milliseconds of an absolute time stay apart
+    np.savetxt(text, np.column_stack([time, *columns.values()]), formats, ",", header=header, comments="")
+    return text.getvalue()

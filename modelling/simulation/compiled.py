@@ -1,0 +1,797 @@
+"""A CasADi function of scalars worked out for very many points at once: compiled with vector operations.
+
+CasADi's own C works out one point after the other. Here each of its instructions becomes one operation on eight
+neighbouring points, which the compiler makes of whatever this processor has (GCC's vector extensions, Clang's too).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import functools
+import hashlib
+import os
+import platform
+import re
+import shutil
+import signal
+import stat
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from ctypes import c_longlong, c_void_p
+from itertools import pairwise
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from modelling.errors import InputError
+from modelling.simulation.task import (
+    ALPHA,
+    GAMMA,
+    GAMMA_SUM,
+    A,
+    C,
+    Functions,
+    IntegrationTask,
+    Trajectories,
+    band_order,
+    functions,
+)
+
+# --- The C compiler of this machine: found, tried once on a program with a known answer, and called.
+#
+# A command line holds nothing but flags and fixed names of files; what is compiled is written by CasADi and this
+# package.
+
+COMPILE_SECONDS = 300.0  # after which a compiler is given up
+TRIAL_SECONDS = 20.0  # the same for its version and for the trial, which take a twentieth of a second
+LIBRARY = "made.so"  # name of what is compiled, in a folder of its own
+TRIAL_FLAGS = ("-O1", "-shared", "-fPIC", "-std=c11")
+TRIAL = """#include <math.h>
+double trial(double x, int n) { double y = 0.5; while (n--) y = y * x + floor(3.7 * y) - 0.25; return y; }
+"""
+TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
+TRIAL_ANSWER = "[35.25, 1693.25]"  # by hand: of (1.5, 3) and of (2.0, 5)
+ELF_HEAD = struct.Struct("<40xQ10xHH2x")  # where the table of sections begins, size and number of its entries
+CALL_TRIAL = """import ctypes, sys
+trial = ctypes.CDLL(sys.argv[1]).trial
+trial.restype, trial.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int]
+print([trial(1.5, 3), trial(2.0, 5)])
+"""
+
+
+class CompilerFault(Exception):
+    """The compiler cannot be called, says that the source is wrong, takes too long, or makes no library."""
+
+
+class CompilerWarning(UserWarning):
+    """A compiler that is there but does not work."""
+
+
+@functools.cache
+def compiler() -> str | None:
+    """Path of the C compiler: ``CC``, cc, gcc or clang; None if there is none or ``RIGMATCH_COMPILE`` is 0."""
+    if os.environ.get("RIGMATCH_COMPILE", "") == "0":
+        return None
+    wanted = os.environ.get("CC", "")
+    return next((path for name in (wanted, "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
+
+
+@functools.cache
+def fault_of(cc: str) -> str:
+    """What is wrong with a compiler; empty if its trial program gives the right answer.
+
+    Raises
+    ------
+    OSError
+        If too many files are open to try it.
+    """
+    try:
+        made = compile_library(cc, TRIAL_FLAGS, {"trial.c": TRIAL}, "trial.c", TRIAL_SECONDS)
+        with tempfile.TemporaryDirectory(prefix="rigmatch-") as work:
+            (Path(work) / LIBRARY).write_bytes(made)
+            call = [sys.executable, "-I", "-S", "-c", CALL_TRIAL, str(Path(work) / LIBRARY)]
+            answer = _printed(call, work)
+    except CompilerFault as fault:
+        return str(fault)
+    except OSError as fault:  # no room for temporary files, say
+        if fault.errno in TOO_MANY_FILES:  # nothing else would work either
+            raise
+        return fault.strerror or str(fault)
+    return "" if answer == TRIAL_ANSWER else "what it makes does not run or gives wrong answers"
+
+
+def works(cc: str) -> bool:
+    """Whether a compiler passes its trial; if not, a :class:`CompilerWarning` says so, once a process."""
+    fault = fault_of(cc)
+    if fault:
+        _warn(f"the C compiler {cc} does not work ({fault}): simulations run without it, which takes ten times as long")
+    return not fault
+
+
+def check(cc: str) -> None:
+    """Raise for a compiler that does not work.
+
+    Raises
+    ------
+    InputError
+        Naming it and what is wrong.
+    """
+    if fault := fault_of(cc):
+        right = "name a working compiler in CC, or set RIGMATCH_COMPILE=0 to go without"
+        raise InputError(cc, f"the C compiler does not work: {fault}", right)
+
+
+def compile_library(
+    cc: str, flags: Sequence[str], files: Mapping[str, str], source: str, seconds: float = COMPILE_SECONDS
+) -> bytes:
+    """The shared library of C files by name, of which ``source`` includes the others.
+
+    Raises
+    ------
+    CompilerFault
+        With the compiler's first error.
+    OSError
+        If there is no room for the files.
+    """
+    with tempfile.TemporaryDirectory(prefix="rigmatch-") as work:
+        for name, text in files.items():
+            (Path(work) / name).write_text(text, encoding="utf-8")
+        _run([cc, *flags, "-o", LIBRARY, source, "-lm"], work, seconds)  # no folder: the library tells of none
+        made = Path(work) / LIBRARY
+        content = made.read_bytes() if made.is_file() else b""
+    if not content:
+        raise CompilerFault("it made no library")
+    if _is_cut_off(content):  # loading it would end this process, and every later one that finds it in the cache
+        raise CompilerFault("the library that it made is cut off")
+    return content
+
+
+def _is_cut_off(library: bytes) -> bool:
+    """Whether an ELF file of 64 bits, as Linux has them, ends before its table of sections, which stands last."""
+    if not library.startswith(b"\x7fELF\x02\x01"):
+        return False
+    if len(library) < ELF_HEAD.size:
+        return True
+    begin, size, count = ELF_HEAD.unpack_from(library)
+    return bool(begin + size * count > len(library))
+
+
+@functools.cache
+def version(cc: str) -> str:
+    """What a compiler says of itself; its path if it says nothing."""
+    try:
+        return _run([cc, "--version"], None, TRIAL_SECONDS) or cc
+    except CompilerFault:
+        return cc
+
+
+@functools.cache
+def processor_options(cc: str) -> str:
+    """What ``-march=native`` means to GCC on this machine; empty for a compiler that does not say it."""
+    try:
+        return _run([cc, "-march=native", "-Q", "--help=target"], None, TRIAL_SECONDS)
+    except CompilerFault:
+        return ""
+
+
+def _printed(command: Sequence[str], folder: str) -> str:
+    try:
+        return _run(command, folder, TRIAL_SECONDS)
+    except CompilerFault:  # it crashes, or does not end
+        return ""
+
+
+@functools.cache
+def _warn(line: str) -> None:
+    warnings.warn(line, CompilerWarning, stacklevel=4)
+
+
+def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
+    """What a command prints; it and all that it began are ended after so many seconds, or when this is interrupted.
+
+    Raises
+    ------
+    CompilerFault
+        If it cannot be run, fails or takes longer.
+    OSError
+        If it says that the disk is full, or too many files are open to run it.
+    """
+    environment = os.environ | ({"TMPDIR": folder} if folder else {})  # what a killed compiler leaves goes with it
+    try:
+        running = subprocess.Popen(
+            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
+        )  # fmt: skip
+    except OSError as fault:
+        if fault.errno in TOO_MANY_FILES:
+            raise
+        raise CompilerFault(f"{fault.strerror or fault}") from None
+    with running:
+        try:
+            out, said = running.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise CompilerFault(f"no end after {seconds:g} s") from None
+        finally:
+            if running.returncode is None:
+                with contextlib.suppress(OSError):
+                    if hasattr(os, "killpg"):
+                        os.killpg(running.pid, signal.SIGKILL)
+                    else:
+                        running.kill()
+    if running.returncode:
+        lines = said.splitlines()
+        if (full := os.strerror(errno.ENOSPC)) in said:
+            raise OSError(errno.ENOSPC, full, folder)
+        raise CompilerFault(next((line for line in lines if "error" in line), lines[0] if lines else "it fails"))
+    return out.strip()
+
+
+# --- Where compiled libraries are kept: only what was written here, whole, is loaded again.
+#
+# An entry ``KEY-DIGEST.so`` carries two checksums: of all that it was made from, and of its content. It is written
+# beside
+# its place, forced to the disk and moved there in one step; before it is loaded its content is compared with its name,
+# and what is wrong is removed, to be made anew. Folder and entries belong to this user and nobody else may write to
+# them.
+
+try:
+    import grp
+    import pwd
+except ImportError:  # Windows, where groups are not asked for
+    pass
+
+SUFFIX, UNFINISHED = ".so", ".new-"
+DIGITS = 32  # of a checksum, hexadecimal
+STALE_SECONDS = 3600.0  # after which an unfinished entry is nobody's any more
+OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+@functools.cache
+def folder() -> Path:
+    """``RIGMATCH_CACHE`` or the user's cache; one of this process alone where that is missing or open to others."""
+    for path in _candidates():
+        with contextlib.suppress(OSError):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(path, os.W_OK | os.X_OK) and only_mine(path):
+                return path
+    return _folder_of_this_process()
+
+
+def _candidates() -> list[Path]:
+    if wanted := os.environ.get("RIGMATCH_CACHE"):
+        return [Path(wanted).absolute()]
+    caches = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA", "")
+    with contextlib.suppress(RuntimeError):  # nobody knows where home is
+        home = Path(caches) if os.path.isabs(caches) else Path.home() / ".cache"
+        return [home / "rigmatch"]
+    return []
+
+
+@functools.cache
+def _folder_of_this_process() -> Path:
+    _KEPT_UNTIL_THE_END.append(tempfile.TemporaryDirectory(prefix="rigmatch-"))
+    return Path(_KEPT_UNTIL_THE_END[-1].name)
+
+
+_KEPT_UNTIL_THE_END: list[tempfile.TemporaryDirectory] = []
+
+
+def only_mine(path: Path) -> bool:
+    """Whether a folder or file is this user's, nobody else may write to it, and nobody may put another in its place."""
+    if not hasattr(os, "getuid"):  # Windows: what lies in the user's profile is the user's
+        return path.resolve().is_relative_to(Path.home())
+    status = path.lstat()
+    if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
+        return False
+    above = [folder.stat() for folder in path.resolve().parents]
+    if any(each.st_uid not in (0, os.getuid()) for each in above):  # who has a folder may rename what lies in it
+        return False
+    return all(each.st_mode & stat.S_ISVTX or not _open_to_others(each) for each in above)
+
+
+def _open_to_others(status: os.stat_result) -> bool:
+    """Whether anybody but root and this user may write to a folder: the user's private group is nobody else."""
+    if status.st_mode & stat.S_IWOTH:
+        return True
+    return bool(status.st_mode & stat.S_IWGRP) and status.st_gid not in (0, _private_group())
+
+
+@functools.cache
+def _private_group() -> int | None:
+    """The group that has the user's name and no other member, as most Linux systems make one for each user."""
+    with contextlib.suppress(KeyError):
+        user, group = pwd.getpwuid(os.getuid()), grp.getgrgid(os.getgid())
+        if group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}:
+            return group.gr_gid
+    return None
+
+
+def kept(key: str) -> Path | None:
+    """The entry of a key if there is one that is whole; others are removed."""
+    library = None
+    for place in dict.fromkeys((folder(), _folder_of_this_process())) if _KEPT_UNTIL_THE_END else (folder(),):
+        for path in sorted(place.glob(f"{key}-*{SUFFIX}")):
+            if library is None and _is_whole(path):
+                library = path
+            elif library is None:
+                with contextlib.suppress(OSError):
+                    path.unlink()
+    return library
+
+
+def keep(key: str, content: bytes) -> Path | None:
+    """Keep a library under a key; None where neither the cache nor the temporary folder has room for it."""
+    name = f"{key}-{_digest(content)}{SUFFIX}"
+    with contextlib.suppress(OSError):
+        return _written(folder() / name, content)
+    with contextlib.suppress(OSError):
+        return _written(_folder_of_this_process() / name, content)
+    return None
+
+
+def _written(target: Path, content: bytes) -> Path:
+    _remove_stale(target.parent)
+    handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=target.parent)  # nobody else may read or write it
+    try:
+        with open(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, target)
+    except BaseException:
+        os.unlink(name)
+        raise
+    return target
+
+
+def _remove_stale(place: Path) -> None:
+    for path in place.glob(f"{UNFINISHED}*"):
+        with contextlib.suppress(OSError):  # another process has finished or removed it
+            if time.time() - path.stat().st_mtime > STALE_SECONDS:
+                path.unlink()
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        return only_mine(path) and path.is_file() and path.stem.partition("-")[2] == _digest(path.read_bytes())
+    except OSError:
+        return False
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:DIGITS]
+
+
+# --- Generated C → a shared library in the cache, where there is a compiler.
+
+FLAGS = ("-shared", "-fPIC", "-std=c11", "-fno-math-errno", "-fno-semantic-interposition", "-w")
+# the generated part differs by model: here the compiler's own time counts
+GENERATED, DRIVER = "-O1 -fstrict-aliasing", "-O3"  # speed only
+SOURCE = "step.c"
+# one translation unit, in this order
+DRIVER_FILES = ("types.h", "rates.c", "readings.c", "steps.c", "errors.c", "run.c")
+
+# fmax and fmin of the C library are calls, and a lash takes ten of them. NaN operands are ignored, as in C's fmax: of a
+# comparison that is false the second operand remains, so a constant, which is a number, needs no further test.
+PRELUDE = """#include <math.h>
+#define NUMBER(x) (__builtin_constant_p(x) && x == x)
+static inline double larger(double x, double y)
+{
+    if (NUMBER(x)) return y > x ? y : x;
+    double found = x > y ? x : y;
+    return NUMBER(y) || y == y ? found : x;
+}
+static inline double smaller(double x, double y)
+{
+    if (NUMBER(x)) return y < x ? y : x;
+    double found = x < y ? x : y;
+    return NUMBER(y) || y == y ? found : x;
+}
+#define fmax larger
+#define fmin smaller
+"""
+HELPER = re.compile(r"^casadi_real (?=casadi_\w+\()", re.MULTILINE)  # CasADi's own functions of numbers, e.g. fmax
+# each input is looked up, and each result written, only where there is one
+INPUT, RESULT = re.compile(r"(arg\[\d+\])\? (\1\[\d+\]) : 0;"), re.compile(r"if \((res\[\d+\])!=0\) (?=\1\[)")
+
+_LIBRARIES: dict[int, tuple[Functions, ctypes.CDLL | None]] = {}
+
+
+def library(functions: Functions) -> ctypes.CDLL | None:
+    """The library with all functions of a step, compiled if the cache lacks it; None without a working compiler."""
+    if not compiler():
+        return None
+    kept = _LIBRARIES.get(id(functions))
+    if kept is None:
+        source = RESULT.sub("", INPUT.sub(r"\2;", generated(*functions.all)))  # the driver gives them all
+        made = library_of(source, GENERATED, [function.name() for function in functions.all])
+        kept = _LIBRARIES[id(functions)] = (functions, made)
+    return kept[1]
+
+
+def driver() -> ctypes.CDLL | None:
+    """The library with ``run``, one for all models; None without a working compiler."""
+    return _driver() if compiler() else None
+
+
+@functools.cache
+def _driver() -> ctypes.CDLL | None:
+    here = Path(__file__).with_name("c")
+    return library_of("\n".join((here / name).read_text(encoding="utf-8") for name in DRIVER_FILES), DRIVER, ["run"])
+
+
+def external(function: ca.Function) -> ca.Function:
+    """A CasADi function compiled, some twenty times faster than as it was; itself without a working compiler."""
+    if not compiler():
+        return function
+    source = generated(function)
+    return loaded(function.name(), shared(source, lambda: source, GENERATED)) or function
+
+
+def generated(*functions: ca.Function) -> str:
+    """C of CasADi functions."""
+    generator = ca.CodeGenerator("generated", {"with_header": False})
+    for function in functions:
+        generator.add(function)
+    return PRELUDE + HELPER.sub("static inline casadi_real ", str(generator.dump()))  # calls cost more than they do
+
+
+def loaded(name: str, library: Path | None) -> ca.Function | None:
+    """A CasADi function out of a library; None without one, or where it cannot be loaded."""
+    try:
+        return None if library is None else ca.external(name, str(library))
+    except RuntimeError:  # e.g. a folder mounted noexec
+        return None
+
+
+def compile_ahead(functions: Iterable[Functions], processes: int = 2) -> None:
+    """Compile many at once, for a search over structures; afterwards :func:`library` finds them."""
+    with ThreadPoolExecutor(processes) as pool:  # the work is the compiler's, in processes of its own
+        list(pool.map(library, functions))
+
+
+def shared(content: str, source: Callable[[], str], optimisation: str) -> Path | None:
+    """The shared library of C that ``source`` writes, which is called only if the cache lacks it.
+
+    ``content`` is all that the source is made from. None without a working compiler.
+    """
+    cc = compiler()
+    if cc is None:
+        return None
+    flags = (*optimisation.split(), *FLAGS)
+    made_from = (content, PRELUDE, version(cc), cc, *flags, platform.machine())
+    key = hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32]
+    if (library := kept(key)) or not works(cc):
+        return library
+    try:
+        return keep(key, compile_library(cc, flags, {SOURCE: source()}, SOURCE))
+    except (OSError, CompilerFault):  # a full disk, or a source that this compiler does not take
+        return None
+
+
+def library_of(
+    source: str, optimisation: str, names: Iterable[str], *, this_processor: bool = False
+) -> ctypes.CDLL | None:
+    """The library with all these functions, made from C; None without a working compiler.
+
+    Made for ``this_processor`` alone it is kept apart for each kind of processor.
+    """
+    processor = processor_options(compiler() or "") if this_processor and compiler() else ""
+    content = f"{source}\n/* {processor} */"
+    target = shared(content, lambda: source, f"{optimisation} -march=native" if processor else optimisation)
+    try:
+        library = None if target is None else ctypes.CDLL(str(target))
+    except OSError:  # e.g. a folder mounted noexec
+        return None
+    return library if all(hasattr(library, name) for name in names) else None
+
+
+# --- The compiled integrator, called through ctypes.
+
+SHARES = 2  # a thread, at least: threads end together though not all shares take as long
+INTERRUPTIBLE = 3e7  # operations, some 30 ms: what takes longer runs beside the main thread, which takes signals
+
+_COUNTS = [
+    "first_row", "end_row", "samples", "states", "coordinates", "inputs", "sensors", "columns", "groups", "constants",
+    "parameters", "sz_iw", "sz_w",
+]  # fmt: skip
+_ARRAYS = [
+    "steps", "time", "input", "constant", "start", "input_delay", "group_delay", "group", "state", "out", "error",
+    "failed", "stop",
+    "selected", "start_derivative", "input_delay_derivative", "sensor_delay_derivative", "derivative",
+]  # fmt: skip
+_PATTERNS = tuple("ABPCDQ")
+
+
+class _Pattern(ctypes.Structure):
+    _fields_ = [("start", c_void_p), ("row", c_void_p)]
+
+
+class _Run(ctypes.Structure):
+    """``Run`` of ``c/types.h``, field by field."""
+
+    _fields_ = [
+        *((name, c_void_p) for name in ("field", "reading", "jacobian")),
+        *((name, c_longlong) for name in _COUNTS),
+        *((name, c_void_p) for name in _ARRAYS),
+        *((name, _Pattern) for name in _PATTERNS),
+        ("method", c_void_p),
+        ("place", c_void_p),
+        *((name, c_longlong) for name in ("lower", "upper")),
+    ]
+
+
+_METHOD = np.concatenate([part.ravel() for part in (A, C, ALPHA, GAMMA_SUM)] + [np.array([GAMMA])])
+
+
+def run_compiled(
+    task: IntegrationTask, states: bool = True, readings: bool = True, threads: int = 1, errors: bool = False
+) -> Trajectories | None:
+    """Run a task; None without a compiler.
+
+    What is not asked for comes back empty. The rows of a batch may be shared out among ``threads``; no result depends
+    on how many. Ctrl-C ends a long run at once.
+    """
+    done = run_all_compiled([task], states, readings, threads, errors)
+    return None if done is None else done[0]
+
+
+def run_all_compiled(
+    tasks: Sequence[IntegrationTask], states: bool = True, readings: bool = True, threads: int = 1, errors: bool = False
+) -> list[Trajectories] | None:
+    """The same for several tasks of one model, side by side.
+
+    Raises
+    ------
+    MemoryError
+        If the integrator gets no memory.
+    """
+    made = functions(tasks[0].model, tasks[0].columns > 0, tasks[0].implicit)
+    code = library(made)
+    general = driver() if code else None
+    if code is None or general is None:
+        return None
+    stop = ctypes.c_int(0)
+    last_rows = np.cumsum([len(task.p) for task in tasks])
+    constants = np.split(made.constants_of(np.concatenate([task.p for task in tasks])), last_rows[:-1])
+    prepared = [
+        _Prepared(task, made, code, constant, stop, states, readings, errors)
+        for task, constant in zip(tasks, constants, strict=True)
+    ]
+    runs = [task.run for task in prepared]
+    work = sum(task.step_count for task in tasks) * 4 * made.field.n_instructions()
+    if threads > 1:
+        pieces = -(-SHARES * threads // len(tasks))
+        runs = [share for whole in runs for share in _shares(whole, pieces)]
+    if threads > 1 or (work > INTERRUPTIBLE and threading.current_thread() is threading.main_thread()):
+        ends = _run_beside(general, runs, stop, threads)
+    else:
+        ends = [general.run(ctypes.byref(each)) for each in runs]
+    if any(ends):
+        raise MemoryError("the integrator found no memory")
+    return [task.results for task in prepared]
+
+
+def _run_beside(general: ctypes.CDLL, runs: Sequence[_Run], stop: ctypes.c_int, threads: int) -> list[int]:
+    """Run in other threads, which ctypes lets go on during a call; whatever interrupts the wait ends the runs."""
+    with ThreadPoolExecutor(threads) as pool:
+        futures = [pool.submit(general.run, ctypes.byref(each)) for each in runs]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            stop.value = 1
+            raise
+
+
+class _Prepared:
+    """The integrator's view ``run`` of a task, the arrays that it points to, and the results that it fills."""
+
+    def __init__(
+        self,
+        task: IntegrationTask,
+        made: Functions,
+        code: ctypes.CDLL,
+        constant: np.ndarray,
+        stop: ctypes.c_int,
+        states: bool,
+        readings: bool,
+        errors: bool,
+    ):  # what a run consists of
+        model, b, t, s = task.model, len(task.p), len(task.time), task.columns
+        x, y = len(model.states), len(model.sensors)
+        self.results = Trajectories(
+            np.full((b, t, x) if states else (0,), np.nan),
+            np.full((b, t, y) if readings else (0,), np.nan),
+            np.full((b, 2), -1, dtype=np.int64),
+            np.full((b, t, y, s), np.nan),
+            np.full((b, t - 1, y + x - model.n) if errors else (0,), np.nan),
+        )
+        pointers = [ctypes.cast(getattr(code, function.name()), c_void_p) for function in made.all]
+        self.run = _Run(
+            *pointers, *[None] * (3 - len(pointers)), 0, b, t, x, model.n, len(model.inputs), y, s,
+            task.group_delay.shape[1], constant.shape[1], len(model.parameters),
+            max(function.sz_iw() for function in made.all), max(function.sz_w() for function in made.all),
+            stop=ctypes.addressof(stop),
+        )  # fmt: skip
+        self._kept: list = [stop]
+        reals = {
+            "time": task.time, "input": task.inputs, "constant": constant, "start": task.start,
+            "input_delay": task.input_delay, "group_delay": task.group_delay,
+            "start_derivative": task.start_derivative, "input_delay_derivative": task.input_delay_derivative,
+            "sensor_delay_derivative": task.sensor_delay_derivative,
+        }  # fmt: skip
+        for name, array in reals.items():
+            self._point(name, np.ascontiguousarray(array, dtype=float))
+        self._point("steps", task.steps)
+        self._point("group", task.group)
+        self._point("selected", task.selected)
+        self._point("failed", self.results.failed)
+        self._point("derivative", self.results.derivatives)
+        if states:
+            self._point("state", self.results.states)
+        if errors:
+            self._point("error", self.results.errors)
+        if readings:
+            self._point("out", self.results.readings)
+        if s:
+            outputs = [function.sparsity_out(i) for function in (made.field, made.reading) for i in (1, 2, 3)]
+            self._patterns(dict(zip(_PATTERNS, outputs, strict=True)))
+        if made.jacobian is not None:
+            order = band_order(made.jacobian)
+            self._patterns({"A": made.jacobian.sparsity_out(0), "B": made.jacobian.sparsity_out(1)})
+            self._point("place", order.place)
+            self._point("method", _METHOD)
+            self.run.lower, self.run.upper = order.lower, order.upper
+
+    def _point(self, name: str, array: np.ndarray) -> None:
+        self._kept.append(array)
+        setattr(self.run, name, array.ctypes.data)
+
+    def _patterns(self, patterns: dict) -> None:
+        for name, sparsity in patterns.items():
+            start, row = (np.array(part, dtype=np.int64) for part in (sparsity.colind(), sparsity.row()))
+            self._kept += [start, row]
+            setattr(self.run, name, _Pattern(start.ctypes.data, row.ctypes.data))
+
+
+def _shares(run: _Run, pieces: int) -> list[_Run]:
+    """The same run in pieces, each for some rows of the batch only."""
+    out = []
+    for first, last in pairwise(np.linspace(0, run.end_row, min(pieces, run.end_row) + 1).astype(int)):
+        share = _Run.from_buffer_copy(run)
+        share.first_row, share.end_row = int(first), int(last)
+        out.append(share)
+    return out
+
+
+# --- Vector function
+
+LANES = 8  # points an operation
+# GCC ends wide registers' use before calls to the C library with the second option only; without it log, atan2 and
+# the like are some ten times slower after operations on vectors
+OPTIMISATION = "-O1 -fexpensive-optimizations"
+
+_HEAD = """#include <math.h>
+#include <string.h>
+typedef double V __attribute__((vector_size(64), aligned(8)));
+#define EACH(f, x) ({ V a = x, r; int n = 0; for (int l = 1; l < 8; l++) n += a[l] != a[0]; \
+    if (n) for (int l = 0; l < 8; l++) r[l] = f(a[l]); else r = (V){0} + f(a[0]); r; })
+#define BOTH(f, x, y) ({ V a = x, b = y, r; for (int l = 0; l < 8; l++) r[l] = f(a[l], b[l]); r; })
+#define LOAD(n) ({ const double *p = in[n] + o * outer_step[n]; V r; \\
+    if (inner_step[n]) memcpy(&r, p + i, sizeof r); else r = (V){0} + *p; r; })
+#define STORE(n, x) { V r = x; memcpy(out + (n * outer + o) * inner + i, &r, sizeof r); }
+void evaluate(long outer, long inner, const double *const *in, const long *outer_step, const long *inner_step,
+    double *out)
+{
+    for (long o = 0; o < outer; o++) for (long i = 0; i < inner; i += 8) {
+"""
+_TAIL = "    }\n}\n"
+
+# what each of CasADi's instructions is in C; a and b are its operands
+_OPERATIONS = {
+    ca.OP_ASSIGN: "{a}", ca.OP_ADD: "{a} + {b}", ca.OP_SUB: "{a} - {b}", ca.OP_MUL: "{a} * {b}",
+    ca.OP_DIV: "{a} / {b}", ca.OP_NEG: "-{a}", ca.OP_SQ: "{a} * {a}", ca.OP_TWICE: "2.0 * {a}", ca.OP_INV: "1.0 / {a}",
+    ca.OP_SQRT: "EACH(sqrt, {a})", ca.OP_EXP: "EACH(exp, {a})", ca.OP_LOG: "EACH(log, {a})",
+    ca.OP_COS: "EACH(cos, {a})", ca.OP_SIN: "EACH(sin, {a})", ca.OP_ATAN2: "BOTH(atan2, {a}, {b})",
+    ca.OP_FMAX: "BOTH(fmax, {a}, {b})", ca.OP_FMIN: "BOTH(fmin, {a}, {b})",
+}  # fmt: skip
+
+
+class VectorFunction:
+    """A CasADi function whose inputs and outputs are columns of scalars, for arrays of points.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of SX expressions, dense.
+    """
+
+    def __init__(self, function: ca.Function):
+        self.function = function
+        self.rows_out = sum(function.numel_out(i) for i in range(function.n_out()))
+        source = _source(function)
+        compiled = None if source is None else library_of(source, OPTIMISATION, ["evaluate"], this_processor=True)
+        self._evaluate: Callable[..., None] | None = None if compiled is None else compiled.evaluate
+
+    @property
+    def compiled(self) -> bool:
+        """Whether there was a compiler, and C for every instruction."""
+        return self._evaluate is not None
+
+    def __call__(self, *operands: np.ndarray) -> np.ndarray:
+        """All outputs (y, o, b), below each other.
+
+        Parameters
+        ----------
+        operands : ndarray (rows, o, b)
+            One an input; o or b may be 1 where the input is the same along it.
+        """
+        shapes = {operand.shape[1:] for operand in operands}
+        outer, inner = (max(shape[axis] for shape in shapes) for axis in (0, 1))
+        if self._evaluate is None:
+            return self._by_casadi(operands, outer, inner)
+        padded = -(-inner // LANES) * LANES
+        columns = [_padded(operand, padded) for operand in operands]
+        out = np.empty((self.rows_out, outer, padded))
+        starts = [operand.ctypes.data + i * operand.strides[0] for operand in columns for i in range(len(operand))]
+        pointers = (ctypes.c_void_p * len(starts))(*starts)
+        outer_step, inner_step = ((ctypes.c_long * len(starts))(*_steps(columns, axis)) for axis in (1, 2))
+        counts = ctypes.c_long(outer), ctypes.c_long(padded)
+        self._evaluate(*counts, pointers, outer_step, inner_step, ctypes.c_void_p(out.ctypes.data))
+        return out[:, :, :inner]
+
+    def _by_casadi(self, operands: tuple[np.ndarray, ...], outer: int, inner: int) -> np.ndarray:
+        points = outer * inner
+        full = [np.broadcast_to(x, (len(x), outer, inner)).reshape(len(x), points) for x in operands]
+        results = self.function.map(points).call(full)
+        return np.concatenate([np.asarray(result.full()) for result in results]).reshape(-1, outer, inner)
+
+
+def _steps(operands: list[np.ndarray], axis: int) -> list[int]:
+    """From one value of every input to the next along an axis; 0 where it is the same there."""
+    steps = [x.strides[axis] // x.itemsize if x.shape[axis] > 1 else 0 for x in operands]
+    return [step for x, step in zip(operands, steps, strict=True) for _ in x]
+
+
+def _padded(operand: np.ndarray, inner: int) -> np.ndarray:
+    """The operand (rows, o, b), contiguous along its last axis, of that many points there unless it is the same."""
+    operand = np.ascontiguousarray(operand, dtype=float)
+    missing = inner - operand.shape[2]
+    if operand.shape[2] == 1 or not missing:
+        return operand
+    return np.concatenate([operand, np.repeat(operand[:, :, -1:], missing, axis=2)], axis=2)
+
+
+def _source(function: ca.Function) -> str | None:
+    """C of the function; None where it has an instruction that is not known here."""
+    starts_in = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))])
+    starts_out = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))])
+    body: list[str] = []
+    for k in range(function.n_instructions()):
+        kind, read = function.instruction_id(k), function.instruction_input(k)
+        made = function.instruction_output(k)
+        if kind == ca.OP_OUTPUT:
+            body.append(f"STORE({starts_out[made[0]] + made[1]}, w{read[0]})")
+            continue
+        if kind == ca.OP_CONST:
+            value = f"(V){{0}} + {function.instruction_constant(k)!r}"
+        elif kind == ca.OP_INPUT:
+            value = f"LOAD({starts_in[read[0]] + read[1]})"
+        elif kind in _OPERATIONS:
+            a, b = (f"w{place}" for place in (read[0], read[-1]))
+            value = _OPERATIONS[kind].format(a=a, b=b)
+        else:
+            return None
+        body.append(f"w{made[0]} = {value};")
+    declared = ", ".join(f"w{i}" for i in range(function.sz_w()))
+    return _HEAD + f"        V {declared};\n" + "\n".join(body) + "\n" + _TAIL

@@ -1,0 +1,688 @@
+"""A drivetrain as one checked, frozen value."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from modelling import display
+from modelling.effects import EFFECTS
+from modelling.effects.effect import Kind, members, shared_place
+from modelling.errors import InputError, listed, unknown
+from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit
+
+# --- A number in SI with the range it is known to lie in.
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value in SI; with ``lower`` and ``upper`` it is uncertain and may be identified, without it is taken as known.
+
+    Attributes
+    ----------
+    value, lower, upper : float
+        In the SI unit of the quantity; ``lower`` and ``upper`` are both given or both None.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite or the bounds do not enclose the value.
+    """
+
+    value: float
+    lower: float | None = None
+    upper: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.lower is None) != (self.upper is None):
+            raise InputError("", "a quantity has one bound only", "give lower and upper, or neither")
+        numbers = (self.value,) if self.lower is None or self.upper is None else (self.value, self.lower, self.upper)
+        if not all(math.isfinite(number) for number in numbers):
+            raise InputError("", "a quantity is not finite", "write finite numbers")
+        if self.lower is not None and self.upper is not None and not self.lower <= self.value <= self.upper:
+            raise InputError(
+                "",
+                f"bounds {self.lower:g} … {self.upper:g} do not enclose {self.value:g}",
+                "lower ≤ value ≤ upper is needed",
+            )
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether it may be identified."""
+        return self.lower is not None
+
+    def designed(self, value: float) -> Quantity:
+        """The same quantity designed with another value: its bounds stay as far from it as before, relatively."""
+        if self.lower is None or self.upper is None or self.value == 0:
+            return self.at(value)
+        ends = value * self.lower / self.value, value * self.upper / self.value
+        return Quantity(value, min(ends), max(ends))
+
+    def at(self, value: float) -> Quantity:
+        """The same quantity at another value; bounds widen where they must to enclose it."""
+        if self.lower is None or self.upper is None:
+            return Quantity(value)
+        return Quantity(value, min(self.lower, value), max(self.upper, value))
+
+
+# --- The components of a drivetrain: inertias, what connects them, inputs, sensors, and effects on them.
+
+TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
+TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears")
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """A rigid body that rotates: inertia ``J`` (kg·m²), viscous ``drag`` to ground (N·m·s/rad)."""
+
+    name: str
+    J: Quantity
+    drag: Quantity = Quantity(0.0)
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """A spring and damper: twist = angle(first)/ratio − angle(second), stiffness and torque on the second's side.
+
+    ``stiffness`` in N·m/rad, ``damping`` in N·m·s/rad.
+    """
+
+    name: str
+    between: tuple[str, str]
+    stiffness: Quantity
+    damping: Quantity = Quantity(0.0)
+    ratio: Quantity | None = None
+
+
+@dataclass(frozen=True)
+class Gear:
+    """A rigid, ideal gear: speed(first) = ratio · speed(second)."""
+
+    name: str
+    between: tuple[str, str]
+    ratio: Quantity
+
+
+@dataclass(frozen=True)
+class Differential:
+    """An open, ideal differential: 2·speed(cage) = speed(left) + speed(right)."""
+
+    name: str
+    cage: str
+    left: str
+    right: str
+
+
+@dataclass(frozen=True)
+class Input:
+    """A torque (N·m) on the inertia ``on``; where an effect imposes its motion, its speed (rad/s) or angle (rad).
+
+    ``measures`` is ``torque``, ``speed`` or ``angle``; None is a torque, or the speed of an imposed motion.
+    ``reference`` is the channel that the controller of the input follows, where there is one.
+    """
+
+    name: str
+    on: str
+    measures: str | None = None
+    reference: str | None = None
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Measures the angle, speed or acceleration ``of`` an inertia, or the torque of a shaft.
+
+    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None.
+    """
+
+    name: str
+    measures: str
+    of: str
+    uncertainty: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the reading."""
+        return SENSOR_UNITS[self.measures]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect beyond the linear chain: its ``kind``, the place ``at`` which it acts, and its parameters by key.
+
+    Several inputs or sensors share it where ``at`` is of :func:`modelling.effects.effect.shared_place`.
+    """
+
+    kind: str
+    at: str
+    parameters: tuple[tuple[str, Quantity], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """How its parameters begin in reports: ``shafts.link.backlash``."""
+        return f"{self.at}.{self.kind}"
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The inputs or sensors that share it; of any other effect the place at which it acts."""
+        return members(self.at)
+
+    @property
+    def law(self) -> Kind:
+        """What is known of its kind: law, units, bounds, what it asks of a simulation.
+
+        Raises
+        ------
+        KeyError
+            If there is no such kind; a checked system has none of these.
+        """
+        return EFFECTS[self.kind]
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """The steady motion that a system is linearised about: what of it is stated; the rest follows from the equations.
+
+    Attributes
+    ----------
+    speeds : tuple of (str, float)
+        Speeds of inertias, rad/s; without any, the speed follows from the balance of torques.
+    torques : tuple of (str, float)
+        Torques of inputs, N·m. Inputs that are not named are solved for.
+    """
+
+    speeds: tuple[tuple[str, float], ...] = ()
+    torques: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Components:
+    """All parts of one drivetrain, in the order of the file; not checked, see :class:`modelling.system.System`.
+
+    Attributes
+    ----------
+    inertias, shafts, gears, differentials, inputs, sensors, effects : tuple
+        The components.
+    mirror : tuple of pairs of str
+        Names of inertias that left/right symmetry swaps.
+    title, reference : str
+        A title, and the inertia to whose shaft reduced values are reported.
+    operating_point : OperatingPoint or None
+        Linear models are taken about this motion, at rest without one. No part of a model file: a case states it.
+    """
+
+    inertias: tuple[Inertia, ...]
+    shafts: tuple[Shaft, ...] = ()
+    gears: tuple[Gear, ...] = ()
+    differentials: tuple[Differential, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    mirror: tuple[tuple[str, str], ...] = ()
+    effects: tuple[Effect, ...] = ()
+    title: str = ""
+    reference: str = ""
+    operating_point: OperatingPoint | None = None
+
+    @functools.cached_property
+    def imposed_by(self) -> dict[str, Kind]:
+        """By input that measures a motion: the kind of effect that imposes it."""
+        imposing = {effect.at: effect.law for effect in self.effects if effect.law.imposes_motion}
+        places = {part.name: f"inertias.{part.on}" for part in self.inputs if part.measures != "torque"}
+        return {name: imposing[place] for name, place in places.items() if place in imposing}
+
+    @property
+    def input_quantities(self) -> dict[str, str]:
+        """By input: ``torque``, or the ``speed`` or ``angle`` that it imposes."""
+        return {
+            part.name: part.measures or ("speed" if part.name in self.imposed_by else "torque") for part in self.inputs
+        }
+
+    @property
+    def input_units(self) -> dict[str, str]:
+        """SI unit of each input."""
+        return {name: INPUT_UNITS[quantity] for name, quantity in self.input_quantities.items()}
+
+    @property
+    def input_references(self) -> list[str]:
+        """Channels that controllers of inputs follow, where they were stated; none is an input or a sensor."""
+        return [part.reference for part in self.inputs if part.reference]
+
+    def places(self) -> Iterator[str]:
+        """Every ``table.name``."""
+        for table in TABLES:
+            for part in getattr(self, table):
+                yield f"{table}.{part.name}"
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Quantity]:
+        """Every quantity by its full name, e.g. ``shafts.link.stiffness``, in the order of the parameter vector (p)."""
+        quantities: dict[str, Quantity] = {}
+        for table in TABLES_WITH_QUANTITIES:
+            for part in getattr(self, table):
+                for key in QUANTITY_UNITS:
+                    quantity = getattr(part, key, None)
+                    if quantity is not None:
+                        quantities[f"{table}.{part.name}.{key}"] = quantity
+        for effect in self.effects:
+            for key, quantity in effect.parameters:
+                quantities[f"{effect.name}.{key}"] = quantity
+        return quantities
+
+
+def resistance(at: str, exponent: int, coefficient: float) -> Effect:
+    """The effect on an inertia whose torque coefficient·speed^exponent resists, SI."""
+    law = next(law for law in EFFECTS.values() if law.speed_exponent == exponent)
+    return Effect(law.kind, at, tuple((key, Quantity(coefficient)) for key in law.parameters))
+
+
+def clock_error(places: Iterable[str], largest: float) -> Effect:
+    """The effect on the channels of a logger whose clock is late by an uncertain time, at most ``largest`` s."""
+    law = next(law for law in EFFECTS.values() if law.is_clock)
+    return Effect(
+        law.kind, shared_place(places), tuple((key, Quantity(0.0, -largest, largest)) for key in law.parameters)
+    )
+
+
+# --- Checks that components make a system: names, ends, signs, and that all are connected.
+
+MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
+_NAME = re.compile(r"\w[\w-]{0,199}")
+
+
+def check(system: Components) -> None:
+    """Check values, references and connections of a system.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    if not system.inertias:
+        raise InputError("inertias", "the model has none", "at least one [inertias.NAME] with J is needed")
+    size = sum(len(getattr(system, table)) for table in (*TABLES, "effects"))
+    if size > MOST_COMPONENTS:
+        raise InputError("model", f"has {size} components and effects", f"at most {MOST_COMPONENTS} are handled")
+    _names(system)
+    inertias = dict.fromkeys(part.name for part in system.inertias)
+    for part in system.inertias:
+        _sign(f"inertias.{part.name}.J", part.J, positive=True)
+        _sign(f"inertias.{part.name}.drag", part.drag)
+    for shaft in system.shafts:
+        _ends(f"shafts.{shaft.name}.between", shaft.between, inertias)
+        _sign(f"shafts.{shaft.name}.stiffness", shaft.stiffness)
+        _sign(f"shafts.{shaft.name}.damping", shaft.damping)
+        _ratio(f"shafts.{shaft.name}.ratio", shaft.ratio)
+    for gear in system.gears:
+        _ends(f"gears.{gear.name}.between", gear.between, inertias)
+        _ratio(f"gears.{gear.name}.ratio", gear.ratio)
+    for differential in system.differentials:
+        ends = (differential.cage, differential.left, differential.right)
+        _ends(f"differentials.{differential.name}", ends, inertias)
+    for source in system.inputs:
+        if source.on not in inertias:
+            raise unknown(source.on, list(inertias), f"inputs.{source.name}.on")
+    _imposed(system)
+    shafts = dict.fromkeys(part.name for part in system.shafts)
+    for sensor in system.sensors:
+        _sensor(sensor, shafts if sensor.measures == "torque" else inertias)
+    for pair in system.mirror:
+        _ends("mirror.pairs", pair, inertias)
+    mirrored = [name for pair in system.mirror for name in pair]
+    if len(set(mirrored)) < len(mirrored):
+        raise InputError("mirror.pairs", "an inertia stands in two pairs", "each inertia has one mirror image")
+    if system.reference and system.reference not in inertias:
+        raise unknown(system.reference, list(inertias), "reference")
+    _effects(system)
+    _connected(system, inertias)
+    _operating_point(system, inertias)
+
+
+def _names(system: Components) -> None:
+    for table in TABLES:
+        names = set()
+        for part in getattr(system, table):
+            if not _NAME.fullmatch(part.name):
+                raise InputError(
+                    f"{table}.{part.name[:40]!r}", "is no usable name", "use up to 200 letters, digits, _ and -"
+                )
+            if part.name in names:
+                raise InputError(f"{table}.{part.name}", "the name is taken twice", "names must differ within a table")
+            names.add(part.name)
+    both = {part.name for part in system.inputs} & {part.name for part in system.sensors}
+    if both:
+        raise InputError(
+            f"sensors.{min(both)}", "an input has the same name", "inputs and sensors share the columns of a recording"
+        )
+    taken = {source.name for source in system.inputs} | {sensor.name for sensor in system.sensors}
+    for source in system.inputs:
+        if source.reference in taken:
+            raise InputError(
+                f"inputs.{source.name}.reference", f"{source.reference!r} is an input or a sensor",
+                "name the channel with what the controller was to follow",
+            )  # fmt: skip
+
+
+def _sign(where: str, quantity: Quantity, positive: bool = False) -> None:
+    low = quantity.value if quantity.lower is None else min(quantity.lower, quantity.value)
+    if low < 0 or (positive and low == 0):
+        bound = "greater than 0" if positive else "0 or more"
+        raise InputError(where, f"{low:g} is not possible", f"{bound} is needed")
+
+
+def _ratio(where: str, quantity: Quantity | None) -> None:
+    if quantity is None:
+        return
+    low, high = (quantity.value if end is None else end for end in (quantity.lower, quantity.upper))
+    if low <= 0 <= high:
+        raise InputError(where, "a ratio of 0 connects nothing", "write speed(first)/speed(second)")
+
+
+def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
+    for end in ends:
+        if end not in inertias:
+            raise unknown(end, list(inertias), where)
+    if len(set(ends)) < len(ends):
+        raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
+
+
+def _imposed(system: Components) -> None:
+    """Check that inputs measure a motion only where it is imposed, and one each."""
+    imposed = {e.at.split(".")[1] for e in system.effects if e.kind in EFFECTS and EFFECTS[e.kind].imposes_motion}
+    driven = set[str]()
+    for source in system.inputs:
+        if source.measures not in (None, *INPUT_UNITS):
+            raise unknown(str(source.measures), list(INPUT_UNITS), f"inputs.{source.name}.measures")
+        if source.measures in (None, "torque") and not (source.measures is None and source.on in imposed):
+            continue
+        where = f"inputs.{source.name}"
+        if source.on not in imposed:
+            right = f"[[effects]] imposed_motion at inertias.{source.on}, or a torque"
+            raise InputError(f"{where}.measures", f"nothing imposes the motion of {source.on!r}", right)
+        if source.on in driven:
+            raise InputError(f"{where}.on", f"the motion of {source.on!r} is recorded twice", "one input for it")
+        driven.add(source.on)
+
+
+def _sensor(part: Sensor, known: Collection[str]) -> None:
+    where = f"sensors.{part.name}"
+    if part.measures not in SENSOR_UNITS:
+        raise unknown(part.measures, list(SENSOR_UNITS), f"{where}.measures")
+    if part.of not in known:
+        raise unknown(part.of, list(known), f"{where}.of")
+    if part.uncertainty is not None and not part.uncertainty > 0:
+        raise InputError(f"{where}.uncertainty", f"{part.uncertainty:g} is not possible", "greater than 0 is needed")
+
+
+def _effects(system: Components) -> None:
+    names = set[tuple[str, str]]()
+    places: dict[str, dict[str, None]] = {}
+    for number, effect in enumerate(system.effects, 1):
+        where = f"effects[{number}]"
+        if effect.kind not in EFFECTS:
+            raise unknown(effect.kind, sorted(EFFECTS), f"{where}.kind")
+        kind = EFFECTS[effect.kind]
+        if effect.kind not in places:
+            places[effect.kind] = dict.fromkeys(kind.places(system))
+        for place in effect.places:
+            if place not in places[effect.kind]:
+                raise unknown(place, list(places[effect.kind]), f"{where}.at")
+        if len(effect.places) > 1 or kind.follows:
+            _shared(kind, effect, where)
+        _effect(kind, effect, system, where)
+        for place in effect.places:
+            if (effect.kind, place) in names:
+                raise InputError(where, f"{effect.kind} stands twice at {place}", "one of a kind at a place")
+            names.add((effect.kind, place))
+
+
+def _shared(kind: Kind, effect: Effect, where: str) -> None:
+    """Check that several places can share an effect.
+
+    Raises
+    ------
+    InputError
+        If the kind cannot be shared, or a place stands twice.
+    """
+    if kind.follows:
+        _followed(effect, where)
+    elif not kind.shareable:
+        shareable = listed(sorted(name for name, other in EFFECTS.items() if other.shareable))
+        raise InputError(
+            f"{where}.at", f"{effect.kind} cannot be shared by several places", f"one place; {shareable} can"
+        )
+    if len(set(effect.places)) < len(effect.places):
+        raise InputError(f"{where}.at", "names a place twice", "each place once")
+
+
+def _followed(effect: Effect, where: str) -> None:
+    """Check that an effect names the inertia it acts on and the one it follows.
+
+    Raises
+    ------
+    InputError
+        If these are not two.
+    """
+    if len(effect.places) != 2:
+        raise InputError(
+            f"{where}.at", f"{effect.kind} needs two inertias", 'at = ["inertias.acted_on", "inertias.followed"]'
+        )
+
+
+def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
+    """Check keys and bounds of one effect.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    quantities = dict(effect.parameters)
+    for key in quantities:
+        if key not in kind.parameters:
+            raise unknown(key, list(kind.parameters), f"{where} ({effect.kind})")
+    for key, parameter in kind.parameters.items():
+        if key not in quantities:
+            if parameter.optional:
+                continue
+            raise InputError(
+                f"{where} ({effect.kind})",
+                f"{key!r} is missing",
+                f"give a number{in_unit(kind.unit(key, effect.at, system))}",
+            )
+        value = quantities[key].value
+        if not parameter.lower <= value <= parameter.upper:
+            raise InputError(
+                f"{where}.{key}",
+                f"{value:g} is not possible",
+                f"{parameter.lower:g} … {parameter.upper:g} is needed",
+            )
+    if fault := kind.fault(effect.at, {key: quantity.value for key, quantity in quantities.items()}):
+        raise InputError(f"{where} ({effect.kind})", fault, "see docs/files.md")
+
+
+def _connected(system: Components, inertias: Collection[str]) -> None:
+    joined: dict[str, set[str]] = {name: set() for name in inertias}
+    for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
+        joined[first].add(second)
+        joined[second].add(first)
+    for part in system.differentials:
+        for end in (part.left, part.right):
+            joined[part.cage].add(end)
+            joined[end].add(part.cage)
+    groups: list[set[str]] = []
+    for name in inertias:
+        if not any(name in group for group in groups):
+            groups.append(_reached(name, joined))
+    driven = {source.on for source in system.inputs}
+    apart = [name for group in groups[1:] if not group & driven for name in inertias if name in group]
+    if apart or (len(groups) > 1 and not groups[0] & driven):
+        raise InputError(
+            "inertias",
+            f"{listed(apart or list(groups[1]))} are not connected to {next(iter(inertias))!r}",
+            "add the missing shaft or gear; parts that stand apart each need an input that drives them",
+        )
+
+
+def _reached(start: str, joined: Mapping[str, set[str]]) -> set[str]:
+    """All that is connected to an inertia, itself included."""
+    reached, todo = {start}, [start]
+    while todo:
+        new = joined[todo.pop()] - reached
+        reached |= new
+        todo.extend(new)
+    return reached
+
+
+def _operating_point(system: Components, inertias: Collection[str]) -> None:
+    point, inputs = system.operating_point, [source.name for source in system.inputs]
+    for name, _ in point.speeds if point else ():
+        if name not in inertias:
+            raise unknown(name, list(inertias), "operating_point.speed")
+    for name, _ in point.torques if point else ():
+        if name not in inputs:
+            raise unknown(name, inputs, "operating_point.torque")
+
+
+# --- System
+
+
+@dataclass(frozen=True)
+class System(Components):
+    """One drivetrain: its components, checked and frozen.
+
+    Names of quantities are ``table.name.quantity``, those of an effect ``table.name.kind.quantity``. Systems are
+    values: methods that change something return a new system.
+
+    Raises
+    ------
+    InputError
+        From :func:`modelling.system.check` at construction, if the components do not make a system.
+    """
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @functools.cached_property
+    def units(self) -> dict[str, str]:
+        """SI unit of every parameter, same keys as :attr:`parameters`."""
+        units = {
+            f"{table}.{part.name}.{key}": unit
+            for table in TABLES_WITH_QUANTITIES
+            for part in getattr(self, table)
+            for key, unit in QUANTITY_UNITS.items()
+            if getattr(part, key, None) is not None
+        }
+        for effect in self.effects:
+            for key, _ in effect.parameters:
+                units[f"{effect.name}.{key}"] = effect.law.unit(key, effect.at, self)
+        return units
+
+    @property
+    def free_plays(self) -> dict[str, str]:
+        """Parameter that is the total free play of a shaft (rad), by the shaft's place ``shafts.NAME``."""
+        return {effect.at: f"{effect.name}.{effect.law.free_play}" for effect in self.effects if effect.law.free_play}
+
+    @property
+    def uncertain(self) -> dict[str, Quantity]:
+        """The parameters that have a range, by name."""
+        return {name: quantity for name, quantity in self.parameters.items() if quantity.uncertain}
+
+    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor:
+        """The component at ``table.name``.
+
+        Raises
+        ------
+        InputError
+            If there is none, with the nearest name.
+        """
+        table, _, name = place.partition(".")
+        if table in TABLES:
+            for part in getattr(self, table):
+                if part.name == name:
+                    return part
+        raise unknown(place, list(self.places()), "")
+
+    def with_values(self, values: Mapping[str, float], *, designed: bool = False) -> System:
+        """The same system at other parameter values; ``designed`` so, their ranges go with them.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or a value impossible.
+        """
+        for name in values:
+            if name not in self.parameters:
+                raise unknown(name, list(self.parameters), "")
+        tables: dict[str, Any] = {
+            table: tuple(_with_values(part, f"{table}.{part.name}", values, designed) for part in getattr(self, table))
+            for table in TABLES_WITH_QUANTITIES
+        }
+        effects = tuple(_effect_with_values(effect, values) for effect in self.effects)
+        return dataclasses.replace(self, effects=effects, **tables)
+
+    def with_effects(self, *effects: Effect) -> System:
+        """The same system with further effects."""
+        return dataclasses.replace(self, effects=self.effects + effects)
+
+    def _repr_html_(self) -> str:
+        return display.html(self)
+
+
+def _with_values(part: Any, place: str, values: Mapping[str, float], designed: bool) -> Any:
+    moved = Quantity.designed if designed else Quantity.at
+    changed = {
+        key: moved(getattr(part, key), float(values[f"{place}.{key}"]))
+        for key in QUANTITY_UNITS
+        if f"{place}.{key}" in values
+    }
+    return dataclasses.replace(part, **changed) if changed else part
+
+
+def _effect_with_values(effect: Effect, values: Mapping[str, float]) -> Effect:
+    parameters = tuple(
+        (key, quantity.at(values[f"{effect.name}.{key}"]) if f"{effect.name}.{key}" in values else quantity)
+        for key, quantity in effect.parameters
+    )
+    return dataclasses.replace(effect, parameters=parameters)
+
+
+# --- Mirror images by name: which inertia, shaft or quantity left/right symmetry swaps with which.
+
+
+def mirror_image(name: str, system: System) -> str:
+    """The name of the mirror image; the name itself where it has none.
+
+    Parameters
+    ----------
+    name : str
+        ``table.name`` or ``table.name.quantity``.
+    system : System
+        Its ``mirror`` pairs inertias; shafts and gears follow from their ends.
+    """
+    return mirror_images([name], system)[0]
+
+
+def mirror_images(names: Sequence[str], system: System) -> list[str]:
+    """The mirror image of each name, see :func:`mirror_image`."""
+    swap = {a: b for pair in system.mirror for a, b in (pair, pair[::-1])}
+    joints = {table: _joints(getattr(system, table)) for table in ("shafts", "gears")}
+    images = []
+    for name in names:
+        table, _, rest = name.partition(".")
+        part, _, quantity = rest.partition(".")
+        image = swap.get(part, part) if table == "inertias" else part
+        ends, by_ends = joints.get(table, ({}, {}))
+        if part in ends:
+            first, second = ends[part]
+            image = by_ends.get((swap.get(first, first), swap.get(second, second)), part)
+        images.append(f"{table}.{image}" + (f".{quantity}" if quantity else ""))
+    return images
+
+
+def _joints(parts: Sequence[Shaft | Gear]) -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]]:
+    """Ends by name, and the first name by ends."""
+    return {part.name: part.between for part in parts}, {part.between: part.name for part in reversed(parts)}

@@ -1,0 +1,541 @@
+"""Units: what a text such as ``"300 N*m/rad"`` means in SI. Everything behind this room computes in SI."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from modelling.errors import InputError
+
+# --- The one registry of units of this process (pint).
+
+
+@functools.cache
+def registry() -> Any:
+    """Pint's registry, imported and made when it is first needed: both take time at the start of every command."""
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+
+
+# --- The units that stand in most files; Pint, which takes half a second to import, is asked for all others.
+#
+# ``tests/modelling/units`` holds every row against Pint.
+
+_PREFIXES = {"": 1.0, "milli": 1e-3, "kilo": 1e3}
+_BASES = {  # value in kg, m, s and rad
+    "newton": 1.0, "gram": 1e-3, "meter": 1.0, "second": 1.0, "minute": 60.0, "hour": 3600.0,
+    "radian": 1.0, "degree": math.pi / 180, "turn": 2 * math.pi, "hertz": 1.0, "watt": 1.0,
+}  # fmt: skip
+_TEXTS = {  # as it is written: prefix and unit by Pint's names
+    "N": ("", "newton"), "kN": ("kilo", "newton"), "kg": ("kilo", "gram"), "m": ("", "meter"), "mm": ("milli", "meter"),
+    "km": ("kilo", "meter"), "s": ("", "second"), "ms": ("milli", "second"), "min": ("", "minute"), "h": ("", "hour"),
+    "rad": ("", "radian"), "mrad": ("milli", "radian"), "deg": ("", "degree"), "turn": ("", "turn"),
+    "Hz": ("", "hertz"), "W": ("", "watt"), "kW": ("kilo", "watt"),
+    "newton": ("", "newton"), "meter": ("", "meter"), "second": ("", "second"), "minute": ("", "minute"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CommonUnit:
+    """Pint's name with prefix, without it, and the value in kg, m, s and rad."""
+
+    name: str
+    base: str
+    value: float
+
+
+BY_TEXT = {
+    text: CommonUnit(prefix + base, base, _PREFIXES[prefix] * _BASES[base]) for text, (prefix, base) in _TEXTS.items()
+}
+BY_NAME = {unit.name: unit for unit in BY_TEXT.values()}
+
+
+# --- The one parser of units: a text such as ``N·m/rad``, ``kNm`` or ``min-1`` as a product of powers of units.
+
+LONGEST_TEXT = 60
+LARGEST_EXPONENT = 9
+Powers = tuple[tuple[str, int], ...]  # (pint's name of a unit, exponent), e.g. (("kilonewton", 1), ("meter", 1))
+
+_SIGNS = {
+    "**": "^", "·": "*", "⋅": "*", "∙": "*", "×": "*", "−": "-", "⁻": "^-", "¹": "1", "²": "2", "³": "3", "⁴": "4",
+    "°C": "degC", "°F": "degF", "°": "deg", "″": "arcsecond", "′": "arcminute", "%": "percent", "‰": "permille",
+}  # fmt: skip
+_TOKEN = re.compile(r"\s*([A-Za-zµμΩΩ_]+|\d+|[*/.^()-])")
+_PER_MINUTE = re.compile(r"\(\s*(?:1\s*/\s*min(?:utes?)?|min\s*\^?\s*-\s*1)\s*\)")  # in brackets: a speed
+_PER_TIME = r"\s*/\s*(?=(?:min|minutes?|s|secs?|seconds?)\s*$)"
+_TURNS = re.compile(rf"(?<![A-Za-z])(?:revs?|turns?|tr|umdr|[ur])\.?{_PER_TIME}", re.IGNORECASE)
+_JOINED = re.compile(r"([kMmµμu]?N)([cm]?m)(s?)|(kg)(m)")  # Nm, kNm, Ncm, Nms, kgm2
+_ALIASES = {
+    "rpm": "turn/minute", "rev": "turn", "revs": "turn", "sec": "second", "secs": "second", "metre": "meter",
+    "metres": "meter", "newtonmetre": "newton*meter",
+}  # fmt: skip
+_ANGLES_AND_TIMES = ("radian", "degree", "turn", "second", "minute", "hour")
+
+
+class SpellingError(ValueError):
+    """The text is no product of powers of known units."""
+
+
+@functools.lru_cache(maxsize=4096)
+def parse(text: str) -> Powers:
+    """The unit that a text names.
+
+    Factors are joined by ``*``, ``·``, ``.``, ``-`` or a space; ``/`` divides by the next factor; exponents are written
+    ``s^2``, ``s**2``, ``s²``, ``s2``, ``s-2`` or ``s⁻²``. Revolutions are ``rpm``, ``rev/min`` and ``U/min``.
+
+    Raises
+    ------
+    SpellingError
+        If it is too long, not understood, or names a unit that does not exist.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise SpellingError(text)
+    for sign, plain in _SIGNS.items():
+        text = text.replace(sign, plain)
+    text = _TURNS.sub("turn/", _PER_MINUTE.sub("(rpm)", text.strip()))
+    tokens = _Tokens(text)
+    powers = _product(tokens)
+    if tokens.next is not None:
+        raise SpellingError(text)
+    return tuple((name, exponent) for name, exponent in powers.items() if exponent)
+
+
+class _Tokens:
+    """Tokens of a text; ``next`` is the one ahead (None at the end), ``apart`` whether a space stands before it."""
+
+    def __init__(self, text: str):
+        self._tokens: list[tuple[str | None, bool]] = []
+        self._at = end = 0
+        while end < len(text):
+            match = _TOKEN.match(text, end)
+            if not match:
+                raise SpellingError(f"{text[end:].strip()!r} is not understood")
+            parts = _parts(match[1])
+            self._tokens += [(part, i == 0 and match.start(1) > end) for i, part in enumerate(parts)]
+            end = match.end()
+        self._tokens.append((None, True))
+
+    @property
+    def next(self) -> str | None:
+        return self._tokens[self._at][0]
+
+    @property
+    def apart(self) -> bool:
+        return self._tokens[self._at][1]
+
+    @property
+    def number_after_next(self) -> bool:
+        """Whether a number stands behind the token ahead."""
+        after = self._tokens[self._at + 1][0]
+        return after is not None and after.isdigit()
+
+    def advance(self) -> str | None:
+        """The token ahead; the one behind it is next."""
+        token = self.next
+        self._at += token is not None
+        return token
+
+
+def _parts(word: str) -> list[str]:
+    """A word of two or three units written together, as kgm2 and Nms are, as these units with signs between them."""
+    joined = _JOINED.fullmatch(word)
+    return " * ".join(part for part in joined.groups() if part).split() if joined else [word]
+
+
+def _product(tokens: _Tokens) -> dict[str, int]:
+    """Factors up to the end or a closing bracket."""
+    powers: dict[str, int] = {}
+    sign = 1
+    if tokens.next == "/":  # /min
+        tokens.advance()
+        sign = -1
+    while True:
+        for name, exponent in _factor(tokens).items():
+            powers[name] = powers.get(name, 0) + sign * exponent
+        if tokens.next is None or tokens.next == ")":
+            return powers
+        sign = 1
+        if tokens.next in ("*", "/", ".", "-"):
+            sign = -1 if tokens.advance() == "/" else 1
+        elif not tokens.apart and tokens.next != "(":
+            raise SpellingError("two factors without a sign between them")
+
+
+def _factor(tokens: _Tokens) -> dict[str, int]:
+    token = tokens.advance()
+    if token == "(":
+        powers = _product(tokens)
+        if tokens.advance() != ")":
+            raise SpellingError("a bracket is not closed")
+    elif token == "1":
+        powers = {}
+    elif token is not None and (token[0].isalpha() or token[0] == "_"):
+        powers = dict(_unit(token))
+    else:
+        raise SpellingError("a unit is expected")
+    exponent = _exponent(tokens, after_name=token not in ("(", "1"))
+    return {name: power * exponent for name, power in powers.items()}
+
+
+def _exponent(tokens: _Tokens, after_name: bool) -> int:
+    if tokens.next == "^":
+        tokens.advance()
+        bracket = tokens.next == "("
+        if bracket:
+            tokens.advance()
+        exponent = _integer(tokens)
+        if bracket and tokens.advance() != ")":
+            raise SpellingError("a bracket is not closed")
+        return exponent
+    if after_name and not tokens.apart and tokens.next is not None and tokens.next.isdigit():
+        return _integer(tokens)  # s2
+    if after_name and not tokens.apart and tokens.next == "-" and tokens.number_after_next:
+        return _integer(tokens)  # min-1
+    return 1
+
+
+def _integer(tokens: _Tokens) -> int:
+    sign = 1
+    if tokens.next == "-":
+        tokens.advance()
+        sign = -1
+    token = tokens.advance()
+    if token is None or not token.isdigit() or not 1 <= int(token) <= LARGEST_EXPONENT:
+        raise SpellingError("an exponent is expected")
+    return sign * int(token)
+
+
+def _unit(name: str) -> Powers:
+    """The unit of one word; words of test beds that pint reads otherwise or not at all come first."""
+    if alias := _ALIASES.get(name.lower()):
+        return parse(alias)
+    return ((_pint_name(name), 1),)
+
+
+def _pint_name(name: str) -> str:
+    if known := BY_TEXT.get(name):
+        return known.name
+    candidates = registry().parse_unit_name(name)
+    if not candidates and len(name) > 3:
+        candidates = registry().parse_unit_name(name.lower())
+    if not candidates:
+        raise SpellingError(f"{name} is no unit")
+    prefix, unit, _ = candidates[0]
+    if unit in _ANGLES_AND_TIMES and prefix not in ("", "milli", "micro", "nano"):
+        raise SpellingError(f"{name} is no unit of an angle or a time")  # Grad is a degree, Ms or MS a millisecond
+    return f"{prefix}{unit}"
+
+
+# --- Units of any quantity, as budgets and fidelity cases have them: what a unit's text means in SI.
+
+_EXAMPLES = "write it like N*m, 1/min, degC, nm or %"
+_OFFSET_UNITS = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}  # in a product: a difference
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as an affine map into SI: ``si = scale * x + offset`` (the offset is for °C and °F alone).
+
+    ``dimension`` is pint's, an angle being a plain number. ``counts`` says of a number of events per time whether it
+    counts ``"turns"`` (1/min, rpm: its SI value is in rad/s) or ``"cycles"`` (Hz); else it is empty.
+    """
+
+    text: str
+    scale: float
+    offset: float
+    dimension: Any
+    counts: str = ""
+
+    def value_to_si(self, value: Any) -> Any:
+        """A value in this unit as SI."""
+        return self.scale * value + self.offset
+
+    def difference_to_si(self, difference: Any) -> Any:
+        """Uncertainties and half-widths are differences: the offset of °C does not apply."""
+        return self.scale * difference
+
+    def value_from_si(self, value: Any) -> Any:
+        """A value in SI in this unit."""
+        return (value - self.offset) / self.scale
+
+    def difference_from_si(self, difference: Any) -> Any:
+        """A difference in SI in this unit."""
+        return difference / self.scale
+
+
+@cache
+def _general_unit(text: str) -> Unit:
+    units = registry()
+    if text.strip() in ("", "1", "-"):
+        return Unit("1", 1.0, 0.0, units.dimensionless.dimensionality)
+    powers = parse(text)
+    if len(powers) == 1 and powers[0][0] in _OFFSET_UNITS and powers[0][1] == 1:
+        zero, unity = (float(units.Quantity(value, powers[0][0]).to_base_units().magnitude) for value in (0.0, 1.0))
+        return Unit(text, unity - zero, zero, units.Unit(powers[0][0]).dimensionality)
+    product = units.Quantity(1.0, "dimensionless")
+    for name, exponent in powers:
+        product = product * units.Quantity(1.0, _OFFSET_UNITS.get(name, name)) ** exponent
+    base = product.to_base_units()
+    counts = _counts(powers, base.dimensionality)
+    scale = float(base.magnitude) * (2 * math.pi if counts == "turns" and "turn" not in dict(powers) else 1.0)
+    return Unit(text, scale, 0.0, base.dimensionality, counts)
+
+
+def _counts(powers: Powers, dimension: Any) -> str:
+    """What a number per time counts.
+
+    Raises
+    ------
+    SpellingError
+        If it leaves open whether it counts turns, radians or cycles, as 1/s and 1/h do.
+    """
+    units = registry()
+    rates = {units.hertz.dimensionality: 1, (units.hertz**2).dimensionality: 2}
+    if dimension not in rates:
+        return ""
+    names = {name for name, _ in powers}
+    if "turn" in names:
+        return "turns"
+    if not all(units.Unit(name).dimensionality == units.second.dimensionality for name in names):
+        if any("hertz" not in name and _is_rate(name) for name in names):
+            raise SpellingError("is no speed and no frequency")
+        return "cycles" if any("hertz" in name for name in names) else ""
+    if "minute" in names:
+        return "turns"
+    raise SpellingError("leaves open whether it counts turns, radians or cycles; write 1/min, rad/s or Hz")
+
+
+def _is_rate(name: str) -> bool:
+    """Whether a unit by itself is a number per time, as Bq and Ci are."""
+    return bool(registry().Unit(name).dimensionality == registry().hertz.dimensionality)
+
+
+def unit_of(text: Any, where: str) -> Unit:
+    """The unit that a text names; no text at all is a plain number. 1/min counts turns, as on every test bed.
+
+    Raises
+    ------
+    InputError
+        If the text is no unit, or leaves open whether it counts turns, radians or cycles.
+    """
+    if not isinstance(text, str):
+        raise InputError(where, f"a unit must be text, not {text!r}", 'for example unit = "N*m"')
+    try:
+        return _general_unit(text)
+    except SpellingError as error:
+        if "leaves open" in str(error):
+            raise InputError(where, f"unit '{text}' {error}") from None
+        raise InputError(where, f"unknown unit '{text[:60]}'", _EXAMPLES) from None
+    except Exception as error:  # pint raises its own and arithmetic errors alike
+        raise InputError(where, f"unknown unit '{text[:60]}'", _EXAMPLES) from error
+
+
+def signal_unit(text: Any, where: str) -> Unit:
+    """The unit of a signal, as :func:`unit_of`, but Hz is refused: a speed in Hz could count radians or turns.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown or in Hz.
+    """
+    unit = unit_of(text, where)
+    if unit.counts == "cycles":
+        raise InputError(where, f"{text!r} leaves open whether it counts radians or turns", "write rad/s or 1/min")
+    return unit
+
+
+def signal_quantity(stated: Any, where: str) -> tuple[float, Any]:
+    """A number (SI, dimension None) or a text such as ``"0.689 N*m"`` as SI number with its dimension.
+
+    Raises
+    ------
+    InputError
+        No finite number, or an unknown unit.
+    """
+    if isinstance(stated, str):
+        number, _, unit = stated.strip().partition(" ")
+        try:
+            value = float(number)
+        except ValueError as error:
+            raise InputError(
+                where, f"'{stated}' is no quantity", 'write a number, a space and a unit: "0.5 N*m"'
+            ) from error
+        parsed = signal_unit(unit.strip() or "1", where)
+        value, dimension = parsed.difference_to_si(value), parsed.dimension
+    elif isinstance(stated, int | float) and not isinstance(stated, bool):
+        value, dimension = float(stated), None
+    else:
+        raise InputError(where, f"{stated!r} is no quantity", 'write a number in SI or a text like "0.5 N*m"')
+    if not math.isfinite(value):
+        raise InputError(where, f"{stated!r} is not finite", "give a finite number")
+    return value, dimension
+
+
+def printed(unit: str) -> str:
+    """A unit as it is printed: N·m rather than N*m."""
+    return unit.replace("**", "^").replace("*", "·").replace("delta_degC", "K").replace("degC", "°C")
+
+
+# --- What each quantity may be written in, and values with units → SI.
+#
+# A quantity is named by its SI unit. It may be written in any product of units that measures the same and is built from
+# the kinds of unit in ``_KINDS``: ``kN*mm/deg`` is a stiffness, ``eV/rad`` or ``N*m/%`` is not. Where the angle is left
+# out it is a radian (``N*m`` of a stiffness) or, beside minutes, a turn (``1/min`` of a speed). Where it could be
+# either
+# (``1/s`` or ``Hz`` of a speed) the unit is refused.
+
+# SI unit of every quantity that stands in a table of a model file
+QUANTITY_UNITS = {
+    "J": "kg*m^2",
+    "drag": "N*m*s/rad",
+    "stiffness": "N*m/rad",
+    "damping": "N*m*s/rad",
+    "ratio": "1",
+}
+SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
+INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "speed", "angle")}
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
+# The kind of every unit that a quantity of a model or case may be written in, by pint's name without prefix
+_KINDS = {
+    "newton": "force", "force_pound": "force", "force_kilogram": "force", "gram": "mass", "pound": "mass",
+    "meter": "length", "foot": "length", "inch": "length", "second": "time", "minute": "time", "hour": "time",
+    "radian": "angle", "degree": "angle", "turn": "angle", "arcminute": "angle", "arcsecond": "angle",
+    "hertz": "frequency", "watt": "power", "horsepower": "power", "metric_horsepower": "power",
+    "percent": "number", "permille": "number", "ppm": "number",
+}  # fmt: skip
+_TURN = 2 * math.pi  # rad
+_INERTIA = {"mass": 1, "length": 2}
+_AMBIGUOUS = "leaves open whether it counts radians or turns"
+
+
+@functools.lru_cache(maxsize=1024)
+def factor(unit: str, si: str, where: str = "") -> float:
+    """Factor that takes a value in ``unit`` to the SI unit ``si``; no unit at all is SI.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown, measures something else than ``si``, or leaves open whether it counts radians or turns.
+    """
+    text = unit.strip()
+    if text == si or not text:
+        return 1.0
+    right = f"a unit like {si} is expected" if si != "1" else "a plain number is expected"
+    try:
+        powers = parse("1" if text == "-" else text)
+    except SpellingError:
+        raise InputError(where, f"{_short(text)} is no unit", right) from None
+    kinds = [_kind(name) for name, _ in powers]
+    if "" in kinds or ("number" in kinds and (si != "1" or len(powers) > 1)):
+        raise InputError(where, f"unit {text!r} does not fit", right)
+    signature, wanted = _signature(powers), _signature(parse(si))
+    scale = math.prod((_to_base(name) ** exponent for name, exponent in powers), start=1.0)
+    hours = any(name == "hour" for name, _ in powers)
+    if wanted == {"frequency": 1}:
+        scale *= _per_cycle(powers, signature)
+        signature = wanted if signature in ({"time": -1}, {"angle": 1, "time": -1}) and not hours else signature
+    elif "angle" not in signature and (angle := wanted.get("angle")):
+        rest = {kind: exponent for kind, exponent in wanted.items() if kind != "angle"}
+        minutes = any(name == "minute" for name, _ in powers)
+        only_time = set(rest) <= {"time"} and set(signature) <= {"time", "frequency"}
+        if only_time and not (minutes and signature == rest):
+            raise InputError(where, f"{text!r} {_AMBIGUOUS}", f"write {si}" + " or 1/min" * (si == "rad/s"))
+        if signature == rest and not hours:
+            scale, signature = scale * (_TURN**angle if minutes else 1.0), wanted
+    elif wanted == _INERTIA and ("radian", signature.get("angle")) in powers:
+        signature = {
+            kind: exponent for kind, exponent in signature.items() if kind != "angle"
+        }  # N·m·s²/rad, kg·m²/rad²
+    if signature != wanted:
+        raise InputError(where, f"unit {text!r} does not fit", right)
+    return scale
+
+
+def _per_cycle(powers: Powers, signature: dict[str, int]) -> float:
+    """Cycles in the angle of a frequency: 1 for Hz and 1/s, 1/2π for rad/s, 1 for a turn that is left out in 1/min."""
+    return 1 / _TURN if signature == {"angle": 1, "time": -1} else 1.0
+
+
+@functools.cache
+def _kind(name: str) -> str:
+    """Kind of a unit by pint's name with prefix; empty if no quantity is written in it."""
+    if known := BY_NAME.get(name):
+        return _KINDS[known.base]
+    candidates = registry().parse_unit_name(name)
+    return _KINDS.get(candidates[0][1], "") if candidates else ""
+
+
+def _signature(powers: Powers) -> dict[str, int]:
+    """Exponents by kind; a force is mass·length/time², a plain number nothing."""
+    exponents: dict[str, int] = {}
+    for name, exponent in powers:
+        kind = _kind(name)
+        parts = {"mass": 1, "length": 1, "time": -2} if kind == "force" else {} if kind == "number" else {kind: 1}
+        for part, power in parts.items():
+            exponents[part] = exponents.get(part, 0) + power * exponent
+    return {kind: exponent for kind, exponent in exponents.items() if exponent}
+
+
+SMALLEST, LARGEST = 1e-50, 1e50  # in SI; products of a few such numbers neither overflow nor vanish
+
+
+@functools.cache
+def _to_base(name: str) -> float:
+    """Value of one such unit in kg, m, s, rad, and 1."""
+    if known := BY_NAME.get(name):
+        return known.value
+    units = registry()
+    return float(units.Quantity(1.0, name).to_base_units().magnitude)
+
+
+def in_unit(unit: str) -> str:
+    """`` in rad/s``, as it stands after "a number"; nothing of a quantity without a unit."""
+    return "" if unit == "1" else f" in {unit}"
+
+
+def to_si(value: object, si: str, where: str) -> float:
+    """A number, or a string such as ``"1.0 kg*m^2"``, as a finite float in the SI unit ``si``.
+
+    Parameters
+    ----------
+    value : int, float or str
+        A number is taken to be in SI already.
+    si : str
+        The SI unit wanted, e.g. ``"N*m/rad"``; ``"1"`` for a pure number.
+    where : str
+        File and key, for the error line.
+
+    Raises
+    ------
+    InputError
+        If it is no number, not finite, beyond all drivetrains, or its unit is unknown or of another dimension.
+    """
+    right = f'write a number{in_unit(si)} or "number unit"'
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(where, f"{type(value).__name__} where a quantity is expected", right)
+    if isinstance(value, str):
+        match = _NUMBER.fullmatch(value)
+        if not match:
+            raise InputError(where, f"{_short(value)} is no quantity", right)
+        number = float(match[1]) * factor(match[2].strip(), si, where)
+    else:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+    if not math.isfinite(number):
+        raise InputError(where, f"{_short(str(value))} is not finite", f"write a finite number{in_unit(si)}")
+    if number and not SMALLEST <= abs(number) <= LARGEST:
+        wrong = f"{_short(str(value))} is too {'large' if abs(number) > 1 else 'small'} for any drivetrain"
+        raise InputError(where, wrong, f"write 0 or a number of a size from {SMALLEST:g} to {LARGEST:g}{in_unit(si)}")
+    return number
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:37] + "...")

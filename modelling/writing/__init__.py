@@ -1,1 +1,0 @@
-"""Results on disk: written whole, moved together, what is outdated removed."""
