@@ -76,16 +76,13 @@ def main() -> int:
         if line := replaced_package():
             print(f"rigmatch: {line}", file=sys.stderr)
             return 2
-        from matching.cli import open_closed
-
-        open_closed()
         from matching.cli import main as run
         from matching.cli import supervised
 
         return supervised(run)
-    except KeyboardInterrupt as interrupt:  # before the command itself has begun
+    except KeyboardInterrupt:  # before the command itself has begun
         print("rigmatch: interrupted", file=sys.stderr)
-        return getattr(interrupt, "exit_code", 130)
+        return 130
 
 
 def __getattr__(name: str) -> Any:

@@ -2,12 +2,6 @@
 
 import sys
 
-INTERRUPTED = 130
-
-try:
-    from rigmatch import main
-except KeyboardInterrupt:  # while it starts
-    print("rigmatch: interrupted", file=sys.stderr)
-    sys.exit(INTERRUPTED)
+from rigmatch import main
 
 sys.exit(main())

@@ -83,7 +83,7 @@ def run_commission(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.progress import steps
     from matching.report.bed import commissioning_page
     from matching.report.common import made_from
-    from modelling.interruption import cores
+    from modelling.resources import cores
     from modelling.writing import strict_json, write_all
 
     excitation = ExcitationOrder(duration=arguments.duration, speed=arguments.speed)
@@ -183,9 +183,9 @@ def run_diagnose(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.diagnosis.loggers import read_loggers
     from matching.progress import watched
     from matching.worker_pool import beside
-    from modelling.interruption import cores
     from modelling.model_file import dumps, load
     from modelling.recordings.read import read_channels
+    from modelling.resources import cores
     from modelling.writing import write_results
 
     tqdm.monitor_interval = 0  # no thread of its own, as for the copy below
@@ -711,7 +711,7 @@ def run_map(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common import image, provenance
     from matching.report.studies import map_figure, map_page
     from matching.worker_pool import executor_of
-    from modelling.interruption import cores
+    from modelling.resources import cores
     from modelling.writing import write_results
 
     case = load_case(arguments.case)
@@ -790,12 +790,11 @@ def run_match(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.match.match import match
     from matching.progress import OF_A_MATCH, steps
     from matching.worker_pool import beside
-    from modelling import interruption
-    from modelling.interruption import cores
-    from modelling.writing import write_results
+    from modelling.resources import cores
+    from modelling.writing import check_inputs_kept, write_results
 
     case, workers = load_case(arguments.case), arguments.workers or cores()
-    interruption.check_protected(arguments.out, case_files(case))  # before the work
+    check_inputs_kept(arguments.out, case_files(case))  # before the work
     beds = arguments.beds
     if beds is None and not case.loop.structure.is_observer:
         beds = BEDS_OF_FEEDBACK
@@ -809,20 +808,18 @@ def run_match(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _written(matched: Any, seed: int, aside: Any) -> tuple[dict[str, Any], dict[str, str | bytes]]:
-    """Result and files by name; the figures are drawn aside, from the first on, and here, from the last on."""
+    """Result and files by name; the static figures are drawn by the other process."""
     from matching.match.case_file import case_files
     from matching.report.common import provenance
     from matching.report.curves import curve_data, moving_figures
-    from matching.report.match import content, drawers, page, svg
+    from matching.report.match import content, drawn_figures, page
 
-    aside.share(matched)
-    acting = aside.begin(moving_figures, matched)
-    tasks = {name: aside.begin(svg, matched, name) for name in drawers(matched)}
+    pictures = aside.begin(drawn_figures, matched)
     made = provenance(matched.case, seed)
     result, curves = content(matched) | {"made_by": made.to_dict()}, curve_data(matched)
-    drawn = {name: tasks[name].result() for name in reversed(tasks)}
-    drawn = {name: drawn[name] for name in tasks}
-    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, made, acting.result(), curves)}
+    acting = moving_figures(matched)
+    drawn = pictures.result()
+    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, made, acting, curves)}
     return result, files | {f"figures/{name}.svg": image for name, image in drawn.items()} | case_files(matched.tuned)
 
 
@@ -1307,7 +1304,7 @@ def run_tolerance(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.report.common import image, provenance
     from matching.report.studies import plot_tolerance, tolerance_page
     from matching.worker_pool import executor_of
-    from modelling.interruption import cores
+    from modelling.resources import cores
     from modelling.writing import write_results
 
     case = load_case(arguments.case)

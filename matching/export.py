@@ -40,7 +40,7 @@ from modelling.linear.state_space import StateSpace, state_space
 from modelling.model_file import from_dict
 from modelling.system import Input, Sensor, System
 from modelling.toml import finite, read_toml
-from modelling.writing import unfinished, write_all
+from modelling.writing import write_all
 
 # --- What readings of a linear bed under its controller are off from what the controller's model expects.
 
@@ -586,9 +586,6 @@ def tuned_case(path: str | Path) -> TunedCase:
         case = load_case(path)
         note = "a case, not a match: everything stands at its start value"
         return TunedCase(case, {move.name: move.start for move in case.moves}, (note,))
-    if unfinished(path.parent):
-        wrong = "a run was killed while it moved its results there: some are older than others"
-        raise InputError(str(path.parent), wrong, "run the match again")
     result = _json(path)
     case_file = path.with_name("case.toml")
     if not case_file.exists():

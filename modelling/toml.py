@@ -1,4 +1,4 @@
-"""In which line of a TOML file a key stands, for error messages; a guide for the reader, not a parser."""
+"""TOML tables read strictly: a misspelt key is an error with its line, never a default."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from modelling import interruption
 from modelling.errors import InputError, unknown
 from modelling.escape import is_control
-
-# --- Reading TOML tables strictly: a misspelt key is an error, never a default.
+from modelling.writing import note_input
 
 LONGEST_TITLE = 300  # characters
 LARGEST_FILE = 5_000_000  # bytes; a chain of a thousand inertias takes a fiftieth of it
@@ -37,7 +35,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         with Path(path).open("rb") as file:  # what is no regular file has no size, so at most so much is read
             content = file.read(LARGEST_FILE + 1)
-        interruption.note(path)
+        note_input(path)
         if len(content) > LARGEST_FILE:
             raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
         if deep := _DEEP_KEY.search(written := content.decode().replace("\r\n", "\n")):

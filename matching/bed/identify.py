@@ -27,9 +27,9 @@ from matching.match.case_file import case_files
 from modelling.bed.vehicle import cut
 from modelling.effects.effect import place_in_words
 from modelling.errors import InputError
-from modelling.interruption import TimeLimit, limited
 from modelling.model_file import dumps
 from modelling.recordings.read import contents_of, read_recording, read_signals
+from modelling.resources import TimeLimit, limited
 from modelling.system import Effect, Quantity, System
 from modelling.writing import strict_json
 

@@ -20,7 +20,7 @@ from matching.diagnosis.data import SMALLEST_SCALE, FitData, Segment, Weighting,
 from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import RECORDING, STICK_SPEED
-from modelling.interruption import threads, time_is_over
+from modelling.resources import threads, time_is_over
 from modelling.simulation import interpreted
 from modelling.simulation.compiled import compile_ahead, run_all_compiled
 from modelling.simulation.stepping import rates_at_rest

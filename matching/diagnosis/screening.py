@@ -37,7 +37,7 @@ from matching.diagnosis.statistics import Estimate, covariance, discretisation_s
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Guess, members
 from modelling.equations.casadi_code import compiled
-from modelling.interruption import time_is_over
+from modelling.resources import time_is_over
 from modelling.system import Input, System
 
 # --- Backlash: what neither noise nor the Jacobian of a fit tells of the uncertainty of its gap.

@@ -41,7 +41,7 @@ from matching.diagnosis.selection import (
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
 from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
-from modelling.interruption import time_is_over
+from modelling.resources import time_is_over
 from modelling.system import System
 
 # --- Second looks at refitted candidates: sharper friction, simpler kinds, short windows.

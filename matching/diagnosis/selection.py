@@ -27,7 +27,7 @@ from matching.diagnosis.statistics import (
     whiteness,
 )
 from modelling.effects import EFFECTS
-from modelling.interruption import time_is_over
+from modelling.resources import time_is_over
 
 # --- A hypothesis: causes with the fit of the model they extend, and how far its residual is from noise.
 

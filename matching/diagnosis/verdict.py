@@ -43,8 +43,8 @@ from matching.diagnosis.selection import Hypothesis, at_noise
 from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words
-from modelling.interruption import time_is_over
 from modelling.recordings.recording import Recording
+from modelling.resources import time_is_over
 from modelling.system import System
 
 # --- Whether the recorded inputs follow the sensors' noise, as those of a controlled drive do.

@@ -12,8 +12,8 @@ from scipy.linalg import block_diag, matrix_balance, schur
 from matching.match.case import Case, of_system, target_modes
 from modelling.bed.bed import DelayedBed, ObserverController, delayed_bed
 from modelling.bed.observer import TRUST, Feedback, Filter, ObserverModel, last_command, predicted, summed
-from modelling.interruption import threads
 from modelling.linear.state_space import state_space
+from modelling.resources import threads
 
 # --- What every bed and the loop have to keep, for a controller to count as robust.
 

@@ -35,7 +35,7 @@ from matching.match.robustness import not_kept, noted, on_drawn_beds, over_beds
 from matching.match.solve import Near, Solution, TuningTask
 from matching.match.tune_observer import TuningEffort, tuned_weights, tuner
 from matching.match.verify import RobustVerification, Verification, controller_of, verify_observer
-from matching.worker_pool import Aside
+from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
 
 # --- A match with an observer: its weights tuned over drawn beds, verified on fresh ones.
@@ -45,7 +45,7 @@ AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer
 
 
 def match_with_observer(
-    question: Question, seed: int, tell: Progress, effort: TuningEffort | None, aside: Aside | None = None
+    question: Question, seed: int, tell: Progress, effort: TuningEffort | None, aside: SideProcesses | None = None
 ) -> MatchResult:
     """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
 
@@ -146,7 +146,7 @@ NOTHING_MOVED = "matched at the values the case began with: nothing had to move 
 # more than six parameters: what the options of the command say, the map's start, and a process beside this one
 def match(
     case: Case, seed: int = 0, starts: int = 14, progress: Progress | None = None, workers: int = 1,
-    near: Near | None = None, beds: int | None = None, aside: Aside | None = None, ordering: bool = True,
+    near: Near | None = None, beds: int | None = None, aside: SideProcesses | None = None, ordering: bool = True,
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
@@ -170,7 +170,7 @@ def match(
     ordering : bool
         Have adapters stay as planned that gain nothing; without it they are as the least error has them, as a map
         compares its points. Never with ``near``.
-    aside : Aside, optional
+    aside : SideProcesses, optional
         Works out ``in_time`` beside the verification; without it only where somebody asks for it.
 
     Returns
@@ -202,7 +202,7 @@ def match(
 
 
 def _match_with_feedback(
-    question: Question, effort: SearchEffort, beds: int | None, aside: Aside | None
+    question: Question, effort: SearchEffort, beds: int | None, aside: SideProcesses | None
 ) -> MatchResult:
     verified = solve_and_verify(question, effort)
     verified, adapters = settle_adapters(question, verified) if effort.ordering and not effort.near else (verified, ())

@@ -21,7 +21,6 @@ from modelling.bed.bed import ControlStructure, Dynamometer
 from modelling.bed.vehicle import Interface
 from modelling.equations.casadi_code import Complex, Model, Row, compiled, exp, joined, solve
 from modelling.errors import unknown
-from modelling.interruption import none_swallowed
 from modelling.linear.steady_motion import reference_motion
 from modelling.modal.modes import modes
 from modelling.simulation.compiled import compiler, generated, loaded, shared
@@ -755,10 +754,9 @@ def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C, which the solver itself takes for an ordinary end, or for a point that cannot be evaluated.
+        On Ctrl-C, which the solver itself takes for an ordinary end.
     """
-    with none_swallowed():
-        solution: dict[str, ca.DM] = solver(**start_and_bounds)
+    solution: dict[str, ca.DM] = solver(**start_and_bounds)
     if solver.stats()["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt
     return solution

@@ -28,7 +28,7 @@ from matching.match.loop import parts_of
 from matching.match.programme import SLOTS, Objective, Problem, build, eigenpairs, scaled, solved
 from matching.studies import finished
 from matching.worker_pool import executor_of
-from modelling import interruption
+from modelling.resources import restore_floating_point
 
 # --- Ends of the local search: IPOPT run once, its end checked for feasibility and stability.
 
@@ -65,7 +65,7 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
     """
     p, bounds = problem.extra(extra), {"lbg": problem.g_lower, "ubg": problem.g_upper}
     solution = solved(problem.solver, x0=v, p=p, lbx=problem.lower, ubx=problem.upper, **bounds)
-    interruption.restore()  # the solver's libraries may leave it changed
+    restore_floating_point()  # the solver's libraries may leave it changed
     x = np.clip(solution["x"].full().ravel(), problem.lower, problem.upper)
     f, g = (part.full().ravel() for part in problem.objective(x, p))
     if not (np.isfinite(x).all() and np.isfinite(f).all() and np.isfinite(g).all()):

@@ -1309,15 +1309,9 @@ def figures(result: MatchResult) -> dict[str, Figure]:
     return {name: draw() for name, draw in drawers(result).items()}
 
 
-def svg(result: MatchResult, name: str) -> bytes:
-    """The file of one figure.
-
-    Raises
-    ------
-    KeyError
-        If the match has no such figure.
-    """
-    return image(drawers(result)[name]())
+def drawn_figures(result: MatchResult) -> dict[str, bytes]:
+    """The figures of a match as SVG, by name."""
+    return {name: image(draw()) for name, draw in drawers(result).items()}
 
 
 # --- What a report begins with: what to order, to enter and to watch, each with its reason.

@@ -1,0 +1,81 @@
+"""What a computation may use: cores, threads, time; and the processor's floating-point state."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from time import monotonic
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@functools.cache
+def threads() -> int:
+    """How many threads share a batch: ``OMP_NUM_THREADS`` where that is set, as for any library, else all cores."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    return int(limit) if limit.isdecimal() and int(limit) > 0 else cores()
+
+
+def restore_floating_point() -> None:
+    """Go back to IEEE 754: numbers below 2.2e-308 are no longer flushed to zero.
+
+    Libraries built with -ffast-math switch that on for the thread that loads or calls them. Where the C library does
+    not offer ``fesetenv`` with its default environment, nothing happens.
+    """
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).fesetenv(ctypes.c_void_p(-1))
+
+
+# --- A limit on the time of a long computation, kept by those of its loops that can end with what they have.
+
+
+@dataclass
+class TimeLimit:
+    """Seconds that a computation may take, and whether that cut it short.
+
+    Attributes
+    ----------
+    seconds : float
+        Infinite: no limit.
+    ended_at : float
+        Largest share of the limit at which a loop was ended; 0: none was.
+    """
+
+    seconds: float
+    ended_at: float = 0.0
+    began: float = field(default_factory=lambda: monotonic())
+
+    def is_over(self, share: float) -> bool:
+        """Whether a share of the time has passed; whoever asks ends its loop then."""
+        over = monotonic() - self.began >= share * self.seconds
+        if over:
+            self.ended_at = max(self.ended_at, share)
+        return over
+
+
+_limit: ContextVar[TimeLimit | None] = ContextVar("time_limit", default=None)
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[TimeLimit]:
+    """A block that may take so many seconds; None: as many as it needs."""
+    limit = TimeLimit(float("inf") if seconds is None else seconds)
+    token = _limit.set(limit)
+    try:
+        yield limit
+    finally:
+        _limit.reset(token)
+
+
+def time_is_over(share: float = 1.0) -> bool:
+    """Whether a share of the time that the innermost block may take has passed; never outside of one."""
+    limit = _limit.get()
+    return limit is not None and limit.is_over(share)
