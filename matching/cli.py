@@ -33,13 +33,7 @@ WITHOUT = ("new", "export", "explore")  # commands that read no input file, or d
 
 
 def check_files(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What each input file that the arguments name holds, by file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would, for the first file that is not right.
-    """
+    """What each input file that the arguments name holds, by file."""
     from modelling.recordings.read import read_channels
 
     named, contents = vars(arguments), dict[str, str]()
@@ -272,13 +266,7 @@ def _run(words: Sequence[str]) -> None:
 
 
 def _check_no_empty_words(words: Sequence[str]) -> None:
-    """A path that is empty, perhaps by a variable of the shell that is not set, would name the folder one is in.
-
-    Raises
-    ------
-    InputError
-        Naming the first option or argument that is empty.
-    """
+    """A path that is empty, perhaps by a variable of the shell that is not set, would name the folder one is in."""
     for number, word in enumerate(words):
         option, sign, value = word.partition("=")
         if not word or (word.startswith("--") and sign and not value):
@@ -420,26 +408,12 @@ STRUCTURES = {"pi": SPEED_CONTROLLER, "model_based": SPEED_CONTROLLER, "observer
 
 
 def parameters_of_model(path: str | Path) -> list[str]:
-    """Names of a model's quantities; those of effects as far as its file gives them.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """Names of a model's quantities; those of effects as far as its file gives them."""
     return _completed_parameters(read_toml(path))
 
 
 def quantities_of_case(path: str | Path) -> list[str]:
-    """Names of a case's quantities that can be set, as :func:`matching.match.map.quantities` has them.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    KeyError
-        If it is no case file.
-    """
+    """Names of a case's quantities that can be set, as :func:`matching.match.map.quantities` has them."""
     data = read_toml(path)
     vehicle, rig = (_completed_parameters(read_toml(Path(path).parent / data[key])) for key in ("vehicle", "rig"))
     loop = data["loop"]

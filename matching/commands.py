@@ -69,13 +69,7 @@ def add_commission_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_commission(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Go round and write files; the result object is the content of ``commission.json``.
-
-    Raises
-    ------
-    InputError
-        One line that names what of case, bed or recording is not as it has to be.
-    """
+    """Go round and write files; the result object is the content of ``commission.json``."""
     from pathlib import Path
 
     from matching.bed.commission import Circle, CommissionOrder
@@ -101,13 +95,7 @@ def run_commission(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_commission(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file."""
     from pathlib import Path
 
     from matching.bed.excite import ExcitationOrder, check_order
@@ -314,13 +302,7 @@ def add_excite_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_excite(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Plan and write files; the result object is the content of ``excite.json``.
-
-    Raises
-    ------
-    InputError
-        If the case lacks limits, nothing is uncertain, or a wish cannot be met.
-    """
+    """Plan and write files; the result object is the content of ``excite.json``."""
     from matching.bed.excite import excitation_csv, plan_excitation
     from matching.export import tuned_case
     from matching.report.bed import excitation
@@ -339,13 +321,7 @@ def run_excite(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_excite(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: whether the wishes can be met; names no further file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: whether the wishes can be met; names no further file."""
     from matching.bed.excite import check_order
     from matching.export import tuned_case
 
@@ -412,13 +388,7 @@ def add_explore_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Serve the page until it is interrupted; the result object says where it was.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or the packages of the explorer are not installed.
-    """
+    """Serve the page until it is interrupted; the result object says where it was."""
     import signal
     import sys
     import webbrowser
@@ -539,13 +509,7 @@ def add_fidelity_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_fidelity(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Judge and write; returns the object of ``fidelity.json``.
-
-    Raises
-    ------
-    InputError
-        One line that names option, file or key.
-    """
+    """Judge and write; returns the object of ``fidelity.json``."""
     from matching.fidelity import read_case, xil_fidelity
     from matching.report import common, evidence
     from matching.report.common import made_from
@@ -612,13 +576,7 @@ def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_identify(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Identify and write files; the result object is the content of ``identification.json``.
-
-    Raises
-    ------
-    InputError
-        One line that names file, key or column.
-    """
+    """Identify and write files; the result object is the content of ``identification.json``."""
     from pathlib import Path
 
     from matching.bed.identify import identify
@@ -635,13 +593,7 @@ def run_identify(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_identify(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: what the recordings hold, by file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: what the recordings hold, by file."""
     from pathlib import Path
 
     from matching.bed.identify import recordings_read
@@ -896,13 +848,7 @@ def run_modes(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_modes(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: whether the quantities to change exist; names no further file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: whether the quantities to change exist; names no further file."""
     from modelling.model_file import load
 
     _changes(arguments.change, load(arguments.model))
@@ -1004,13 +950,7 @@ def add_new_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_new(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Write the files; the result object names them.
-
-    Raises
-    ------
-    InputError
-        If the directory is not empty.
-    """
+    """Write the files; the result object names them."""
     from importlib.resources import files
     from pathlib import Path
 
@@ -1164,13 +1104,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_simulate(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Simulate and write files; the result object holds what was run, and the misfit by sensor.
-
-    Raises
-    ------
-    InputError
-        One line that names option, file or key.
-    """
+    """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
     from matching.report.common import image, simulation_figure
     from modelling.equations.casadi_code import compiled
     from modelling.errors import InputError
@@ -1289,13 +1223,7 @@ def _quantities_tolerance(arguments: argparse.Namespace) -> list[str]:
 
 
 def run_tolerance(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Study and write; the result object is the content of ``tolerance.json``.
-
-    Raises
-    ------
-    InputError
-        One line that names option, file or key.
-    """
+    """Study and write; the result object is the content of ``tolerance.json``."""
     from pathlib import Path
 
     from matching.match.case_file import load_case
@@ -1327,13 +1255,7 @@ def run_tolerance(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_tolerance(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: whether the study covers the case, and what varies exists; names no further file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: whether the study covers the case, and what varies exists; names no further file."""
     from matching.match.case_file import load_case
     from matching.match.tolerance import what_varies
 
@@ -1393,13 +1315,7 @@ def add_uncertainty_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_uncertainty(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Evaluate and write; returns the object of ``uncertainty.json``.
-
-    Raises
-    ------
-    InputError
-        One line that names option, file or key.
-    """
+    """Evaluate and write; returns the object of ``uncertainty.json``."""
     from matching.report import common, evidence
     from matching.report.common import made_from
     from matching.report.evidence import uncertainty_page
@@ -1436,13 +1352,7 @@ def run_uncertainty(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_uncertainty(arguments: argparse.Namespace) -> dict[str, str]:
-    """For ``--check``: whether the wanted uncertainty is one of the measurands'; names no further file.
-
-    Raises
-    ------
-    InputError
-        As the command itself would.
-    """
+    """For ``--check``: whether the wanted uncertainty is one of the measurands'; names no further file."""
     from matching.uncertainty.budget import read_budget
     from matching.uncertainty.propagate import wanted_uncertainty
 

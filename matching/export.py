@@ -170,13 +170,7 @@ class LinearBed:
 
 
 def linear_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> LinearBed:
-    """The bed of a case with some ``values`` other than the case's, named as those that are uncertain.
-
-    Raises
-    ------
-    InputError
-        If the rig cannot be made linear.
-    """
+    """The bed of a case with some ``values`` other than the case's, named as those that are uncertain."""
     loop, dynamometers = case.loop, case.loop.dynamometers
     k = len(dynamometers)
     rig = case.rig.with_values(of_system(values, case.rig))
@@ -322,11 +316,6 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> Opened
     law : ControlLaw
     lost_torque : float
         N·m: from this flange torque on the controller judges whether it is gone at once.
-
-    Raises
-    ------
-    InputError
-        If the rig cannot be made linear.
     """
     beds = [linear_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
     shafts = tuple(part.name for part in case.rig.shafts)
@@ -452,13 +441,7 @@ UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be f
 
 
 def exported_controller(case: Case) -> ExportedController:
-    """The controller of a tuned case.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear, a design has no solution or no speed hold is stable.
-    """
+    """The controller of a tuned case."""
     parts = parts_of(case)
     law = control_law(parts)
     dynamometers = case.loop.dynamometers
@@ -538,11 +521,6 @@ def read_export_source(path: str | Path) -> ExportSource:
     ----------
     path : str or Path
         Directory that ``rigmatch match`` wrote, its ``result.json``, a case file or a model file.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
     """
     path = Path(path)
     if path.is_dir():
@@ -572,13 +550,7 @@ class TunedCase:
 
 
 def tuned_case(path: str | Path) -> TunedCase:
-    """The case of a match with the values that its result states, or a case file with its start values.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """The case of a match with the values that its result states, or a case file with its start values."""
     path = Path(path)
     if path.is_dir():
         path = path / "result.json"
@@ -769,13 +741,7 @@ class WrittenFmu:
 
 
 def write(source: str, path: str, fmi: str) -> WrittenFmu:
-    """Write the FMU of a match, a case or a model to ``path``.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.fmu``, or ``source`` is nothing that can be exported.
-    """
+    """Write the FMU of a match, a case or a model to ``path``."""
     target = _target(path, "--fmu")
     wanted = read_export_source(source)
     made = fmu(wanted.block, fmi, wanted.step)
@@ -789,13 +755,7 @@ def write(source: str, path: str, fmi: str) -> WrittenFmu:
 
 
 def write_controller(source: str, path: str, fmi: str) -> WrittenFmu:
-    """Write the FMU of a match's whole controller to ``path``.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.fmu``, or ``source`` is no match and no case.
-    """
+    """Write the FMU of a match's whole controller to ``path``."""
     target = _target(path, "--controller")
     match = tuned_case(source)
     controller = exported_controller(match.tuned)

@@ -101,13 +101,7 @@ class Attribution:
 
 
 def attribute(fidelity: Fidelity) -> Attribution:
-    """Attribute 1 − R_XiL² to its causes.
-
-    Raises
-    ------
-    ValueError
-        For the published arithmetic, with which an ideal test bed does not score one: no loss can be attributed.
-    """
+    """Attribute 1 − R_XiL² to its causes."""
     if fidelity.method.arithmetic != "definition":
         raise ValueError("attribution needs the arithmetic of the definition")
     losses: list[Loss] = []
@@ -175,13 +169,7 @@ class RecordingPair:
         )
 
     def signal(self, reference: str, test: str, where: str) -> MeasuredPair:
-        """The signals of two columns.
-
-        Raises
-        ------
-        InputError
-            If a column does not exist, or they have different dimensions.
-        """
+        """The signals of two columns."""
         units = []
         for name, recording in ((reference, self.reference), (test, self.test)):
             if name not in recording.channels:
@@ -214,11 +202,6 @@ def read_recordings(
         Columns that the case compares.
     channels : mapping of str to Channel, optional
         What channels are called in both files; channel files that the case names for either are preferred.
-
-    Raises
-    ------
-    InputError
-        Where a recording cannot be read, or the two do not fit together.
     """
     where = f"{path}: recordings"
     check_keys(table, RECORDING_KEYS, where)
@@ -306,11 +289,6 @@ def read_case(
         Instead of what the file says; see :mod:`modelling.fidelity.measures`.
     channels : mapping of str to Channel, optional
         What the recordings call the signals (:func:`modelling.recordings.read.read_channels`).
-
-    Raises
-    ------
-    InputError
-        On any fault of the file or its recordings.
     """
     path = Path(path)
     return fidelity_from_tables(read_toml(path), path, arithmetic, nrmse, channels)
@@ -323,13 +301,7 @@ def fidelity_from_tables(
     nrmse: str | None = None,
     channels: Mapping[str, Channel] | None = None,
 ) -> tuple[str, Fidelity]:
-    """As :func:`read_case` for tables as ``tomllib`` reads them; other files are looked for beside ``path``.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """As :func:`read_case` for tables as ``tomllib`` reads them; other files are looked for beside ``path``."""
     where = str(path)
     check_keys(tables, KEYS, where)
     method = _method(tables, where, arithmetic, nrmse)

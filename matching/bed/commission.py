@@ -199,13 +199,8 @@ class Stages:
         work: Callable[[], tuple[Files, dict[str, Any]]],
         enough: Callable[[Mapping[str, Any]], bool] = lambda _: True,
     ) -> dict[str, Any]:
-        """Figures of a step: as recorded, where they are ``enough``, or of the ``work`` that gives files and figures.
-
-        Raises
-        ------
-        InputError
-            If the folder cannot be written to, or the work's own.
-        """
+        """Figures of a step: as recorded, where they are ``enough``, or of the ``work`` that gives files and
+        figures."""
         figures = self.done(name, inputs)
         if figures is not None and enough(figures):
             return figures
@@ -225,13 +220,7 @@ class Stages:
         return True
 
     def of_files(self, *paths: Path) -> str:
-        """Checksum of the contents of files.
-
-        Raises
-        ------
-        InputError
-            If one is a pipe or a device, which may never end.
-        """
+        """Checksum of the contents of files."""
         total = hashlib.sha256()
         for path in paths:
             no_pipe(path, str(path))
@@ -303,11 +292,6 @@ class Circle:
         -------
         Commissioning
             What each round found, and why it ended or what it waits for.
-
-        Raises
-        ------
-        InputError
-            If a file is not what it has to be, or the bed's controller gives up.
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
         self._rounds = []
@@ -534,11 +518,6 @@ def why_short(
 
     They need the torque commands beside the sensors: between commands and readings the bed is as it is without
     control, whatever the controller does.
-
-    Raises
-    ------
-    InputError
-        If a recording cannot be read or fitted.
     """
     if verification.status != "short":
         return None

@@ -458,13 +458,7 @@ class ExcitationLimits:
         return shares
 
     def check_steady(self, steady: tuple[np.ndarray, np.ndarray], allowed: float) -> None:
-        """The steady speed alone must hold every limit up to a share ``allowed``.
-
-        Raises
-        ------
-        InputError
-            If it does not.
-        """
+        """The steady speed alone must hold every limit up to a share ``allowed``."""
         still = ExcitedMotion(np.zeros((1, *steady[0].shape)), np.zeros((1, *steady[1].shape)))
         used = self.used(steady, still, np.zeros((1, len(self.bed.inputs))))
         name = max(used, key=lambda key: used[key])
@@ -498,13 +492,7 @@ class ExcitationLimits:
 
 
 def check_demanded(case: Case, stated: Mapping[str, float]) -> None:
-    """Whether stated torques are those of inputs that are no dynamometer's.
-
-    Raises
-    ------
-    InputError
-        If ``stated`` names no such input.
-    """
+    """Whether stated torques are those of inputs that are no dynamometer's."""
     names = disturbing(case)
     for name in stated:
         if name not in names:
@@ -637,11 +625,6 @@ def error_weights(case: Case) -> np.ndarray:
     """Matrix W (p, p) with mean square response error = θᵀ·W·θ for small offsets θ, in half-widths of the case's box.
 
     The controller stays as it is, the bed is off, and the vehicle has the bed's specimen.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the controller's design has no solution.
     """
     box, loop = case.uncertainty, case.loop
     p = len(box.uncertain)
@@ -726,11 +709,6 @@ def scale_on_worst_beds(limits: ExcitationLimits, box: Box, hold: SpeedHold, tor
 
     For each limit that is the corner to which its use rises, by its slope over each uncertain quantity. No margin is
     left there: the margin is for what is not in the box.
-
-    Raises
-    ------
-    InputError
-        If the steady speed alone exceeds a limit on such a bed.
     """
     positions = np.vstack([np.zeros(len(box.uncertain)), SLOPE_STEP * np.eye(len(box.uncertain))])
     used: list[dict[str, float]] = []
@@ -784,13 +762,7 @@ class ExcitationOrder:
 
 
 def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> ExcitationPlan:
-    """Plan the recording that tells most of what the match depends on.
-
-    Raises
-    ------
-    InputError
-        If the case has no limits of torque and speed, nothing is uncertain, or a wish cannot be met.
-    """
+    """Plan the recording that tells most of what the match depends on."""
     order = order or ExcitationOrder()
     case = replace(case, uncertainty=case.uncertainty.without("vehicle."))  # no recording of the bed tells these
     bed = recorded_bed(case)
@@ -831,13 +803,7 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
 
 
 def check_order(case: Case, order: ExcitationOrder) -> None:
-    """Whether a case holds what a plan needs, and an order can be met.
-
-    Raises
-    ------
-    InputError
-        If the case has no limits of torque and speed, nothing is uncertain, or a wish cannot be met.
-    """
+    """Whether a case holds what a plan needs, and an order can be met."""
     check_demanded(case, order.largest)
     for name in ("dynamometer_torque", "dynamometer_speed"):
         if name not in case.limits:
@@ -854,13 +820,7 @@ def check_order(case: Case, order: ExcitationOrder) -> None:
 
 
 def steady_speed(case: Case) -> float:
-    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest.
-
-    Raises
-    ------
-    InputError
-        If the case has neither.
-    """
+    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest."""
     point = case.rig.operating_point
     rotors = {part.on for part in case.rig.inputs if part.name in {d.torque_input for d in case.loop.dynamometers}}
     if point is not None:
@@ -1025,11 +985,6 @@ def plan_proof(case: Case, speed: float, seed: int = 0) -> Proof:
     case : Case
     speed : float
         Of the rotors, rad/s, that the deviations start from.
-
-    Raises
-    ------
-    InputError
-        If the manoeuvre has none of a compared torque that a motor gives, or nothing limits a torque.
     """
     bed, exported = recorded_bed(case), exported_controller(case)
     names = tuple(dict.fromkeys(pair.input for pair in case.compared))

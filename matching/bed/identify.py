@@ -79,11 +79,6 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     What vehicle and rig share has the bed's values in both. The rig stands as it is now, so nothing of it moves any
     more. Effects that a linear model holds enter rig and vehicle, those of sensors as well: a sensor that is late or
     reads with a factor is read so by the next controller. Of other effects only the notes speak.
-
-    Raises
-    ------
-    InputError
-        If the values make no system.
     """
     estimates = {
         name: diagnosis.parameters[key] for name, key in names_in_system(case).items() if key in diagnosis.parameters
@@ -198,11 +193,6 @@ def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tu
     Quantities that the model file gives with a range are fitted in it, of others those that ``[uncertainty]`` names,
     in twice its width. What it shares with the rig is taken as known where the bed tells it much better: where the
     half-width under ``[uncertainty]`` is at most a tenth of half the range.
-
-    Raises
-    ------
-    InputError
-        If nothing of the vehicle is uncertain, or a recording cannot be read.
     """
     vehicle = replace(case.vehicle, operating_point=None)
     on_rig = {part.name for part in case.rig.inputs}
@@ -239,11 +229,6 @@ def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehi
 
     What vehicle and rig share is the same hardware: it has the vehicle's values in both. Effects that a linear model
     holds enter, those of the car's sensors and inputs do not: they are not those of the bed.
-
-    Raises
-    ------
-    InputError
-        If the values make no system.
     """
     estimates = {
         name: estimate for name, estimate in diagnosis.parameters.items()
@@ -353,11 +338,6 @@ def vehicle_from_recordings(
     """The case with the vehicle that recordings of the road show.
 
     ``seconds``: of the diagnosis, see :func:`_diagnosed`.
-
-    Raises
-    ------
-    InputError
-        If nothing of the vehicle is uncertain, or a recording cannot be read or fitted.
     """
     system, notes = recorded_vehicle(case, recordings)
     diagnosis, limit = _diagnosed(system, recordings, progress, seconds)
@@ -373,11 +353,6 @@ def bed_from_recordings(
     """The case with the bed that recordings without emulation show: torque commands and every sensor of the rig.
 
     ``seconds``: of the diagnosis, see :func:`_diagnosed`.
-
-    Raises
-    ------
-    InputError
-        If a recording cannot be read or fitted.
     """
     diagnosis, limit = _diagnosed(bed_system(case), recordings, progress, seconds)
     made = identified_case(case, diagnosis)
@@ -439,13 +414,7 @@ class FromRecordings:
 
 
 def recordings_read(case: Case, vehicle: Sequence[Path], bed: Sequence[Path]) -> dict[str, str]:
-    """What recordings of vehicle and bed hold, in words, by file; nothing is fitted.
-
-    Raises
-    ------
-    InputError
-        As :func:`identify`, as far as reading shows it.
-    """
+    """What recordings of vehicle and bed hold, in words, by file; nothing is fitted."""
     _check_any(vehicle, bed)
     contents = {str(path): contents_of(read_recording(path, bed_system(case)), bed_system(case)) for path in bed}
     if vehicle:
@@ -471,11 +440,6 @@ def identify(
     """The case as recordings of vehicle and bed show it; the bed, whose commands are known, comes first.
 
     ``seconds``: of each diagnosis at most; None: as many as it needs.
-
-    Raises
-    ------
-    InputError
-        If there is no recording, or as :func:`vehicle_from_recordings` and :func:`bed_from_recordings`.
     """
     _check_any(vehicle, bed)
     of_bed = of_vehicle = None

@@ -255,13 +255,6 @@ class ByHand:
             What to record.
         estimate : callable
             What a recording shows so far, in words; it may raise an InputError.
-
-        Raises
-        ------
-        Waiting
-            If it is not there, and nobody follows it.
-        InputError
-            If it is there in two formats, or no recording can be read from it.
         """
         places = _places(self.folder, name)
         if not any(place.is_file() for place in places):
@@ -297,13 +290,7 @@ def _places(folder: Path, name: str) -> list[Path]:
 
 
 def _content(path: Path, place: Path) -> str | bytes:
-    """Content of a recording, text in an encoding that recordings are read in.
-
-    Raises
-    ------
-    InputError
-        If it is too large, or to be text and none.
-    """
+    """Content of a recording, text in an encoding that recordings are read in."""
     if path.stat().st_size > LARGEST_FILE:
         raise InputError(str(place), "is too large", "cut the recording: at most 2 GB are read")
     if path.suffix not in TEXT:
@@ -327,26 +314,14 @@ START_SPEED = "start_speed"  # parameter of a bed's FMU, rad/s of its rotors, wh
 
 
 def check_bed(bed: Path) -> None:
-    """A folder for recordings need not be there yet; an FMU has to be.
-
-    Raises
-    ------
-    InputError
-        If there is no FMU, or something that is neither file nor folder.
-    """
+    """A folder for recordings need not be there yet; an FMU has to be."""
     if not (bed.is_file() or bed.is_dir()) and (bed.exists() or bed.suffix.lower() == ".fmu"):
         wrong = "is no regular file and no folder" if bed.exists() else "does not exist"
         raise InputError(str(bed), wrong, "give the FMU of a bed, or a folder for its recordings")
 
 
 class Slave:
-    """An FMI 2.0 co-simulation FMU, spoken to by the names of its variables.
-
-    Raises
-    ------
-    InputError
-        If FMPy is not installed, the file is no such FMU, lacks a variable that is needed, or does not run.
-    """
+    """An FMI 2.0 co-simulation FMU, spoken to by the names of its variables."""
 
     def __init__(self, path: Path, needed: Sequence[str]):
         try:
@@ -426,13 +401,7 @@ class Slave:
 
 
 class FmuBed(Slave):
-    """A bed whose FMU's inputs are the rig's inputs (u) and whose outputs are the rig's sensors (y).
-
-    Raises
-    ------
-    InputError
-        As :class:`Slave`.
-    """
+    """A bed whose FMU's inputs are the rig's inputs (u) and whose outputs are the rig's sensors (y)."""
 
     def __init__(self, path: Path, inputs: Sequence[str], sensors: Sequence[str]):
         super().__init__(path, [*inputs, *sensors])
@@ -453,13 +422,7 @@ class FmuBed(Slave):
 
 
 class FmuController(Slave):
-    """The exported controller's FMU, with the step of :class:`modelling.controller.law.SupervisedController`.
-
-    Raises
-    ------
-    InputError
-        As :class:`Slave`.
-    """
+    """The exported controller's FMU, with the step of :class:`modelling.controller.law.SupervisedController`."""
 
     def __init__(self, path: Path, law: ControlLaw):
         self._commands = [f"{name}.command" for name in law.dynamometers]
@@ -524,13 +487,7 @@ def proof_recording(  # bed and controller are both stepped: one more than six
     wanted: Proof,
     speed: float,
 ) -> str:
-    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on.
-
-    Raises
-    ------
-    InputError
-        If the controller's watchdogs end the emulation.
-    """
+    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on."""
     step = wanted.step
     k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
     drives = [

@@ -83,13 +83,7 @@ def spectra(inputs: np.ndarray, outputs: np.ndarray, step: float, top: float) ->
 
 
 def estimated_response(recordings: Sequence[Spectra], frequencies: np.ndarray) -> MeasuredResponse:
-    """Responses at frequencies (f,), Hz, from one or several recordings of the same system.
-
-    Raises
-    ------
-    ValueError
-        If a recording has fewer lines than one window needs.
-    """
+    """Responses at frequencies (f,), Hz, from one or several recordings of the same system."""
     first = recordings[0]
     u, y = first.inputs.shape[1], first.outputs.shape[1]
     lines = lines_needed(u, len(recordings))
@@ -497,13 +491,7 @@ SHARE = 0.95  # of the beds that have no larger error
 
 
 def drawn_squares(case: Case) -> np.ndarray:
-    """Mean squares (b, h) of |log(H_bed/H_vehicle)| of drawn beds against the vehicle as the case has it.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the controller's design has no solution.
-    """
+    """Mean squares (b, h) of |log(H_bed/H_vehicle)| of drawn beds against the vehicle as the case has it."""
     box, law = case.uncertainty, control_law(parts_of(case))
     frequencies = np.geomspace(*case.band, POINTS)
     beds = bed_set(case, [box.at(position) for position in box.spread(BEDS)], frequencies)
@@ -576,12 +564,6 @@ def read_recordings(
 
     A compared torque that a recording lacks is taken as constant there. ``sources`` say what the recordings are called
     where the paths are copies.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read; no compared torque changes; a compared sensor is in none; recordings too short or
-        sampled too slowly for the band.
     """
     torques = list(dict.fromkeys(pair.input for pair in case.compared))
     wanted = list(dict.fromkeys(pair.sensor for pair in case.compared))
@@ -721,11 +703,6 @@ def snapshots(recordings: Sequence[Path], still: float, folder: Path) -> Iterato
 
     A copy in ``folder`` keeps its file's name. Of text, whole lines are copied. A file that is not there for a moment,
     as where a logger begins a new one, is waited for as long.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it does not come back.
     """
     for path in recordings:
         if not path.is_file():
@@ -782,13 +759,7 @@ FIT_VARIANCE = 1e-8  # relative, of responses that are computed
 
 
 def judge(case: Case, recorded: BedRecordings) -> BedVerification:
-    """Judge recordings of the bed of a tuned case.
-
-    Raises
-    ------
-    InputError
-        If a recording is too short for its inputs, or a model cannot be made linear.
-    """
+    """Judge recordings of the bed of a tuned case."""
     grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
     measured = estimated_response(recordings, grid)
     bed = compared_bed(case)

@@ -108,11 +108,6 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
         Parameters by name, SI.
     scale : float
         A torque typical of the drivetrain, N·m.
-
-    Raises
-    ------
-    InputError
-        If the readings determine no motion: absurd values, units or sampling.
     """
     linear, data = linear_model(system, value), fit.problem.data
     n, x, torques = linear.model.n, len(linear.A), linear.B.shape[1]
@@ -214,13 +209,7 @@ def _accelerations_and_readings(
 
 
 def known_jacobian(problem: FitProblem, parent: Fit, v: np.ndarray) -> np.ndarray:
-    """A Jacobian (r, v) to begin with: the parent's columns where it has them, differences for what is new.
-
-    Raises
-    ------
-    FloatingPointError
-        If the problem does not simulate from v (v,).
-    """
+    """A Jacobian (r, v) to begin with: the parent's columns where it has them, differences for what is new."""
     names = _variables(problem)
     column = {name: i for i, name in enumerate(_variables(parent.problem))}
     out = np.empty((len(parent.residual), len(names)), order="F")

@@ -67,11 +67,6 @@ def stationary_smoother(F: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarr
         Covariance of what enters the state within a sample.
     R : ndarray (y,)
         Variances of the readings.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a growing state cannot be observed, so that there is no stationary covariance.
     """
     sigma = np.sqrt(R)
     scaled = H / sigma[:, None]
@@ -97,11 +92,6 @@ def segments_between_gaps(time: np.ndarray, source: str) -> tuple[list[slice], l
         s, increasing.
     source : str
         The recording, for messages.
-
-    Raises
-    ------
-    InputError
-        If a recording without a gap has fewer than ``FEWEST_SAMPLES`` samples.
     """
     edges = [0, *(np.flatnonzero(np.diff(time) > longest_bridge(time)) + 1), len(time)]
     kept, notes = [], []
@@ -247,13 +237,7 @@ def remove_stuck_values(values: np.ndarray, time: np.ndarray, name: str) -> tupl
 
 
 def prepare_data(system: System, recordings: Sequence[Recording]) -> tuple[FitData, list[str]]:
-    """Segments of several recordings of one system, and notes on what was left out.
-
-    Raises
-    ------
-    InputError
-        If no sensor of the model was recorded, or too little is left.
-    """
+    """Segments of several recordings of one system, and notes on what was left out."""
     segments: list[Segment] = []
     notes: list[str] = []
     for number, recording in enumerate(recordings, 1):

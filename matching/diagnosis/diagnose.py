@@ -282,11 +282,6 @@ def diagnose(
         Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
     pictured : callable
         Is given what the figures show before the causes are judged.
-
-    Raises
-    ------
-    InputError
-        If the recordings lack what is needed, or have speeds without a unit that fit in 1/min only.
     """
     judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
     stated, system = system, with_clocks(system, [*recordings, *judging])

@@ -705,11 +705,6 @@ def solve(
     known_jacobian : ndarray (r, v), optional
         A Jacobian to begin with, e.g. of a similar problem.
     options : FitOptions, optional
-
-    Raises
-    ------
-    FloatingPointError
-        If the start does not simulate.
     """
     return _Descent(problem, v, known_jacobian, options or FitOptions()).run()
 

@@ -262,13 +262,7 @@ FITTED_SHARE = 0.7  # of every recording; specification: without --holdout the l
 
 
 def split_holdout(data: FitData, share: float = FITTED_SHARE) -> tuple[FitData, list[int]]:
-    """The first part of every recording, to be fitted, and how many samples of each segment of ``data`` that is.
-
-    Raises
-    ------
-    InputError
-        If no part is long enough to be fitted.
-    """
+    """The first part of every recording, to be fitted, and how many samples of each segment of ``data`` that is."""
     kept, counts = [], []
     for name in dict.fromkeys(segment.name for segment in data.segments):
         segments = [segment for segment in data.segments if segment.name == name]

@@ -31,13 +31,7 @@ STEPS_PER_RADIAN = 3.0  # of the fastest mode
 
 
 def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
-    """A recording from a file, or from the files of several loggers joined by ``+``.
-
-    Raises
-    ------
-    InputError
-        As :func:`modelling.recordings.read.read_recording` and :func:`joined`.
-    """
+    """A recording from a file, or from the files of several loggers joined by ``+``."""
     if SEVERAL_LOGGERS not in paths or Path(paths).exists():
         return read_recording(paths, system, channels)
     names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
@@ -50,11 +44,6 @@ def joined(system: System, parts: Sequence[Recording]) -> Recording:
 
     Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets. The reference of a controller
     is taken from any of them.
-
-    Raises
-    ------
-    InputError
-        If no recording has all inputs, a further one has no sensor of its own, or they do not overlap.
     """
     inputs = {part.name for part in system.inputs}
     leading = next((part for part in parts if inputs <= set(part.channels)), None)
@@ -121,11 +110,6 @@ def clock_offset(system: System, leading: Recording, part: Recording, names: Seq
         With all inputs.
     names : sequence of str
         Sensors of ``part``.
-
-    Raises
-    ------
-    InputError
-        If the model does not simulate the inputs.
     """
     simulated = _simulated(system, leading)
     step = float(np.median(np.diff(leading.time)))

@@ -175,13 +175,7 @@ SEARCH = FitOptions(exact=False)
 def fit_extended(
     model: ExtendedModel, parent: Fit, options: FitOptions = SEARCH, steps_per_radian: float = STEPS_PER_RADIAN
 ) -> Fit:
-    """Fit an extended model, beginning at values, start states and Jacobian of the fit it came from.
-
-    Raises
-    ------
-    FloatingPointError
-        If it does not simulate from there.
-    """
+    """Fit an extended model, beginning at values, start states and Jacobian of the fit it came from."""
     problem, p = extended_problem(model, parent, steps_per_radian)
     v = problem.pack(model.values, list(model.starts) or start_states(problem, parent, p))
     v = np.clip(v, problem.lower, problem.upper)
@@ -541,11 +535,6 @@ def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> 
     ----------
     motion : ndarray (t, x)
         States of the parent's model as measured, segments one after another: windows begin there.
-
-    Raises
-    ------
-    FloatingPointError
-        If it does not simulate from there.
     """
     windows = _cut(parent, motion)
     problem, p = extended_problem(model, windows)

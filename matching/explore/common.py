@@ -170,13 +170,7 @@ class Job:
                 self._process.send_signal(signal.SIGTERM)
 
     def wait(self, seconds: float | None = None) -> Ended:
-        """How it ended, when it has.
-
-        Raises
-        ------
-        TimeoutError
-            If it is still running after so many seconds.
-        """
+        """How it ended, when it has."""
         self._reader.join(seconds)
         if self._ended is None:
             raise TimeoutError(f"{self.words[0]} is still running")
@@ -234,11 +228,6 @@ class LiveModel:
     system : System
     frequencies : ndarray (f,)
         Hz, of the responses.
-
-    Raises
-    ------
-    InputError
-        If the system is too large to be followed.
     """
 
     def __init__(self, system: System):
@@ -255,13 +244,7 @@ class LiveModel:
         return modes_of(self._model, self._model.vector(values)[None]).case(0)
 
     def at(self, values: Mapping[str, float] | None = None) -> LiveState:
-        """Modes and responses at values (SI) by name.
-
-        Raises
-        ------
-        InputError
-            If there is nothing to oscillate about at these values.
-        """
+        """Modes and responses at values (SI) by name."""
         linear, answer = linearise(self._model, values), None
         if self.system.inputs and self.system.sensors:
             answer = response(linear, self.frequencies)
@@ -322,11 +305,6 @@ def interpolated_error(content: Mapping[str, Any], x: float, y: float) -> float:
     ----------
     x, y : float
         SI.
-
-    Raises
-    ------
-    InputError
-        If the point lies outside the map, or beside a point without an error.
     """
     for axis, value in (("x", x), ("y", y)):
         values = content[axis]["values"]
@@ -598,13 +576,7 @@ class Editing:
         return True
 
     def all_taken(self) -> None:
-        """Check that every field shows what the file would hold.
-
-        Raises
-        ------
-        InputError
-            If a text was not taken.
-        """
+        """Check that every field shows what the file would hold."""
         if wrong := self.entries.wrong:
             raise InputError(", ".join(wrong), "was not taken, as said when it was entered", "correct it or press Undo")
 
@@ -644,13 +616,7 @@ class MeasuredCurves:
 
 
 def measured_curves(recording: Recording, system: System) -> MeasuredCurves:
-    """Responses of a recording's sensors to those of its inputs that change.
-
-    Raises
-    ------
-    InputError
-        If no input changes, no sensor was recorded, or the recording is too short.
-    """
+    """Responses of a recording's sensors to those of its inputs that change."""
     inputs = [part.name for part in system.inputs if np.ptp(recording[part.name]) > MOVES * _size(recording, part.name)]
     sensors = [part.name for part in system.sensors if part.name in recording.channels]
     if not inputs or not sensors:
@@ -1161,11 +1127,6 @@ def channel_list(path: str | Path, system: System | None = None) -> dict[str, An
     dict
         ``channels``: name, unit, samples, from, to (as time stands in the file), least and largest of each; ``notes``
         of the reader; ``channel_file``: its text, empty without a model.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
     """
     table = read_table(path)
     time = time_column(table.names)
@@ -1277,13 +1238,7 @@ class Measurement:
         return time, values
 
     def write_channels(self, chosen: Mapping[str, tuple[str, str]], folder: Path) -> Path:
-        """Write a channel file that says which column, in which unit, is which channel; its path.
-
-        Raises
-        ------
-        InputError
-            If a column stands for two channels.
-        """
+        """Write a channel file that says which column, in which unit, is which channel; its path."""
         used = [column for column, _ in chosen.values() if column]
         if twice := next((column for column in used if used.count(column) > 1), ""):
             raise InputError(str(self.path), f"column {twice!r} stands for two channels", "choose another for one")
@@ -1296,13 +1251,7 @@ class Measurement:
 
 
 def opened_measurement(path: str | Path) -> Measurement:
-    """Read a measurement file with all its columns.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or no column is time.
-    """
+    """Read a measurement file with all its columns."""
     table = read_table(path)
     time = time_column(table.names)
     if not time:
@@ -1311,13 +1260,7 @@ def opened_measurement(path: str | Path) -> Measurement:
 
 
 def read_as_suggested(path: Path, system: System) -> Recording:
-    """The channels of a model from a file, each from the column that is likeliest.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or an input is not in it.
-    """
+    """The channels of a model from a file, each from the column that is likeliest."""
     file = opened_measurement(path)
     channels = {
         name: Channel(suggested.column, suggested.unit)
@@ -1370,25 +1313,13 @@ class WhatIf:
         return {name: ends for name, ends in ranges.items() if ends is not None}
 
     def try_value(self, name: str, value: float) -> None:
-        """Set a quantity (SI) and follow it.
-
-        Raises
-        ------
-        InputError
-            If there is nothing to oscillate about; then nothing has changed.
-        """
+        """Set a quantity (SI) and follow it."""
         values = self.values | {name: value}
         self.now = self.live.at(values)
         self.values = values
 
     def keep(self) -> None:
-        """Write what was tried into the document, as changes that can be undone.
-
-        Raises
-        ------
-        InputError
-            If the model is none with them.
-        """
+        """Write what was tried into the document, as changes that can be undone."""
         for name, value in self.values.items():
             self.document.set_value(name, value)
         self.reset()

@@ -35,11 +35,6 @@ class Document:
     path : Path
     text : str
         As it would be saved.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or tomlkit is not installed.
     """
 
     def __init__(self, path: str | Path):
@@ -68,13 +63,7 @@ class Document:
         return self.text != self._texts[0]
 
     def value(self, keys: Keys) -> Any:
-        """The value at a place, as the file writes it (number, text with unit, table).
-
-        Raises
-        ------
-        KeyError
-            If there is none.
-        """
+        """The value at a place, as the file writes it (number, text with unit, table)."""
         return _at(self.content, keys)
 
     def replaced(self, keys: Keys, value: Any) -> str:
@@ -104,13 +93,7 @@ class Document:
         return True
 
     def save(self) -> None:
-        """Write the file; it is whole at every moment.
-
-        Raises
-        ------
-        InputError
-            If it was changed by something else meanwhile, or cannot be written.
-        """
+        """Write the file; it is whole at every moment."""
         if self.path.read_bytes().decode() != self._texts[0]:
             raise InputError(str(self.path), "was changed by another program since it was opened", "open it again")
         write_all(self.path.parent, {self.path.name: self.text.encode()})
@@ -118,13 +101,7 @@ class Document:
 
 
 def edited(text: str, values: Mapping[Keys, Any]) -> str:
-    """The text of a TOML file with other values at some places; a missing last key is added.
-
-    Raises
-    ------
-    InputError
-        If tomlkit is not installed.
-    """
+    """The text of a TOML file with other values at some places; a missing last key is added."""
     document = _toolkit().parse(text)
     for keys, value in values.items():
         _at(document, keys[:-1])[keys[-1]] = value
@@ -157,11 +134,6 @@ class ModelDocument(Document):
     ----------
     system : System
         With all changes, saved or not.
-
-    Raises
-    ------
-    InputError
-        As :func:`modelling.model_file.load` does.
     """
 
     def __init__(self, path: str | Path):
@@ -186,23 +158,11 @@ class ModelDocument(Document):
         return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
 
     def set_text(self, name: str, text: str) -> None:
-        """Set a quantity to what a user wrote: a number in SI, or a number with a unit.
-
-        Raises
-        ------
-        InputError
-            If it is no such number, or the model is none with it; then nothing has changed.
-        """
+        """Set a quantity to what a user wrote: a number in SI, or a number with a unit."""
         self._set(name, number_or_text(text))
 
     def set_value(self, name: str, value: float) -> None:
-        """Set a quantity to a value in SI; it is written in the unit that the file has for it.
-
-        Raises
-        ------
-        InputError
-            If the model is none with it; then nothing has changed.
-        """
+        """Set a quantity to a value in SI; it is written in the unit that the file has for it."""
         before = self._bare(name)
         unit = before.strip().lstrip("+-0123456789.eE").strip() if isinstance(before, str) else ""
         scale = factor(unit, self.system.units[name]) if unit else 1.0
@@ -314,26 +274,14 @@ class Workspace:
         return [*self.models.values(), *(each for each in others if each is not None)]
 
     def load_case(self) -> Case:
-        """The case as it is saved.
-
-        Raises
-        ------
-        InputError
-            If there is none, it is wrong, or one of its files has changes that are not saved.
-        """
+        """The case as it is saved."""
         if self.case is None:
             raise InputError("", "no case file is open", "start with: rigmatch explore CASE")
         return load_case(self.case.path)
 
 
 def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
-    """The workspace of some files: models, cases, recordings, budgets, fidelity cases.
-
-    Raises
-    ------
-    InputError
-        If one cannot be read, or two of one kind are given.
-    """
+    """The workspace of some files: models, cases, recordings, budgets, fidelity cases."""
     workspace = Workspace(Path(out))
     for file in map(Path, paths):
         if file.suffix.lower() in READERS:
@@ -346,13 +294,7 @@ def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
 
 
 def required_packages() -> None:
-    """Check that the packages of the page are installed.
-
-    Raises
-    ------
-    InputError
-        If one is missing.
-    """
+    """Check that the packages of the page are installed."""
     if missing := [name for name in ("panel", "bokeh", "tomlkit") if find_spec(name) is None]:
         raise InputError(", ".join(missing), "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"')
 
@@ -396,13 +338,7 @@ ROLES = ("vehicle", "rig")
 
 
 def case_path(workspace: Workspace) -> Path:
-    """Where a command finds the case as it is shown: its own file, or a copy once :func:`write_case` wrote it.
-
-    Raises
-    ------
-    InputError
-        If no case is open.
-    """
+    """Where a command finds the case as it is shown: its own file, or a copy once :func:`write_case` wrote it."""
     if workspace.case is None:
         raise InputError("", "no case file is open", "start with: rigmatch explore CASE")
     files = (workspace.case, *workspace.models.values())
@@ -410,13 +346,7 @@ def case_path(workspace: Workspace) -> Path:
 
 
 def write_case(workspace: Workspace) -> Path:
-    """Write the case as it is shown, with its models, and return where; comments and order of the files stay.
-
-    Raises
-    ------
-    InputError
-        If no case is open, or the copy cannot be written.
-    """
+    """Write the case as it is shown, with its models, and return where; comments and order of the files stay."""
     path = case_path(workspace)
     if workspace.case is not None and path != workspace.case.path:
         folder, content = workspace.case.path.parent.absolute(), workspace.case.content
@@ -428,13 +358,7 @@ def write_case(workspace: Workspace) -> Path:
 
 
 def write_model(workspace: Workspace, role: str) -> Path:
-    """Where a command finds a model as it is shown; a copy is written if it has changes that are not saved.
-
-    Raises
-    ------
-    InputError
-        If the copy cannot be written.
-    """
+    """Where a command finds a model as it is shown; a copy is written if it has changes that are not saved."""
     model = workspace.models[role]
     if not model.changed:
         return model.path
@@ -498,11 +422,6 @@ def set_field(document: Document, keys: Keys, text: str, check: Callable[[dict[s
     ----------
     check : callable
         Reads the content of the file; what it returns is returned.
-
-    Raises
-    ------
-    InputError
-        If the file is wrong with it; then nothing has changed.
     """
     value = number_or_text(text)
     before = document.value(keys)
@@ -541,11 +460,6 @@ class CaseForm:
     ----------
     case : Case
         With all changes, saved or not.
-
-    Raises
-    ------
-    InputError
-        If the case is wrong.
     """
 
     def __init__(self, document: Document, with_models: Callable[[dict[str, Any]], dict[str, Any]] = dict):
@@ -578,13 +492,7 @@ class CaseForm:
         self.case = set_field(self.document, keys, text, self._read)
 
     def move(self, name: str) -> None:
-        """Let a quantity move, by a factor of two up and down to begin with.
-
-        Raises
-        ------
-        InputError
-            If the name is unknown, or the case is wrong with it.
-        """
+        """Let a quantity move, by a factor of two up and down to begin with."""
         if name not in self.addable:
             raise unknown(name, self.addable, "move")
         value = quantities(self.case)[name][0]
@@ -628,13 +536,7 @@ class CaseForm:
 
 
 def write_case_at(case: Case, values: Mapping[str, float], folder: Path) -> Path:
-    """Write the case with quantities (SI) held at values, all its models beside it; the path of the case file.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, a value impossible, or nothing would be left to move.
-    """
+    """Write the case with quantities (SI) held at values, all its models beside it; the path of the case file."""
     for name, value in values.items():
         case = held_at(case, name, value)
     write_all(folder, dict(case_files(case)))

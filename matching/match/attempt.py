@@ -228,13 +228,7 @@ CURE = 'state an operating point in motion under load, e.g. [operating_point] ve
 
 
 def check_sliding(case: Case) -> None:
-    """Refuse dry friction that sticks at the operating point: its linear model would clamp the inertia to ground.
-
-    Raises
-    ------
-    InputError
-        Naming the inertia.
-    """
+    """Refuse dry friction that sticks at the operating point: its linear model would clamp the inertia to ground."""
     for system in (case.vehicle, case.rig):
         speeds = speeds_of(system)
         for effect in system.effects:
@@ -349,13 +343,7 @@ class SearchEffort:
 
 
 def question_of(case: Case) -> Question:
-    """Work out targets, weights and demands.
-
-    Raises
-    ------
-    InputError
-        If the case cannot be worked on as it stands.
-    """
+    """Work out targets, weights and demands."""
     on_rig = counterparts(case)
     return Question(case, target_modes(case), on_rig, shares_of(case, modes(case.vehicle), on_rig), demands(case))
 

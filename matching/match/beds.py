@@ -42,13 +42,7 @@ def rolled_off_from(case: Case) -> float:
 
 
 def requirements(case: Case) -> Requirements:
-    """What a case asks for.
-
-    Raises
-    ------
-    InputError
-        If the vehicle has no such target modes.
-    """
+    """What a case asks for."""
     damped = [mode for _, mode in target_modes(case)]
     limits = case.limits
     noise = limits.get("command_noise")
@@ -108,13 +102,7 @@ def compared_sensors(case: Case) -> list[str]:
 
 
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
-    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI.
-
-    Raises
-    ------
-    InputError
-        If the rig cannot be made linear.
-    """
+    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
     loop, k = case.loop, len(case.loop.dynamometers)
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     rig = state_space(case.rig.with_values(of_rig) if of_rig else case.rig)
@@ -173,11 +161,6 @@ def eigenvalues(matrices: np.ndarray) -> np.ndarray:
 
     LAPACK leaves Python's lock while it works, so threads share the matrices. None is left over: what has threads
     cannot be forked.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a matrix has entries that are not finite.
     """
     parts = min(threads(), len(matrices)) if matrices.size * matrices.shape[-1] > WORTH_THREADS else 1
     if parts < 2:

@@ -106,13 +106,7 @@ def of_system(values: Mapping[str, float], system: System) -> dict[str, float]:
 
 
 def read_uncertainty(data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, where: str) -> Box:
-    """The box of a case: the defaults, and over them what ``[uncertainty]`` says.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """The box of a case: the defaults, and over them what ``[uncertainty]`` says."""
     table = data.get("uncertainty", {})
     if not isinstance(table, dict):
         raise InputError(f"{where}: uncertainty", "is no table", 'write "rig.inertias.*.J" = 0.05 under [uncertainty]')
@@ -256,13 +250,7 @@ class Case:
 
 
 def text_of(table: Mapping[str, Any], key: str, where: str) -> str:
-    """A text that has to be there.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """A text that has to be there."""
     value = table.get(key)
     if not isinstance(value, str) or not value:
         raise InputError(f"{where}: {key}", "is missing or no text", f'write {key} = "…"')
@@ -270,13 +258,7 @@ def text_of(table: Mapping[str, Any], key: str, where: str) -> str:
 
 
 def table_of(data: Mapping[str, Any], key: str, where: str, known: set[str] | None = None) -> dict[str, Any]:
-    """A table, empty where it is left out; with ``known`` no other keys may stand in it.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """A table, empty where it is left out; with ``known`` no other keys may stand in it."""
     table = data.get(key, {})
     if not isinstance(table, dict):
         raise InputError(f"{where}: {key}", "is no table", f"write [{key}]")
@@ -312,13 +294,7 @@ def limit_units(rig: System) -> dict[str, str]:
 
 
 def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[str, float], TorqueCurve | None]:
-    """Limits by key, SI, and the dynamometers' torque over speed; its last speed limits the speed.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """Limits by key, SI, and the dynamometers' torque over speed; its last speed limits the speed."""
     table = table_of(data, "limits", where)
     units = limit_units(rig)
     limits: dict[str, float] = dict(DEFAULT_LIMITS)
@@ -474,11 +450,6 @@ def demands(case: Case, points: int = 400) -> Demands:
     ----------
     points : int
         The manoeuvre is thinned to about so many samples, extremes kept.
-
-    Raises
-    ------
-    SimulationError
-        If the vehicle's states do not stay finite.
     """
     time = max(case.manoeuvre.values(), key=lambda torque: torque.duration).time(1000.0)
     inputs = {part.name: np.zeros(len(time)) for part in case.vehicle.inputs}
@@ -553,11 +524,6 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
 
     Each damped mode is one undamped mode: both are paired as a whole, by shape and frequency, since neighbours that lie
     1 % apart may come in another order, or mix, once they are damped.
-
-    Raises
-    ------
-    InputError
-        If the vehicle has no such mode, or it is rigid or overdamped.
     """
     plain, damped = modes(case.vehicle), damped_modes(case.vehicle)
     counterpart = _paired(plain, damped, {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias})
@@ -632,11 +598,6 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
     """The case with quantities ``rig.…``, ``residual_vehicle.…`` and ``loop.…`` changed, SI.
 
     What is uncertain goes with them: beds are drawn about the changed values.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or a value impossible.
     """
     rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     emulated = {

@@ -117,13 +117,7 @@ SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibratio
 
 
 def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, where: str) -> Loop:
-    """The loop with its structure, dynamometers and values.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """The loop with its structure, dynamometers and values."""
     table = table_of(data, "loop", where)
     name = table.get("structure", DEFAULT)
     if not isinstance(name, str) or name not in STRUCTURES:
@@ -215,13 +209,7 @@ _KEYS = {"start", "planned", "lower", "upper"}
 def read_moves(
     data: Mapping[str, Any], rig: System, residual: ResidualVehicle, loop: Loop, where: str
 ) -> tuple[Move, ...]:
-    """What may move, each quantity with its mirror image.
-
-    Raises
-    ------
-    InputError
-        Naming file and key.
-    """
+    """What may move, each quantity with its mirror image."""
     table = table_of(data, "move", where)
     places = movable(rig, residual, loop)
     made: list[Move] = []
@@ -312,13 +300,7 @@ EXAMPLE = 'write vehicle_speed = "30 km/h" and rolling_radius = 0.31, or the spe
 
 
 def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, where: str) -> System:
-    """The vehicle at the case's operating point, with the road load that it states; as it is without one.
-
-    Raises
-    ------
-    InputError
-        Naming file and key, also where the vehicle has no such steady motion.
-    """
+    """The vehicle at the case's operating point, with the road load that it states; as it is without one."""
     if "operating_point" not in data:
         return vehicle
     table, place = table_of(data, "operating_point", where), f"{where}: operating_point"
@@ -345,13 +327,8 @@ def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, wh
 
 
 def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:
-    """The rig where each cut turns as in the vehicle and each drive gives the vehicle's torque; dynamometers hold it.
-
-    Raises
-    ------
-    InputError
-        If the rig has no such steady motion.
-    """
+    """The rig where each cut turns as in the vehicle and each drive gives the vehicle's torque; dynamometers
+    hold it."""
     if vehicle.operating_point is None:
         return rig
     dynamometers = {dynamometer.torque_input for dynamometer in loop.dynamometers}
@@ -372,11 +349,6 @@ def simple_at_operating_point(
     """The vehicle with the user's residual vehicle where its cuts turn as the vehicle's, under the same road load.
 
     Torques beyond the cut are those of the vehicle under the same names; the drives' torques that hold it follow.
-
-    Raises
-    ------
-    InputError
-        If it has no such steady motion.
     """
     if vehicle.operating_point is None:
         return simple
@@ -398,13 +370,7 @@ def simple_at_operating_point(
 
 
 def _turning_as(vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]) -> System:
-    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at ``inputs``.
-
-    Raises
-    ------
-    InputError
-        If it has no such steady motion.
-    """
+    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at ``inputs``."""
     speeds, torques = speeds_of(vehicle), torques_of(vehicle)
     point = OperatingPoint(
         tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),
@@ -504,24 +470,12 @@ def is_case(data: Mapping[str, Any]) -> bool:
 
 
 def load_case(path: str | Path) -> Case:
-    """Read a case file and the model files it names.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """Read a case file and the model files it names."""
     return case_from_tables(read_toml(path), str(path))
 
 
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
-    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
     path = Path(where)
     for key in data:
         if key not in _TOP:

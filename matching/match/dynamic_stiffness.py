@@ -166,13 +166,7 @@ class NotCovered(Exception):
 
 
 class Chain:
-    """Dynamic stiffness of a system; n independent coordinates, f complex frequencies.
-
-    Raises
-    ------
-    NotCovered
-        If an effect is not known here.
-    """
+    """Dynamic stiffness of a system; n independent coordinates, f complex frequencies."""
 
     def __init__(self, system: System):
         self.system = system
@@ -394,13 +388,7 @@ LAWS: dict[str, Callable[[Case, np.ndarray], Law]] = {"pi": speed_controller, "m
 
 @dataclass(frozen=True)
 class IndependentLoop:
-    """A tuned case in the frequency domain; f complex frequencies, k dynamometers.
-
-    Raises
-    ------
-    NotCovered
-        If rig, residual vehicle or control structure holds what is not known here.
-    """
+    """A tuned case in the frequency domain; f complex frequencies, k dynamometers."""
 
     case: Case
     rig: Chain = field(init=False)
@@ -467,11 +455,6 @@ class IndependentLoop:
         The contour runs up the line Re s = offset and back on a half circle so wide that no pole lies beyond it. It is
         refined until det W turns by less than half a radian from point to point; slower drifts than exp(offset·t) are
         rigid motions.
-
-        Raises
-        ------
-        NotCovered
-            If a pole lies so near the contour that the count is no whole number.
         """
         radius = 2 * np.pi * 2e4
         up = np.concatenate([[0.0], np.geomspace(1e-4, radius, steps)])
@@ -633,13 +616,7 @@ class DrawnBed:
 
     @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, rates, air gap, flanges, sensors].
-
-        Raises
-        ------
-        NotCovered
-            If the rig's dynamic stiffness is no polynomial of second degree in s.
-        """
+        """A (x, x), B (x, k), C (y, x) in continuous time; states [coordinates, rates, air gap, flanges, sensors]."""
         K, plus, minus, other = np.real(self.rig.stiffness(np.array([0.0, 1.0, -1.0, 2.0], complex)))
         M, D = (plus + minus) / 2 - K, (plus - minus) / 2
         if np.abs(4 * M + 2 * D + K - other).max() > POLYNOMIAL * np.abs(other).max():
@@ -986,11 +963,6 @@ class Judge:
         Hz; over the band unless given.
     required : (float, float)
         Least damping ratio of any mode, and from where the loop has to have rolled off, Hz.
-
-    Raises
-    ------
-    NotCovered
-        If rig or vehicle hold what this room does not know.
     """
 
     def __init__(

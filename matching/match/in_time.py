@@ -424,13 +424,7 @@ def acting(case: Case, run: BedRun) -> dict[str, np.ndarray]:
 
 
 def vehicle_motions(case: Case, runs: Sequence[BedRun], sensors: Sequence[str]) -> list[np.ndarray]:
-    """Readings (t, y) of the nonlinear vehicle with the specimen of every bed.
-
-    Raises
-    ------
-    SimulationError
-        If a motion grows out of bounds.
-    """
+    """Readings (t, y) of the nonlinear vehicle with the specimen of every bed."""
     systems = [flawed(case.vehicle, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, case.loop)
     drives = _stacked([acting(case, run) for run in runs], beds.drives)
@@ -697,11 +691,6 @@ def truth_in_time(
         Samples at the beginning that only lead in and do not count.
     seed : int
         Of the drawn beds and the noise.
-
-    Raises
-    ------
-    InputError, SimulationError
-        If an imperfect vehicle has no operating point or cannot be simulated.
     """
     count = min(len(next(iter(torques.values()))), lead + round(WATCHED_S / law.sample_time) + 1)
     torques = {name: torque[:count] for name, torque in torques.items()}

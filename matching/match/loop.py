@@ -65,13 +65,7 @@ class Body:
 
 
 def body(system: System) -> Body:
-    """Linearise a system about its operating point, without one at rest with lash just closed.
-
-    Raises
-    ------
-    InputError
-        If rigid gears lock the system, or an input or sensor is delayed inside the model.
-    """
+    """Linearise a system about its operating point, without one at rest with lash just closed."""
     linear = linearise(compiled(system))
     if linear.input_delays.any() or linear.sensor_delays.any():
         raise InputError(
@@ -221,11 +215,6 @@ def parts_of(case: Case, rig: System | None = None, untuned: System | None = Non
 
     ``rig`` stands in for the case's where the true rig is another; ``untuned`` is the rig before it was tuned, ``rig``
     unless given.
-
-    Raises
-    ------
-    InputError
-        If rig or residual vehicle cannot be made linear.
     """
     residual = case.residual_vehicle
     cuts = tuple(
@@ -282,13 +271,7 @@ def _toward(rig: System, dyno: Dynamometer) -> float:
 
 
 def control_law(parts: Parts) -> ControlLaw:
-    """The law of a tuned case; its readings are those of the rig's sensors, signs as the rig has them.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or a design has no solution.
-    """
+    """The law of a tuned case; its readings are those of the rig's sensors, signs as the rig has them."""
     case, loop = parts.case, parts.case.loop
     reference = cut(case.emulated_vehicle, case.rig)
     k = len(loop.dynamometers)

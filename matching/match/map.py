@@ -63,11 +63,6 @@ def axis(case: Case, text: str, where: str = "") -> Axis:
     """An axis from ``QUANTITY``, ``QUANTITY=LOW:HIGH[:N]`` or ``QUANTITY=VALUE,VALUE,…``; SI or each with a unit.
 
     Without values those of the case's ``[move]`` are taken, else a third to three times what the case has.
-
-    Raises
-    ------
-    InputError
-        If the quantity is unknown, or the range is empty or impossible.
     """
     name, equals, span = text.partition("=")
     known = quantities(case)
@@ -207,13 +202,7 @@ class Point:
 
 
 def held_at(case: Case, name: str, value: float) -> Case:
-    """The case with a quantity at a value where it stays, whether it might move before or not; beds vary about it.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, the value impossible, or nothing would be left to move.
-    """
+    """The case with a quantity at a value where it stays, whether it might move before or not; beds vary about it."""
     known = quantities(case)
     if name not in known:
         raise unknown(name, list(known), "")
@@ -388,13 +377,7 @@ class Map(Displayed):
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
 
     def to_xarray(self) -> Any:
-        """Error and modulus margin over both quantities (xarray Dataset).
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
+        """Error and modulus margin over both quantities (xarray Dataset)."""
         margins = [[point.modulus_margin for point in row] for row in self.points]
         margin = [[np.nan if value is None else value for value in row] for row in margins]
         names = [self.y.name, self.x.name]
@@ -428,11 +411,6 @@ def map_case(
         File for finished points, from which a map that was stopped goes on.
     progress : callable, optional
         Called with (matches done, all matches so far known of).
-
-    Raises
-    ------
-    InputError
-        If a quantity is unknown, or both are the same.
     """
     x, y = (axis(case, end) if isinstance(end, str) else end for end in (x, y))
     together = quantities(case)[x.name].together

@@ -47,13 +47,7 @@ AS_CUT = "the residual vehicle stays as it is cut from the vehicle: the observer
 def match_with_observer(
     question: Question, seed: int, tell: Progress, effort: TuningEffort | None, aside: SideProcesses | None = None
 ) -> MatchResult:
-    """Tune the weights of an observer over drawn beds and judge the result on fresh ones.
-
-    Raises
-    ------
-    InputError
-        If the case cannot be worked on as it stands.
-    """
+    """Tune the weights of an observer over drawn beds and judge the result on fresh ones."""
     begin, case = time.perf_counter(), question.case
     effort, short = _effort(case, effort)
     search = tuner(case, effort.drawn, effort.pool)
@@ -178,13 +172,6 @@ def match(
     MatchResult
         ``status`` is ``matched`` only if every target is met, in the closed loop and in the simulation, every limit is
         kept and every check of stability agrees.
-
-    Raises
-    ------
-    InputError
-        If the case cannot be worked on as it stands.
-    NoBetter
-        If ``near`` leads to nothing better than it has to.
     """
     begin = time.perf_counter()
     tell = progress or (lambda _: None)

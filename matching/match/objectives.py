@@ -165,13 +165,7 @@ def _response_functions(loop: ClosedLoopFunctions, moves: Sequence[Move], compil
 
 
 def _prepared(case: Case) -> FidelityObjective:
-    """What a case's manoeuvre makes of the vehicle, and how to make the same of a rig's responses.
-
-    Raises
-    ------
-    InputError
-        If vehicle or rig cannot be made linear.
-    """
+    """What a case's manoeuvre makes of the vehicle, and how to make the same of a rig's responses."""
     parts = parts_of(case)
     cuts = [sensor(interface.shaft) for interface in parts.cuts for sensor in (shaft_torque, interface_speed)]
     behind = list(on_emulated_side(case.vehicle, parts))

@@ -323,11 +323,6 @@ def closed_loop(case: Case, moving: Sequence[tuple[str, ...]] | None = None) -> 
     moving : sequence of tuple of str, optional
         Groups of names that share one entry of p (a quantity and its mirror image); every name by itself unless given.
         The rest do not move, which makes derivatives cheaper.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown.
     """
     systems = {"rig": [case.rig], "residual_vehicle": case.residual_vehicle.parts}
     values: list[tuple[str, float]] = []
@@ -749,13 +744,7 @@ def ipopt_options(tight: bool, exact: bool) -> dict[str, Any]:
 
 
 def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
-    """What a solver finds.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        On Ctrl-C, which the solver itself takes for an ordinary end.
-    """
+    """What a solver finds."""
     solution: dict[str, ca.DM] = solver(**start_and_bounds)
     if solver.stats()["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt
@@ -834,13 +823,7 @@ class Objective(ABC):
     @classmethod
     @abstractmethod
     def of(cls, case: Case) -> Objective:
-        """Prepared for a case.
-
-        Raises
-        ------
-        InputError
-            If vehicle or rig cannot be made linear.
-        """
+        """Prepared for a case."""
 
     @staticmethod
     def terms(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Terms, Terms]:

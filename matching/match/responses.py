@@ -183,11 +183,6 @@ class SampledLoop:
         ----------
         action : ControllerAction or None
             Of the feed-forward on these inputs (w = u); None where they are not measured.
-
-        Raises
-        ------
-        InputError
-            If a name is unknown.
         """
         parts, k = self.parts, len(self.parts.dynamometers)
         state = np.zeros((len(self._s), self._states.shape[1], len(inputs)), complex)
@@ -273,11 +268,6 @@ class ComparedBed:
         That of the case unless given.
     dead_time : float, optional
         s, of the bed; that of the case unless given.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the feed-forward has no solution.
     """
 
     def __init__(
@@ -337,13 +327,7 @@ class ComparedBed:
 
 
 def feed_forward_of(case: Case) -> FeedForward | None:
-    """The feed-forward of a case's control structure, None where it has none.
-
-    Raises
-    ------
-    InputError
-        If there is no stabilising solution.
-    """
+    """The feed-forward of a case's control structure, None where it has none."""
     return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
 
 
@@ -470,11 +454,6 @@ def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForw
     ----------
     case, parts, feed_forward
         As for :class:`matching.match.responses.ComparedBed`.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the feed-forward has no solution.
     """
     return figures_of(ComparedBed(case, parts, feed_forward))
 

@@ -56,11 +56,6 @@ def on_drawn_beds(case: Case, checked: Verification, count: int, seed: int = 0) 
         Of the bed as planned.
     count, seed : int
         Of the fresh beds.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or a design has no solution.
     """
     required, law = requirements(case), control_law(parts_of(case))
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
@@ -207,13 +202,7 @@ class DrawnBeds:
 
 
 def drawn_beds(case: Case) -> DrawnBeds:
-    """Beds from the box of a case, as they are without a controller: neither gains nor residual vehicle change them.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear.
-    """
+    """Beds from the box of a case, as they are without a controller: neither gains nor residual vehicle change them."""
     positions = case.uncertainty.spread(max(DRAWN, POOL))
     values = [case.uncertainty.at(position) for position in positions]
     of_errors = bed_set(case, values[:DRAWN], np.geomspace(*case.band, BED_POINTS))
@@ -227,11 +216,6 @@ def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> Feedb
     ----------
     drawn : DrawnBeds
         Those of the case, or of one with other gains or another residual vehicle.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the feed-forward has no solution.
     """
     parts, by_name = parts_of(case), {sensor.name: sensor for sensor in case.rig.sensors}
     sensors = [by_name[name] for name in case.loop.controller_sensors]
@@ -244,13 +228,7 @@ def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> Feedb
 
 
 def tuned_over_beds(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> tuple[Mapping[str, float], Judged]:
-    """Values of the loop's quantities from those of a case on, SI, and how they are judged on drawn beds.
-
-    Raises
-    ------
-    InputError
-        As :func:`feedback_tuner`.
-    """
+    """Values of the loop's quantities from those of a case on, SI, and how they are judged on drawn beds."""
     search = feedback_tuner(case, moves, drawn)
     best = np.array([np.clip(scaled(case.loop[move.name.removeprefix("loop.")], move), 0, 1) for move in moves])
     last = np.inf

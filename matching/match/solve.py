@@ -576,11 +576,6 @@ def solve(
         Processes; the outcome does not depend on how many.
     near : Near, optional
         To start from these alone.
-
-    Raises
-    ------
-    NoBetter
-        If those lead to nothing better.
     """
     if near is not None:
         return _from(task, near)

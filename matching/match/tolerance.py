@@ -799,13 +799,7 @@ class Tolerance(Displayed):
 
 
 def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
-    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance.
-
-    Raises
-    ------
-    InputError
-        If nothing varies, a name is unknown or belongs to the residual vehicle, or a tolerance is not in (0, 1).
-    """
+    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance."""
     known = {f"rig.{name}": (parameter.value, case.rig.units[name]) for name, parameter in case.rig.parameters.items()}
     every = movable(case.rig, case.residual_vehicle, case.loop)
     known |= {name: (place.start, place.unit) for name, place in every.items() if not name.startswith("rig.")}
@@ -850,13 +844,7 @@ def tuned(case: Case) -> Case:
 
 
 def what_varies(case: Case, added: Mapping[str, float] | None) -> tuple[Varied, ...]:
-    """What varies of a case as tuned, see :func:`varied_of`.
-
-    Raises
-    ------
-    InputError
-        If nothing varies, a name does not exist, or the study does not cover the control structure.
-    """
+    """What varies of a case as tuned, see :func:`varied_of`."""
     if case.loop.structure.is_observer:
         right = "the match's own drawn beds say it: state the tolerances under [uncertainty]"
         raise InputError(f"{case.path}: loop.structure", "the study does not cover 'observer'", right)
@@ -880,11 +868,6 @@ def tolerance(
         Relative tolerances beside those of the rig file, by name or by a pattern such as ``rig.*.stiffness``; what
         stands later counts.
     record, progress : see :func:`matching.studies.run`
-
-    Raises
-    ------
-    InputError
-        If nothing varies, or the nominal loop is unstable.
     """
     varied = what_varies(case, added)
     case = tuned(case)

@@ -90,13 +90,7 @@ class Gains:
     _filters: dict[tuple[float, ...], Filter] = field(default_factory=dict)
 
     def controller(self, logarithms: np.ndarray) -> ObserverController:
-        """The controller for weights (w,).
-
-        Raises
-        ------
-        InputError
-            If the design has no solution.
-        """
+        """The controller for weights (w,)."""
         return assembled(self.model, self.ahead, self.feedback(logarithms), self.correction(logarithms))
 
     def feedback(self, logarithms: np.ndarray) -> np.ndarray:
@@ -225,13 +219,7 @@ class Tuner:
         self._last = None
 
     def rooms_of(self, beds: SampledBeds, logarithms: np.ndarray) -> np.ndarray:
-        """What is left (b,) of the damping that each bed needs at a point (w,), as a share of it.
-
-        Raises
-        ------
-        InputError
-            If the design has no solution there.
-        """
+        """What is left (b,) of the damping that each bed needs at a point (w,), as a share of it."""
         poles = shared_poles(beds, self.gains.controller(logarithms), self.model.on_their_way)
         return self._damping_room(poles, beds)
 
@@ -296,13 +284,7 @@ class Tuner:
         return len(self.guarded) + len(self.model.dynamometers) + sum(int(where.sum()) for where in self._counted)
 
     def point(self, logarithms: np.ndarray) -> DesignPoint:
-        """Work a point (w,) out.
-
-        Raises
-        ------
-        InputError
-            If the design has no solution there.
-        """
+        """Work a point (w,) out."""
         key = tuple(logarithms.tolist())
         if self._last is None or self._last[0] != key:
             controller = self.gains.controller(logarithms)

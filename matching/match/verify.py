@@ -228,11 +228,6 @@ def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarr
         The feed-forward of the structure, or its whole controller where it is an observer; None in ``pi``.
     settle : int
         Samples at the beginning that are left out of the traces.
-
-    Raises
-    ------
-    SimulationError
-        If the loop grows out of bounds.
     """
     step = parts.case.loop["sample_time"]
     vehicle = watched(parts.case.vehicle, parts.cuts, rig_side=False)
@@ -254,13 +249,7 @@ def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarr
 def free_motion(
     system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
 ) -> dict[str, np.ndarray]:
-    """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s.
-
-    Raises
-    ------
-    SimulationError
-        If a state is not finite.
-    """
+    """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s."""
     inputs = [part.name for part in system.inputs]
     count = len(next(iter(torques.values())))
     drives = np.stack([torques.get(name, np.zeros(count)) for name in inputs], axis=1)
@@ -275,13 +264,7 @@ def free_motion(
 
 
 def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m.
-
-    Raises
-    ------
-    SimulationError
-        If a state is not finite.
-    """
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m."""
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
     step = loop["sample_time"]
     count = len(next(iter(torques.values())))
@@ -628,13 +611,7 @@ class Poles:
 
 
 def pencil(signals: np.ndarray, step: float) -> Poles:
-    """Poles that signals (t, c) at even steps (s) share.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 20 samples or one is not finite.
-    """
+    """Poles that signals (t, c) at even steps (s) share."""
     y = np.asarray(signals, float)
     if len(y) < 20 or not np.isfinite(y).all():
         raise ValueError("at least 20 finite samples are needed")
@@ -835,13 +812,7 @@ def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
 
 
 def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[IdentifiedMode, ...]:
-    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle.
-
-    Raises
-    ------
-    SimulationError
-        If the loop grows out of bounds.
-    """
+    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle."""
     vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
     pairs = target_modes(parts.case)
     targets = [plain for plain, _ in pairs]
@@ -1205,11 +1176,6 @@ def verify(
         Whether to work out :attr:`Verification.robustness`, about half of the time.
     margin_from : float
         Hz, from where on the modulus margin counts, that of the deviations too; the winding counts all frequencies.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the feed-forward has no solution.
     """
     parts = parts_of(case, untuned=untuned)
     reference = cut(case.emulated_vehicle, case.rig)
@@ -1356,11 +1322,6 @@ def verify_observer(case: Case, untuned: System | None, *, seed: int, beds: int)
         The rig before it was tuned, which the figures compare with.
     seed, beds : int
         Of the fresh beds, and how many.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear or the design has no solution.
     """
     parts, reference = parts_of(case, untuned=untuned), cut(case.emulated_vehicle, case.rig)
     model = observer_model(case.rig, reference, case.loop)
@@ -1395,13 +1356,7 @@ def verify_observer(case: Case, untuned: System | None, *, seed: int, beds: int)
 
 
 def controller_of(case: Case) -> ObserverController:
-    """The controller of a case with an observer.
-
-    Raises
-    ------
-    InputError
-        If the case has another structure or the design has no solution.
-    """
+    """The controller of a case with an observer."""
     made = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
     if made is None:
         raise InputError(

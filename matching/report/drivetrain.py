@@ -87,13 +87,7 @@ class Layout:
 
 
 def layout(system: System) -> Layout:
-    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below.
-
-    Raises
-    ------
-    InputError
-        If it has too many inertias to be drawn.
-    """
+    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below."""
     if len(system.inertias) > MOST_INERTIAS:
         raise InputError(
             "inertias", f"{len(system.inertias)} are too many for a drawing", f"at most {MOST_INERTIAS} are drawn"
@@ -384,11 +378,6 @@ def drawing(system: System, emphasis: Emphasis | None = None, largest: float | N
     ----------
     largest : float, optional
         Inertia of the tallest disc, kg·m²; default the system's largest.
-
-    Raises
-    ------
-    InputError
-        If it has too many inertias.
     """
     notes = _notes(system)
     most = max((len(lines) for lines in notes.values()), default=0)
@@ -536,24 +525,12 @@ CASE_LEGEND = (
 
 
 def model_figure(system: System) -> Figure:
-    """The drivetrain of a model.
-
-    Raises
-    ------
-    InputError
-        If it has too many inertias.
-    """
+    """The drivetrain of a model."""
     return _figure([(system.title, "#222222", drawing(system))])
 
 
 def case_figure(case: Case) -> Figure:
-    """Vehicle above rig: shared hardware in grey, what only one has in its colour, what is emulated hatched.
-
-    Raises
-    ------
-    InputError
-        If one of them has too many inertias.
-    """
+    """Vehicle above rig: shared hardware in grey, what only one has in its colour, what is emulated hatched."""
     vehicle, rig = case_drawings(case)
     return _figure(
         [
@@ -565,13 +542,7 @@ def case_figure(case: Case) -> Figure:
 
 
 def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
-    """Vehicle and rig laid out, with what the case says of them.
-
-    Raises
-    ------
-    InputError
-        If one of them has too many inertias.
-    """
+    """Vehicle and rig laid out, with what the case says of them."""
     vehicle, rig = ({part.name for part in system.inertias} for system in (case.vehicle, case.rig))
     interfaces = case.residual_vehicle.interfaces
     rotors = {source.name: source.on for source in case.rig.inputs}

@@ -105,13 +105,7 @@ def delay_curve(xil: XilFidelity) -> Figure:
 
 
 def attribution_figure(xil: XilFidelity) -> Figure:
-    """Gain in R_XiL if a single cause were removed, largest first.
-
-    Raises
-    ------
-    ValueError
-        For the published arithmetic, which has no attribution.
-    """
+    """Gain in R_XiL if a single cause were removed, largest first."""
     if xil.attribution is None:
         raise ValueError("attribution needs the arithmetic of the definition")
     losses = xil.attribution.losses[:LARGEST_CAUSES]

@@ -381,11 +381,6 @@ def sensitivity(case: Case, modes: list[float], required: Requirements | None) -
     """Of a tuned case; the grid is dense around ``modes``, Hz.
 
     Without requirements on drawn beds the margin counts at every frequency, and the roll-off nowhere.
-
-    Raises
-    ------
-    InputError
-        If a model cannot be made linear.
     """
     f = frequencies_around(modes)
     f = f[f < 0.499 / case.loop["sample_time"]]

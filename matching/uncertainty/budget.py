@@ -198,13 +198,7 @@ def check_correlation(matrix: np.ndarray, names: list[str], where: str) -> None:
 
 
 def dimension_of(expression: Any, dimensions: dict[str, Any], where: str) -> Any:
-    """The dimension (pint's) of a SymPy expression whose symbols have the given dimensions.
-
-    Raises
-    ------
-    InputError
-        Unlike dimensions are added, or a function is taken of something that is no plain number.
-    """
+    """The dimension (pint's) of a SymPy expression whose symbols have the given dimensions."""
     return _Dimensions(dimensions, where).of(expression)
 
 
@@ -271,11 +265,6 @@ def check_turns(expression: Any, units: Mapping[str, Unit], result: Unit, where:
 
     A speed in 1/min is taken in rad/s, so a factor 2·pi beside it would count it twice; a frequency in Hz is a number
     of cycles, so a torque times it is a power only with that factor.
-
-    Raises
-    ------
-    InputError
-        Naming the input.
     """
     for product in expression.atoms(sympy.Mul):
         factors = {factor.base if factor.is_Pow else factor for factor in product.args}
@@ -300,13 +289,7 @@ def check_turns(expression: Any, units: Mapping[str, Unit], result: Unit, where:
 
 
 def _check_rate(expression: Any, units: Mapping[str, Unit], result: Unit, where: str) -> None:
-    """Check that no frequency in cycles becomes a speed in radians or turns, or the other way, without a factor.
-
-    Raises
-    ------
-    InputError
-        Naming the input.
-    """
+    """Check that no frequency in cycles becomes a speed in radians or turns, or the other way, without a factor."""
     cycles = result.counts == "cycles"
     for term in sympy.Add.make_args(sympy.expand(expression)):
         powers = {name: exponent for name, exponent in term.as_powers_dict().items() if name.is_Symbol}
@@ -379,13 +362,7 @@ def functions() -> dict[str, Any]:
 
 
 def parse_formula(text: str, names: Iterable[str], where: str) -> Any:
-    """The formula as SymPy expression over real symbols of the given names.
-
-    Raises
-    ------
-    InputError
-        No formula, an unknown name, or anything that is not plain mathematics.
-    """
+    """The formula as SymPy expression over real symbols of the given names."""
     symbols = {name: sympy.Symbol(name, real=True) for name in names}
     if len(text) > LONGEST:
         raise InputError(where, f"the formula has {len(text)} characters", f"at most {LONGEST} are read")
@@ -515,13 +492,7 @@ LINE = ("abscissa", "ordinate", "abscissa_unit", "ordinate_unit", "origin", "cau
 
 
 def read_input(name: str, table: Any, where: str) -> tuple[InputQuantity, np.ndarray]:
-    """The input and its readings (n,) in SI (empty where it has none).
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """The input and its readings (n,) in SI (empty where it has none)."""
     check_keys(table, KNOWN, where)
     unit = unit_of(table.get("unit", "1"), f"{where}.unit")
     labels: dict[str, Any] = {
@@ -580,13 +551,7 @@ def _distribution(table: Any, freedom: float, where: str) -> Distribution:
 
 
 def read_coverage_factor(table: Any, where: str) -> float:
-    """The coverage factor k in a table; one far from any level of confidence would only overflow.
-
-    Raises
-    ------
-    InputError
-        It is missing, no number, not positive or of another magnitude than any k.
-    """
+    """The coverage factor k in a table; one far from any level of confidence would only overflow."""
     return number(table, "coverage_factor", where, positive=True, least=1 / LARGEST_FACTOR, most=LARGEST_FACTOR)
 
 
@@ -652,11 +617,6 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
     """Intercept and slope of a straight line fitted to readings by least squares (GUM H.3), and their correlation.
 
     The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
     """
     check_keys(table, LINE, where)
     units = [unit_of(table.get(f"{axis}_unit", "1"), f"{where}.{axis}_unit") for axis in ("abscissa", "ordinate")]
@@ -713,13 +673,7 @@ def read_budget(path: Path | str) -> Budget:
 
 
 def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
-    """The budget in tables as ``tomllib`` reads them.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-    """
+    """The budget in tables as ``tomllib`` reads them."""
     check_keys(tables, TOP, where)
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:

@@ -36,11 +36,6 @@ def evaluate(
     """Every measurand's result; with a ``wanted`` expanded uncertainty, also what has to improve for it.
 
     See :func:`evaluate_measurand` for the other parameters.
-
-    Raises
-    ------
-    InputError
-        If the formula has no finite real value, or the wanted uncertainty is no quantity of the measurand's dimension.
     """
     results = tuple(
         evaluate_measurand(budget, measurand, seed=seed, draws=draws, digits=digits, with_monte_carlo=with_monte_carlo)

@@ -34,11 +34,6 @@ def sampler(budget: Budget) -> Callable[[np.random.Generator, int], list]:
     Independent inputs are drawn from their own shapes; simultaneous readings from the multivariate t whose marginals
     are those of JCGM 101, 6.4.9; correlated normal inputs from the multivariate normal; other correlated shapes from
     a normal copula whose coefficients are chosen so that the inputs have the correlation asked for.
-
-    Raises
-    ------
-    InputError
-        If these shapes cannot have these correlations.
     """
     parts: list[Draw] = [_block(budget, members) for members in _blocks(budget)]
     values = [float(value) for value in budget.values]
@@ -295,11 +290,6 @@ def propagate(budget: Budget, measurand: Measurand) -> Propagation:
     Second order is GUM 5.1.2 note in matrix form, ``½ tr(HΣHΣ) + cᵀΣt`` with ``t_j = Σ f_jkl Σ_kl``, which is exact to
     that order for jointly normal inputs; for an independent input of another shape the kurtosis corrects its own term.
     It is NaN where second or third derivatives do not exist.
-
-    Raises
-    ------
-    InputError
-        If the measurand or a derivative is not finite at the inputs' values.
     """
     with np.errstate(all="ignore"):  # uncertainties near 1e160 have no squares: judged by what comes out
         return _propagated(budget, measurand, _evaluate(budget, measurand))
@@ -461,11 +451,6 @@ def required(budget: Budget, measurand: Measurand, wanted: float, method: str = 
 
     Every answer is evaluated with the whole budget. By first order, k changes with the effective degrees of freedom; by
     ``"monte_carlo"``, the expanded uncertainty is half of the shortest interval of the draws.
-
-    Raises
-    ------
-    InputError
-        If ``wanted`` is not above 0.
     """
     if not wanted > 0 or not math.isfinite(wanted):
         raise InputError(f"{budget.where}: wanted uncertainty", f"{wanted:g} is not possible", "give a number above 0")
@@ -540,13 +525,7 @@ def _expanded_by_draws(budget: Budget, measurand: Measurand) -> Callable[[dict[s
 
 
 def wanted_uncertainty(text: str, measurand: Measurand, where: str = "budget") -> float:
-    """A wanted expanded uncertainty as typed, in SI: a number in the measurand's unit, or with a unit of its own.
-
-    Raises
-    ------
-    InputError
-        If it is no quantity, or of another dimension.
-    """
+    """A wanted expanded uncertainty as typed, in SI: a number in the measurand's unit, or with a unit of its own."""
     where = f"{where}: wanted uncertainty"
     parts = text.strip().split(" ", 1)
     unit = measurand.unit if len(parts) == 1 else unit_of(parts[1], where)
@@ -691,11 +670,6 @@ def monte_carlo(
         Whether a stable result leaves a question open: then more is drawn, :data:`MOST_TO_DECIDE` at the most.
     seed : int
         The same seed gives the same result, however many ``workers`` (threads) there are.
-
-    Raises
-    ------
-    InputError
-        The formula has no finite real value for some draws.
     """
     chunk = max(math.ceil(100 / (1 - budget.coverage)), 10_000)
     limit = max(2, math.ceil((draws or (MOST_TO_DECIDE if undecided else most)) / chunk))
