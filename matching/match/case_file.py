@@ -370,7 +370,9 @@ def simple_at_operating_point(
 
 
 def _turning_as(vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]) -> System:
-    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at ``inputs``."""
+    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at
+    ``inputs``.
+    """
     speeds, torques = speeds_of(vehicle), torques_of(vehicle)
     point = OperatingPoint(
         tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),

@@ -97,7 +97,9 @@ class ExactLoop:
         return np.eye(k) - self._controller(s)[:, :, : 2 * k] @ plant
 
     def response(self, s: np.ndarray, inputs: Sequence[str], sensors: Sequence[str]) -> np.ndarray:
-        """Response (f, y, u) of the rig's sensors to torques on the rig or in the residual vehicle, by feedback alone."""
+        """Response (f, y, u) of the rig's sensors to torques on the rig or in the residual vehicle, by feedback
+        alone.
+        """
         parts, k = self.parts, len(self.parts.dynamometers)
         rig, s = parts.rig.space, np.asarray(s, complex)
         for name in inputs:

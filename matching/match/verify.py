@@ -812,7 +812,9 @@ def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
 
 
 def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[IdentifiedMode, ...]:
-    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the vehicle."""
+    """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the
+    vehicle.
+    """
     vehicle = body(watched(parts.case.vehicle, parts.cuts, rig_side=False))
     pairs = target_modes(parts.case)
     targets = [plain for plain, _ in pairs]
