@@ -6,8 +6,8 @@ from small_bed import CASE, FEEDBACK_GAINS, write
 
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import Judge, check_loop
-from matching.match.loop import control_law, parts_of
+from independent.dynamic_stiffness import Judge, check_loop
+from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from matching.match.robustness import drawn_beds, feedback_tuner
 from matching.match.tune_observer import DAMPING_RESERVE
@@ -45,7 +45,7 @@ def test_errors_damping_margin_and_noise_are_those_of_the_independent_method(str
     search = feedback_tuner(case, case.moves, drawn_beds(case))
     at = np.array([0.6, 0.5, 0.6, 0.3, 0.2])
     tuned = apply(case, search.values(at))
-    law = control_law(parts_of(tuned))
+    law = control_law(linear_bed(tuned))
     box, feedback = case.uncertainty, search._feedback(at)
     positions = box.spread(512)[:4]
     judge = Judge(tuned, law, search.beds.frequencies)

@@ -19,8 +19,8 @@ from matching.match.beds import (
 )
 from matching.match.case import Box, Uncertain
 from matching.match.continuous_loop import sampled_poles
-from matching.match.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
-from matching.match.loop import control_law, parts_of
+from independent.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
+from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.observer import design, observer_model
@@ -167,7 +167,7 @@ def test_feedback_laws_are_judged_as_they_run(small_case, structure):
     values = {**small_case.loop.values, **{name: own.start for name, own in made.quantities.items()}}
     loop = replace(small_case.loop, structure=made, values=values, further_sensors=())
     case = replace(small_case, loop=loop)
-    parts = parts_of(case)
+    parts = linear_bed(case)
     z = sampled_poles(parts)
     if structure == "model_based":
         z = np.append(z, np.exp(made.feed_forward(case.rig, cut(case.vehicle, case.rig), loop).poles * 1e-3))

@@ -10,7 +10,7 @@ from result_keys import same_keys
 from matching.match.adapters import estimator_bound
 from matching.match.beds import action, bed_set
 from matching.match.beds import responses as controlled
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.robustness import not_kept, noted
 from matching.match.verify import controller_of, matched_motion
@@ -126,7 +126,7 @@ def test_the_simulated_loop_swings_as_the_frequency_response_says(result, known)
     tuned, frequency, step = result.tuned, 4.0, 1e-3
     time = np.arange(6000) * step
     torque = 10 * np.sin(2 * np.pi * frequency * time)
-    parts, controller = parts_of(tuned), controller_of(tuned)
+    parts, controller = linear_bed(tuned), controller_of(tuned)
     told = () if known else ("motor_torque",)
     silent = replace(controller, W=controller.W.copy(), G=controller.G.copy())
     for name in told:  # the controller is not told of the torque that the rig gets

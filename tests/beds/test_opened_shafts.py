@@ -10,7 +10,7 @@ from matching.match import tune_observer as opened
 from matching.match import tune_observer as tune
 from matching.match.beds import SHARES, Requirements, softened
 from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
+from independent.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
 from matching.match.robustness import noted
 from matching.match.tune_observer import (
     DAMPING_RESERVE,

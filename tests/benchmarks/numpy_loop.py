@@ -71,7 +71,7 @@ class NumpyLoop:
         cuts = {own.shaft: own for own in case.residual_vehicle.interfaces}
         sensors, inputs = self.rig.sensors, self.rig.inputs
         self.k = len(dynos)
-        self.toward = np.array([sensor_sign(case.rig, dyno) for dyno in dynos])[:, None]
+        self.torque_signs = np.array([sensor_sign(case.rig, dyno) for dyno in dynos])[:, None]
         self.torques = [sensors.index(dyno.torque_sensor) for dyno in dynos]
         self.speeds = [sensors.index(dyno.speed_sensor) for dyno in dynos]
         self.driven = [inputs.index(dyno.torque_input) for dyno in dynos]
@@ -106,7 +106,7 @@ class NumpyLoop:
         R = np.zeros((len(s), self.k, self.k), complex)
         for number, row, column, j, k in self.residual:
             R[:, j, k] = parts[number][:, row, column]
-        measured = G[:, self.torques] * self.toward * lag
+        measured = G[:, self.torques] * self.torque_signs * lag
         command = actuator * (
             reference * (R @ measured) - speed_error * G[:, self.speeds] - loop["torque_feed_forward"] * measured
         )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from matching.match.attempt import question_of
 from matching.match.case import Case
-from matching.match.dynamic_stiffness import quantile
+from independent.dynamic_stiffness import quantile
 from matching.match.match import match_with_observer
 from matching.match.tune_observer import TuningEffort
 from tests.benchmarks.observer_table import case_of

@@ -28,7 +28,7 @@ from matching.match.in_time import (
     imperfections,
     vehicle_motions,
 )
-from matching.match.loop import control_law, parts_of
+from matching.match.loop import control_law, linear_bed
 from matching.match.tune_observer import tuner, with_opened
 from matching.match.verify import manoeuvre_torques
 from tests.benchmarks.observer_table import case_of, changed
@@ -55,7 +55,7 @@ class Trial:
     """A tuned case over its manoeuvre."""
 
     def __init__(self, case: Case):
-        parts = parts_of(case)
+        parts = linear_bed(case)
         torques, lead = manoeuvre_torques(parts)
         count = lead + round(WATCHED_S / case.loop["sample_time"]) + 1
         self._case, self._law, self._lead = case, control_law(parts), lead

@@ -15,7 +15,7 @@ from pathlib import Path
 from matching.match.attempt import question_of
 from matching.match.case import Case
 from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import quantile
+from independent.dynamic_stiffness import quantile
 from matching.match.match import match_with_observer
 from matching.match.tune_observer import TuningEffort
 

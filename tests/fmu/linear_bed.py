@@ -12,7 +12,7 @@ class LinearBed:
         self.k, self.bed, step = len(parts.dynamometers), parts.bed, loop["sample_time"]
         self.read = np.vstack([self.bed.C[: 2 * self.k], parts.further_readings])
         self.half = discretise(self.bed.A, self.bed.B, step / 2)
-        self.signs = np.concatenate([parts.toward, np.ones(len(self.read) - self.k)])
+        self.signs = np.concatenate([parts.torque_signs, np.ones(len(self.read) - self.k)])
         self.queue = [np.zeros(self.k)] * round(loop["dead_time"] / (step / 2) - 1)  # less the half sample of hold
         self.x = np.zeros(len(self.bed.A))
 

@@ -14,7 +14,7 @@ from matching.match import verify as running_controller
 from matching.match import verify as simulation
 from matching.match.case import apply
 from matching.match.case_file import case_files, load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.verify import manoeuvre_torques, pencil, thinned
 from modelling.bed.controllers import LEAD_POLE_OVER_ZERO
 from modelling.bed.vehicle import cut
@@ -109,9 +109,9 @@ class Rounds:
 
 def run(case):
     """Traces of the matched rig over the manoeuvre, and when its torques last change."""
-    parts = parts_of(case)
+    parts = linear_bed(case)
     feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-    traces = simulation.simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+    traces = simulation.simulate_case(parts, *manoeuvre_torques(parts))
     ends = [np.flatnonzero(np.diff(torque))[-1] for torque in traces.torques.values()]
     return traces.matched, max(ends) + 2
 

@@ -8,8 +8,8 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import ExactLoop, encirclements
-from matching.match.dynamic_stiffness import Chain, IndependentCheck, IndependentLoop, NotCovered, check, plain_response
-from matching.match.loop import parts_of
+from independent.dynamic_stiffness import Chain, IndependentCheck, IndependentLoop, NotCovered, check, plain_response
+from matching.match.loop import linear_bed
 from matching.match.responses import ComparedBed
 from modelling.linear.state_space import response
 from modelling.model_file import from_dict
@@ -27,13 +27,13 @@ def feedback_responses(case, frequencies):
     """Of the compared functions (f, h), by feedback alone and continuous control."""
     pairs = [(pair.input, pair.sensor) for pair in case.compared]
     inputs, sensors = [source for source, _ in pairs], [sensor for _, sensor in pairs]
-    H = ExactLoop(parts_of(case)).response(2j * np.pi * frequencies, inputs, sensors)
+    H = ExactLoop(linear_bed(case)).response(2j * np.pi * frequencies, inputs, sensors)
     return np.stack([H[:, i, i] for i in range(len(pairs))], axis=1)
 
 
 def test_examples_agree_by_both_methods(case):
     frequencies = np.geomspace(*case.band, 15)
-    parts = parts_of(case)
+    parts = linear_bed(case)
     vehicle, controlled = ComparedBed(case).of_vehicle(frequencies), feedback_responses(case, frequencies)
     winding = encirclements(parts)
     own = check(case, frequencies, vehicle, controlled)
@@ -57,7 +57,7 @@ def test_examples_agree_by_both_methods(case):
 def test_unstable_poles_are_counted_alike(values):
     case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
     case = replace(case, loop=case.loop.with_values(values))
-    expected = encirclements(parts_of(case)).unstable
+    expected = encirclements(linear_bed(case)).unstable
     assert expected > 0
     assert IndependentLoop(case).unstable_poles() == expected
 

@@ -9,7 +9,7 @@ from matching.match import solve as searching
 from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.solve import blind_draws
 from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
@@ -32,7 +32,7 @@ def test_blind_draws_find_what_is_stable(task):
     found = blind_draws(problem, 0, 32)
     assert 0 < len(found.stable) < found.drawn
     for v in found.stable:
-        winding = encirclements(parts_of(apply(task.case, problem.values(v))))
+        winding = encirclements(linear_bed(apply(task.case, problem.values(v))))
         assert winding.unstable == 0
 
 
@@ -41,6 +41,6 @@ def test_a_search_whose_starts_all_fail_answers_with_a_stable_loop(task, monkeyp
     monkeypatch.setattr(searching, "continued_starts", lambda *_: iter(()))
     monkeypatch.setattr(searching, "given_end", lambda _: None)
     solution = searching.solve(task, starts=1)
-    winding = encirclements(parts_of(apply(task.case, solution.values)))
+    winding = encirclements(linear_bed(apply(task.case, solution.values)))
     assert winding.unstable == 0
     assert solution.feasible or solution.blind[1] > 0

@@ -9,7 +9,7 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import ExactLoop, encirclements
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.programme import closed_loop, margin
 from matching.match.tolerance import _distance, determinant
@@ -31,7 +31,7 @@ def test_the_margin_of_the_programme_is_the_smallest_singular_value(case):
     fixed = ca.SX.sym("fixed", len(loop.fixed))
     term = margin(loop.general, free, free, fixed)
     frequencies = np.geomspace(0.3, 200, 25)
-    sizes = np.linalg.svd(ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies), compute_uv=False)[
+    sizes = np.linalg.svd(ExactLoop(linear_bed(case)).return_difference(2j * np.pi * frequencies), compute_uv=False)[
         :, -1
     ]
     for frequency, size in zip(frequencies, sizes, strict=True):
@@ -52,7 +52,7 @@ def test_a_tolerance_study_takes_the_whole_matrix():
 
 
 def test_four_gentle_dynamometers_are_stable(case):
-    winding = encirclements(parts_of(case))
+    winding = encirclements(linear_bed(case))
     assert winding.unstable == 0
     assert winding.clear
 

@@ -7,7 +7,7 @@ import tomli_w
 from matching.match.case import demands
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import ExactLoop, encirclements
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.responses import error_figures
 from matching.report.drivetrain import layout
 from modelling.errors import InputError
@@ -115,7 +115,7 @@ def test_both_motors_hold_the_speed(case):
 
 def test_one_motor_moves_the_other_side_through_the_emulated_body(case):
     """On the bed alone no torque crosses over; matched, both sides answer as in the car."""
-    parts = parts_of(case)
+    parts = linear_bed(case)
     alone = parts.rig.response(2j * np.pi * np.array([2.0]))[0]
     outputs, inputs = parts.rig.space.outputs, parts.rig.space.inputs
     assert abs(alone[outputs.index("speed_right"), inputs.index("torque_left")]) < 1e-12

@@ -9,7 +9,7 @@ from match import drawn
 
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.verify import verify
 from modelling.bed.bed import ControlStructure, LoopQuantity
@@ -62,7 +62,7 @@ def beds(tmp_path_factory):
 
 
 def test_its_loop_is_that_of_a_pi_without_the_other_gains(beds):
-    found, like = (encirclements(parts_of(case)) for case in beds)
+    found, like = (encirclements(linear_bed(case)) for case in beds)
     assert (found.unstable, found.resting, found.clear) == (like.unstable, like.resting, True)
     assert found.modulus_margin == pytest.approx(like.modulus_margin, rel=1e-9)
 

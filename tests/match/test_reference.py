@@ -10,7 +10,7 @@ from matching.match.adapters import feedback_error
 from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.responses import error_figures
 
@@ -47,7 +47,7 @@ def test_response_error(reference):
     assert error.after <= 1.3 * error.bound
     assert error.bound_unsampled < error.bound < 0.005
     low = replace(reference.tuned, band=(0.5, 15.0))
-    narrow = error_figures(low, parts_of(low, untuned=reference.case.rig))
+    narrow = error_figures(low, linear_bed(low, untuned=reference.case.rig))
     assert narrow.after <= narrow.before / 5
 
 
@@ -101,7 +101,7 @@ def test_adapters_with_what_they_gain_and_how_exactly_they_have_to_be_met(refere
         together = next(move.together for move in reference.case.moves if move.name == own.name)
         for value, error in own.curve:  # tuned for each value: better than with the rest as it is
             there = apply(reference.tuned, dict.fromkeys(together, value))
-            if encirclements(parts_of(there)).modulus_margin >= reference.case.limits["modulus_margin"]:
+            if encirclements(linear_bed(there)).modulus_margin >= reference.case.limits["modulus_margin"]:
                 assert error <= 1.01 * feedback_error(there, nodes)
         assert own.to_dict()["acceptable"] == [low, high]
 

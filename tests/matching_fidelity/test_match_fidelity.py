@@ -31,7 +31,7 @@ def test_residual_vehicle_on_the_vehicles_own_torques_reads_what_the_vehicle_rea
     fast = replace(parts, case=replace(parts.case, loop=parts.case.loop.with_values({"torque_sensor_lag": 1e-6})))
     flanges = {
         dyno.torque_sensor: sign * traces.vehicle[f"shafts.{dyno.follows}.torque"]
-        for dyno, sign in zip(parts.dynamometers, parts.toward, strict=True)
+        for dyno, sign in zip(parts.dynamometers, parts.torque_signs, strict=True)
     }
     read = emulated(fast, flanges, traces.torques, tuned=False)
     for name in ("body_left_speed", "body_right_speed", "body_left_acceleration"):

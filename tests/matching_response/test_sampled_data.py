@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from matching.match.adapters import curves_of
 from matching.match.continuous_loop import ExactLoop
-from matching.match.loop import body, parts_of, watched
+from matching.match.loop import body, linear_bed, watched
 from matching.match.responses import ComparedBed, SampledLoop, feed_forward_action, feed_forward_of
 
 FINE = 4  # steps a sample time; the dead times are whole numbers of them
@@ -77,19 +77,19 @@ def stepped(parts, feed_forward, source, frequency):
 )
 def test_response_is_what_stepping_shows(reference, feedback, source, frequency, with_feed_forward):
     case = reference if with_feed_forward else feedback
-    parts, feed_forward = parts_of(case), feed_forward_of(case)
+    parts, feed_forward = linear_bed(case), feed_forward_of(case)
     assert (feed_forward is not None) == with_feed_forward
     loop, inputs, action = SampledLoop(parts, np.array([frequency])), [source], None
     if feed_forward is not None:
         inputs = feed_forward.measured
-        action = feed_forward_action(feed_forward, parts.toward, ["left", "right"], np.array([frequency]))
+        action = feed_forward_action(feed_forward, parts.torque_signs, ["left", "right"], np.array([frequency]))
     H = loop.response(inputs, ["motor_speed", "side_left_torque"], action)[0, :, inputs.index(source)]
     np.testing.assert_allclose(stepped(parts, feed_forward, source, frequency), H, rtol=2e-3)
 
 
 def test_a_bed_other_than_the_controllers_model(reference):
     """Side shafts 20 % stiffer than the feed-forward has them: both parts of the loop at work."""
-    nominal, feed_forward, f = parts_of(reference), feed_forward_of(reference), np.array([25.0])
+    nominal, feed_forward, f = linear_bed(reference), feed_forward_of(reference), np.array([25.0])
     values = {f"shafts.side_{side}.stiffness": 1.2 * 1.092e4 for side in ("left", "right")}
     stiffer = body(watched(reference.rig.with_values(values), nominal.cuts, rig_side=True))
     parts = replace(nominal, rig=stiffer)
@@ -104,7 +104,7 @@ def test_sampled_faster_and_faster_it_is_the_continuous_loop(feedback):
     inputs, sensors = ["motor_torque", "road_left"], ["motor_speed", "side_left_torque"]
     differences = []
     for step in (1e-3, 1e-4):
-        parts = parts_of(replace(feedback, loop=feedback.loop.with_values({"sample_time": step})))
+        parts = linear_bed(replace(feedback, loop=feedback.loop.with_values({"sample_time": step})))
         continuous = ExactLoop(parts).response(2j * np.pi * f, inputs, sensors)
         sampled = SampledLoop(parts, f).response(inputs, sensors)
         differences.append(np.abs(sampled / continuous - 1).max())
@@ -143,10 +143,10 @@ def test_feedback_alone_is_what_model_based_does_about_unmeasured_torques(refere
 def test_a_dead_time_that_differs_from_the_controllers(reference):
     """Longer by a whole sample: the commands of the feed-forward come as much later, its expectation stays."""
     f = np.array([8.0])
-    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
+    parts, feed_forward = linear_bed(reference), feed_forward_of(reference)
     late = ComparedBed(reference, parts, feed_forward, dead_time=0.004).at(f).matched
-    longer = parts_of(replace(reference, loop=reference.loop.with_values({"dead_time": 0.004})))
-    action = feed_forward_action(feed_forward, parts.toward, ["left", "right"], f)
+    longer = linear_bed(replace(reference, loop=reference.loop.with_values({"dead_time": 0.004})))
+    action = feed_forward_action(feed_forward, parts.torque_signs, ["left", "right"], f)
     H = SampledLoop(longer, f).response(feed_forward.measured, ["motor_speed"], action)
     assert late[0, 0] == pytest.approx(H[0, 0, feed_forward.measured.index("motor_torque")])
     assert abs(late[0, 0] / ComparedBed(reference, parts, feed_forward).at(f).matched[0, 0] - 1) > 0.05

@@ -10,7 +10,7 @@ from small_bed import CASE, RIG, VEHICLE
 from matching.match.case import target_modes
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import feed_forward_modes
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case, target_modes_of
 from modelling.bed.vehicle import cut
 from modelling.modal.modes import damped_modes
@@ -38,7 +38,7 @@ def prepared(tmp_path_factory):
     loaded = load_case(folder / "case.toml")
     reference = cut(loaded.vehicle, loaded.rig)
     feed_forward = loaded.loop.structure.feed_forward(loaded.rig, reference, loaded.loop)
-    return parts_of(loaded), feed_forward, reference
+    return linear_bed(loaded), feed_forward, reference
 
 
 def test_the_models_are_as_they_are_meant(prepared):
@@ -59,7 +59,7 @@ def test_each_target_is_a_mode_of_its_own_and_the_loop_shows_it(prepared):
 def test_the_simulation_shows_a_mode_or_says_that_it_does_not_but_never_its_neighbour(prepared):
     """The absorber moves the drive side by a thousandth: what is read at 0.085 of damping is not it."""
     parts, feed_forward, _ = prepared
-    traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+    traces = simulate_case(parts, *manoeuvre_torques(parts))
     identified = identified_modes(parts, feed_forward, traces)
     for mode, (_, wanted) in zip(identified, target_modes(parts.case), strict=True):
         for reading in (mode.vehicle, mode.matched):

@@ -18,7 +18,7 @@ from matching.match.continuous_loop import (
     phase_error,
     sampled_poles,
 )
-from matching.match.loop import parts_of, transfer
+from matching.match.loop import linear_bed, transfer
 from matching.match.programme import closed_loop
 
 J, DELAY = 0.9, 0.004  # an inertia under proportional speed control: L = K·e^(−sτ)/(J·s)
@@ -80,7 +80,7 @@ def test_pade_is_the_textbook_fraction(order):
 
 def test_agrees_with_the_optimisers_loop(reference):
     case = replace(reference, loop=reference.loop.with_values({"dead_time": 0.0043, "lead_time": 0.002}))
-    loop, own = ExactLoop(parts_of(case)), closed_loop(case)
+    loop, own = ExactLoop(linear_bed(case)), closed_loop(case)
     f = np.geomspace(0.05, 300, 25)
     inputs = list(dict.fromkeys(pair.input for pair in case.compared))
     sensors = list(dict.fromkeys(pair.sensor for pair in case.compared))
@@ -99,7 +99,7 @@ def test_agrees_with_the_optimisers_loop(reference):
 
 @pytest.mark.parametrize("name", ["reference", "compact"])
 def test_poles_solve_the_exact_characteristic_equation(name, request):
-    parts = parts_of(request.getfixturevalue(name))
+    parts = linear_bed(request.getfixturevalue(name))
     loop = ExactLoop(parts)
     for mode in feedback_modes(parts):
         if 0 < mode.frequency < 150:
@@ -120,7 +120,7 @@ def test_poles_encirclements_and_sampled_loop_agree(reference):
             "lead_time": float(rng.choice([0, 0.003, 0.01])),
             "dead_time": float(rng.choice([0.0, 0.0005, 0.003, 0.008, 0.02])),
         }
-        parts = parts_of(replace(reference, loop=reference.loop.with_values(values)))
+        parts = linear_bed(replace(reference, loop=reference.loop.with_values(values)))
         neutral = neutral_motions(parts)
         best, found = approximations(parts)[-1], encirclements(parts)
         assert found.clear
@@ -134,7 +134,7 @@ def test_an_apparent_solution_is_found_out(reference):
         "proportional_gain": 16.8236, "integral_gain": 100.0, "torque_feed_forward": 1.4399,
         "acceleration_feed_forward": 1.0321, "lead_time": 0.0, "dead_time": 0.0005,
     }  # fmt: skip
-    parts = parts_of(replace(reference, loop=reference.loop.with_values(values)))
+    parts = linear_bed(replace(reference, loop=reference.loop.with_values(values)))
     found = encirclements(parts)
     assert found.modulus_margin > 0.2
     assert found.unstable > 0
@@ -144,7 +144,7 @@ def test_an_apparent_solution_is_found_out(reference):
 
 def test_sampled_poles_tend_to_the_continuous_ones(reference):
     case = replace(reference, loop=reference.loop.with_values({"sample_time": 1e-4}))
-    parts = parts_of(case)
+    parts = linear_bed(case)
     z = sampled_poles(parts)
     slow = np.log(z[np.abs(z) > 0.9].astype(complex)) / 1e-4
     for mode in feedback_modes(parts):
@@ -158,7 +158,7 @@ def without_drag(case, rig):
 
     residual = case.residual_vehicle
     tuned = replace(residual, parts=tuple(free(part) for part in residual.parts))
-    return parts_of(replace(case, residual_vehicle=tuned, rig=free(case.rig) if rig else case.rig))
+    return linear_bed(replace(case, residual_vehicle=tuned, rig=free(case.rig) if rig else case.rig))
 
 
 @pytest.mark.parametrize("rig", [False, True])
@@ -189,7 +189,7 @@ def test_poles_at_the_origin_are_counted_as_such():
 def test_an_approximation_states_its_largest_phase_error_over_the_band(reference, order):
     """Padé's denominator by its coefficients (2n − k)!·n!/((2n)!·k!·(n − k)!); the error grows with frequency."""
     delay, top = 0.02, reference.band[1]
-    parts = parts_of(reference)
+    parts = linear_bed(reference)
     (found,) = approximations(parts, delay, (order,))
     weights = [
         factorial(2 * order - k) * factorial(order) / (factorial(2 * order) * factorial(k) * factorial(order - k))

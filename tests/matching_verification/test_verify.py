@@ -8,7 +8,7 @@ import pytest
 
 from matching.match.adapters import lower_bound
 from matching.match.continuous_loop import ExactLoop, match_mode
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.responses import ComparedBed, error_figures
 from matching.match.verify import _deviating, verify
 from matching.report.match import margin_counted_from
@@ -50,7 +50,7 @@ def test_sampling_costs_the_sample_time(reference):
 def test_a_deviating_bed_keeps_the_feed_forward_it_is_given(reference):
     """One that does nothing leaves the feedback alone, worked out here on the deviating case itself."""
     reference = replace(reference, compared=tuple(pair for pair in reference.compared if pair.input == "motor_torque"))
-    parts, residual = parts_of(reference), cut(reference.vehicle, reference.rig)
+    parts, residual = linear_bed(reference), cut(reference.vehicle, reference.rig)
     designed = reference.loop.structure.feed_forward(reference.rig, residual, reference.loop)
     nothing = {name: np.zeros_like(getattr(designed, name)) for name in ("F", "G", "C", "D")}
     frequencies = np.geomspace(*reference.band, 5)
@@ -148,7 +148,7 @@ def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedbac
     frequencies = np.geomspace(counted_from, 1000, 4000)
 
     def least(dead_time):
-        difference = ExactLoop(parts_of(case), dead_time).return_difference(2j * np.pi * frequencies)
+        difference = ExactLoop(linear_bed(case), dead_time).return_difference(2j * np.pi * frequencies)
         return np.linalg.svd(difference, compute_uv=False).min()
 
     assert checked.modulus_margin == pytest.approx(least(case.loop["dead_time"]), rel=1e-3)

@@ -14,11 +14,11 @@ from result_keys import same_keys
 import rigmatch as rm
 from matching.cli import main
 from matching.commands import tolerance_summary as command_summary
-from matching.match.beds import requirements
+from matching.match.case import requirements
 from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements, feedback_modes
-from matching.match.dynamic_stiffness import check_loop
+from independent.dynamic_stiffness import check_loop
 from matching.match.loop import control_law
 from matching.match.map import Axis
 from matching.match.tolerance import (
