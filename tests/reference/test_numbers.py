@@ -55,7 +55,7 @@ def diagnosed(folder: Path, **hidden: float) -> dict:
 
 def mapped(folder: Path) -> dict:
     """Points of a map by ``dead time, flange stiffness``."""
-    axes = "loop.dead_time=0.5 ms,3 ms,8 ms", "rig.shafts.flange.stiffness=4e4,1e5"
+    axes = "loop.dead_time=0.5 ms,8 ms", "rig.shafts.flange.stiffness=4e4,1e5"
     points = rm.map(beds.small(folder, "model_based"), *axes, starts=1, workers=1).to_dict()["points"]
     return {f"{1e3 * own['x']:g} ms, {own['y']:g}": own for own in points}
 
