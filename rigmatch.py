@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 __all__ = [
     "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map",
-    "match", "modes", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
+    "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         map,  # noqa: A004
         match,
         modes,
+        new,
         read_recording,
         response,
         show,

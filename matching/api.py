@@ -11,11 +11,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from modelling.errors import InputError
+
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from matching.bed.commission import Commissioning, CommissionOrder
+    from matching.bed.commission import Commissioning
     from matching.bed.excite import ExcitationOrder, ExcitationPlan
     from matching.bed.identify import FromRecordings
     from matching.bed.verify import BedVerification
@@ -97,13 +99,57 @@ def load_case(path: File) -> Case:
     return read(Path(path))
 
 
+def new(directory: File) -> list[Path]:
+    """Write a commented case to start from: vehicle, rig and case, every key with a comment, ready to run.
+
+    Nothing is overwritten.
+
+    Parameters
+    ----------
+    directory : path
+        A new or an empty directory.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If the directory is not empty.
+
+    Examples
+    --------
+    >>> [path.name for path in rm.new("my_bed")]
+    ['README.md', 'case.toml', 'rig.toml', 'vehicle.toml']
+    """
+    from importlib.resources import files
+
+    from modelling.writing import write_all
+
+    target = Path(directory)
+    if target.is_dir() and any(target.iterdir()):
+        raise InputError(str(target), "is not empty", "name a new or an empty directory")
+    if target.exists() and not target.is_dir():
+        raise InputError(str(target), "is a file", "name a new or an empty directory")
+    starter = {part.name: part.read_text(encoding="utf-8") for part in files("matching").joinpath("starter").iterdir()}
+    write_all(target, dict(sorted(starter.items())))
+    return [target / name for name in sorted(starter)]
+
+
 def show(file: System | Case | File) -> Figure:
-    """Draw the drivetrain of a model, or vehicle and rig of a case.
+    """Draw the drivetrain of a model, or vehicle and rig of a case; or list a recording's channels.
+
+    Inertias are discs, shafts are springs with dampers; gears, differentials, dynamometers and sensors have their
+    symbols. Of a case, the vehicle is drawn above its rig, with the cut in both. The command writes drivetrain.svg and
+    drivetrain.png. Of a recording it lists the channels with units, samples and ranges; with --model it writes a
+    channel file for that model: check it before use.
 
     Parameters
     ----------
     file : System, Case or path
-        A model or a case.
+        Model or case file (TOML); on the command line also a recording.
 
     Returns
     -------
@@ -181,6 +227,18 @@ def case_of(case: Case | File) -> Case:
     return load_case(case) if isinstance(case, str | PathLike) else case
 
 
+def tuned_case_of(case: Case | File) -> Case:
+    """A tuned case; a path is a directory or ``result.json`` of a match, or a case file."""
+    from matching.export import tuned_case
+
+    return tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
+
+
+def _check_seed(seed: int) -> None:
+    if seed < 0:
+        raise InputError("seed", f"{seed} is negative", "give 0 or more")
+
+
 def recording_of(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
     """A recording, read where a path stands for it; raises as :func:`read_recording` does."""
     return read_recording(recording, system, channels) if isinstance(recording, str | PathLike) else recording
@@ -190,16 +248,19 @@ def recording_of(recording: Recording | File, system: System, channels: File | N
 
 
 def modes(model: System | File, values: Mapping[str, float] | None = None, *, damped: bool = False) -> Modes:
-    """Modes with energy shares and symmetry (Eqs. 1–8 of the paper).
+    """Modes of a model: frequencies, energy shares, left/right symmetry (Eqs. 1–8 of the paper).
+
+    Of more than 300 degrees of freedom the lowest 100 modes. The command writes modes.json and, with --out, modes.svg
+    (frequencies and shares of the first modes) and energy_shares.svg (all shares).
 
     Parameters
     ----------
     model : System or path
-        A model.
+        Model file (TOML).
     values : mapping of str to float, optional
         Replace those of the model by name, SI, e.g. ``{"shafts.link.stiffness": 400}``.
     damped : bool
-        Modes with damping, at the operating point; else undamped.
+        Damped modes with damping ratios, at the operating point; else undamped.
 
     Returns
     -------
@@ -262,23 +323,27 @@ def simulate(
     *,
     channels: File | None = None,
     start: Any = "recorded",
-    tolerance: float | None = None,
+    tolerance: float = 1e-4,
 ) -> Simulation:
-    r"""The model's response to the inputs of a recording.
+    r"""Run a model on the inputs of a recording, with all its effects.
+
+    Inputs vary linearly between the samples. The steps of the integration are chosen so that no reading is wrong by
+    more than the tolerance. The command writes simulated.csv (time and every sensor of the model, SI) and
+    simulated.svg, and states the root mean square of the difference from each recorded sensor.
 
     Parameters
     ----------
     model : System or path
-        A model.
+        Model file (TOML).
     recording : Recording or path
-        Its inputs vary linearly between the samples.
+        Recording (CSV, MDF, .mat or Parquet).
     channels : path, optional
-        A file that says what the channels are called in the recording.
-    start : "recorded", "rest", "steady", states by name or all states
-        ``"recorded"``: estimated from the first quarter second of the recorded sensors, at rest if there are none;
-        others as :func:`modelling.simulation.simulate.simulate` has them.
-    tolerance : float, optional
-        Largest error of the integration, as a share of each reading's range; by default 1e-4.
+        File that says what the channels are called in the recording (TOML).
+    start : {"recorded", "rest", "steady"}, states by name or all states
+        Start state: estimated from the first quarter second of the recorded sensors (at rest if there are none), at
+        rest, or in steady motion under the first inputs.
+    tolerance : float
+        Largest error of the integration, as a share of each reading's range.
 
     Returns
     -------
@@ -304,7 +369,6 @@ def simulate(
     from modelling.equations.casadi_code import compiled
     from modelling.simulation.simulate import check_speed_units, recorded_start, with_stick_speed
     from modelling.simulation.simulate import simulate as run
-    from modelling.simulation.stepping import TOLERANCE
 
     built = compiled(system_of(model))
     measured = recording_of(recording, built.system, channels)
@@ -313,7 +377,7 @@ def simulate(
     inputs = measured.inputs(built.system)
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
-    return run(built, measured.time, inputs, start=start, tolerance=TOLERANCE if tolerance is None else tolerance)
+    return run(built, measured.time, inputs, start=start, tolerance=tolerance)
 
 
 # --- What measurements say: causes that a model lacks, measurement uncertainty, XiL fidelity.
@@ -326,18 +390,23 @@ def diagnose(
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
 
+    Quantities of the model with a range are fitted within it; those without are taken as known. Every sensor's
+    uncertainty is also the noise that the fit assumes. Files joined by + are one motion recorded by several loggers,
+    whose clocks are set to that of the logger with the inputs. The command writes diagnosis.json, extended.toml,
+    report.html and figures.
+
     Parameters
     ----------
     model : System or path
-        What is believed of the drivetrain; quantities with a range are fitted within it.
+        Model file (TOML).
     recordings : Recording, path or a sequence of them
-        What was measured.
+        Recordings of the system (CSV, MDF, .mat, Parquet).
     holdout : Recording, path or a sequence of them, optional
-        Is never fitted and judges the result; by default the last 30 % of the recordings.
+        Recording that is not fitted but judges the result; by default the last 30 % of every recording; repeatable.
     channels : path, optional
-        A file that says what the channels are called in the recordings.
+        File that says what the channels are called in the recordings (TOML).
     keep_rest : bool
-        Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
+        Keep the torque that no cause explains as a table in the extended model, if unseen data gain by it.
     tell : callable, optional
         Is called with a line of text at every step.
 
@@ -369,19 +438,25 @@ def diagnose(
     return run(system, read, judge, tell or (lambda _: None), keep_rest)
 
 
-def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits: int = 2) -> Uncertainty:
-    """Evaluate a measurement uncertainty budget after the GUM, first order and by Monte Carlo.
+def uncertainty(
+    budget: File, *, wanted: str | None = None, seed: int = 1, draws: int | None = None, digits: int = 2
+) -> Uncertainty:
+    """Evaluate a measurement uncertainty budget after the GUM, to first and second order and by Monte Carlo (JCGM 101).
+
+    The command writes uncertainty.json, the budget's table, figures and the page uncertainty.html.
 
     Parameters
     ----------
     budget : path
-        A budget file (TOML).
-    draws : int, optional
-        Of Monte Carlo; by default as many as make the result stable (JCGM 101, 7.9).
+        Budget file (TOML).
+    wanted : str, optional
+        Wanted expanded uncertainty, such as 0.5 or "0.5 N*m": tells which input must improve, and to what.
     seed : int
-        Of the draws.
-    digits : int
-        Significant digits of the stated uncertainty.
+        Seed of the Monte Carlo method.
+    draws : int, optional
+        Number of draws, 1000 to 1e9; by default until the result is stable (JCGM 101, 7.9).
+    digits : {1, 2, 3}
+        Significant digits of the uncertainty that must be stable.
 
     Returns
     -------
@@ -402,27 +477,35 @@ def uncertainty(budget: File, *, draws: int | None = None, seed: int = 0, digits
     from matching.uncertainty.budget import read_budget
     from matching.uncertainty.evaluate import evaluate
 
-    return evaluate(read_budget(str(budget)), seed=seed, draws=draws, digits=digits)
+    if draws is not None and not 1000 <= draws <= 10**9:
+        raise InputError("draws", f"{draws} is out of range", "give a number in 1000 ... 1e9")
+    _check_seed(seed)
+    return evaluate(read_budget(str(budget)), seed=seed, draws=draws, digits=digits, wanted=wanted)
 
 
 def fidelity(
     case: File, *, channels: File | None = None, arithmetic: str | None = None, nrmse: str | None = None,
     draws: int = 20_000, seed: int = 1,
 ) -> XilFidelity:  # fmt: skip
-    """Partial and total XiL fidelity of a fidelity case (Eqs. 13–23 of the paper).
+    """Judge how faithfully a test bed reproduces a manoeuvre: XiL fidelity (Eqs. 13–23 of the paper).
+
+    Partial fidelities of system dynamics, residual vehicle model and measurement, their total R_XiL with its
+    uncertainty, and which causes reduce it. The command writes fidelity.json, the table, figures and fidelity.html.
 
     Parameters
     ----------
     case : path
-        A fidelity case (TOML).
+        Fidelity case (TOML).
     channels : path, optional
-        A file that says what the channels are called in the recordings.
+        File that says what the signals are called in the recordings (TOML).
     arithmetic : {"definition", "published"}, optional
-        Replaces that of the file: the equations as defined, or as the paper's table was calculated.
+        How partial fidelities combine: as defined, or as the paper's table was calculated; by default as the case says.
     nrmse : {"definition", "literal"}, optional
-        Form of Eq. 18; replaces that of the file.
-    draws, seed : int
-        Of Monte Carlo.
+        Form of Eq. 18; by default as the case says.
+    draws : int
+        Draws of the Monte Carlo uncertainty, 100 to 1e7.
+    seed : int
+        Seed of the draws.
 
     Returns
     -------
@@ -442,6 +525,9 @@ def fidelity(
     from matching.fidelity import read_case, xil_fidelity
     from modelling.recordings.read import read_channels
 
+    if not 100 <= draws <= 10**7:
+        raise InputError("draws", f"{draws} is out of range", "give a number in 100 ... 1e7")
+    _check_seed(seed)
     names = None if channels is None else read_channels(channels)
     return xil_fidelity(*read_case(str(case), arithmetic, nrmse, names), draws, seed)
 
@@ -450,16 +536,19 @@ def fidelity(
 
 
 def explore(*files: File, out: File = "out/explore", port: int = 0, browser: bool = False) -> Explorer:
-    """Open models, cases, recordings, budgets in the browser, or inside a notebook as the last line of a cell.
+    """Open models, cases, recordings and budgets in the browser, or inside a notebook as the last line of a cell.
+
+    Click a part of the drivetrain and change it: modes and responses follow. Match, drop recordings, judge budgets. The
+    page is served to this machine only, at an address with a secret in it, until Ctrl-C. Files change only by Save.
 
     Parameters
     ----------
     files : paths
-        What is opened; without any the starter case.
+        Model, case, recording, budget or fidelity case; without any, the starter case of `rigmatch new`.
     out : path
         Folder for results.
     port : int
-        To serve at; by default a free one.
+        Port to serve at; 0: a free one.
     browser : bool
         Open the page in the browser at once.
 
@@ -498,16 +587,22 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
 
 
 def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
-    """Write the tuned residual vehicle of a match, or any model, as an FMU for co-simulation.
+    """Write the tuned residual vehicle, the whole controller, or any model as an FMU for co-simulation.
+
+    The FMU holds C by CasADi with its sources, compiled for this platform if there is a C compiler. Every quantity is a
+    parameter that can be set, named and in SI as in the model. A case file is exported with the start values of its
+    [move], a model file as it is. With --controller the command writes the whole controller instead: residual vehicle,
+    feed-forward, observer, prediction, limits, speed hold and watchdogs, sampled as it was tuned; its C sources
+    (controller.h, controller.c, controller_data.h) run on a real-time system without FMI.
 
     Parameters
     ----------
     result : path
-        Directory or ``result.json`` of a match, a case file or a model file.
+        Directory or result.json of a match, case file or model file.
     fmu : path
-        The file to write; ends in ``.fmu``.
+        FMU of the residual vehicle or model to write, NAME.fmu.
     fmi : {"2.0", "3.0"}
-        Version of the standard.
+        Version of FMI.
 
     Returns
     -------
@@ -530,15 +625,34 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
     return Path(fmu)
 
 
-def excite(case: Case | File, order: ExcitationOrder | None = None) -> ExcitationPlan:
+def excite(
+    case: Case | File, *, duration: float = 20.0, margin: float = 0.2, speed: float | None = None,
+    limit: Mapping[str, float | str] | None = None, beds: int = 20, seed: int = 0,
+) -> ExcitationPlan:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
+
+    A multisine whose spectrum carries the most information (Fisher), a chirp and steps on dynamometers and motor, as
+    large as the case's limits and the margin allow, on the model and on beds drawn from [uncertainty]. The bed runs
+    without emulation. Add the torques of excitation.csv to those of a slow speed hold, and record the torque commands
+    (speed hold included) and every sensor of the rig. The command writes excite.json with the standard uncertainties to
+    expect, excitation.csv and a figure.
 
     Parameters
     ----------
     case : Case or path
-        Tuned, or at its start values; a path is a directory or ``result.json`` of a match, or a case file.
-    order : ExcitationOrder, optional
-        Duration, margin, speed, largest torques.
+        Directory or result.json of a match, or a case file (TOML).
+    duration : float
+        Length in s.
+    margin : float
+        Share of every limit that stays unused.
+    speed : float, optional
+        Steady rotor speed in rad/s; by default a quarter of the limit.
+    limit : mapping of str to float or str, optional
+        Largest torque (N·m) of an input that is no dynamometer's, INPUT=TORQUE; by default that of the manoeuvre.
+    beds : int
+        Drawn beds on which the limits hold.
+    seed : int
+        Seed of phases and beds.
 
     Returns
     -------
@@ -556,20 +670,46 @@ def excite(case: Case | File, order: ExcitationOrder | None = None) -> Excitatio
     >>> plan.error_after  # doctest: +SKIP
     """
     from matching.bed.excite import plan_excitation
-    from matching.export import tuned_case
 
-    return plan_excitation(tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case, order)
+    return plan_excitation(tuned_case_of(case), excitation_order(duration, margin, speed, limit, beds, seed))
 
 
-def identify(case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = ()) -> FromRecordings:
-    """Find out from recordings what vehicle and bed are: the case with their values and uncertainties.
+def excitation_order(
+    duration: float, margin: float, speed: float | None, limit: Mapping[str, float | str] | None, beds: int, seed: int
+) -> ExcitationOrder:
+    """The wishes of :func:`excite` in SI; raises as it does."""
+    from matching.bed.excite import ExcitationOrder
+    from modelling.units import to_si
+
+    torques = {name: to_si(value, "N*m", f"limit {name}") for name, value in (limit or {}).items()}
+    if wrong := next((name for name, torque in torques.items() if torque <= 0), None):
+        raise InputError(f"limit {wrong}", "is not possible", "a torque greater than 0 is needed")
+    return ExcitationOrder(duration, margin, speed, torques, beds, seed)
+
+
+def identify(
+    case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = (), *,
+    diagnosis_limit: float | None = None, tell: Callable[[str], None] | None = None,
+) -> FromRecordings:  # fmt: skip
+    """Find out from recordings what vehicle and bed really are: a case with their values and uncertainties.
+
+    A recording of the vehicle holds the torques that act on it and any of its sensors (tip-ins, coast-downs); a torque
+    that the road alone gives may be missing. A recording of the bed is made without emulation (`rigmatch excite` plans
+    it) and holds the torque commands and the sensors of the rig. What vehicle and rig share is the same hardware: its
+    values are taken from the bed first. The command writes the case and its models, and identification.json.
 
     Parameters
     ----------
     case : Case or path
-        A path is a directory or ``result.json`` of a match, or a case file.
-    vehicle, bed : sequences of paths
-        Recordings of the vehicle on the road, and of the bed without emulation.
+        Case file (TOML), or the directory of a match.
+    vehicle : sequence of paths
+        Recordings of the vehicle on the road.
+    bed : sequence of paths
+        Recordings of the bed without emulation.
+    diagnosis_limit : float, optional
+        A diagnosis that takes longer (s) ends with its best answer so far, and says so; by default no limit.
+    tell : callable, optional
+        Is called with a line of text at every step.
 
     Returns
     -------
@@ -586,24 +726,28 @@ def identify(case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File
     >>> known = rm.identify("case.toml", vehicle=["road.csv"], bed=["bed.csv"])  # doctest: +SKIP
     >>> rm.match(known.case).status  # doctest: +SKIP
     """
-    from matching.bed import identify as from_recordings
-    from matching.export import tuned_case
+    from matching.bed.identify import identify as run
 
-    known = tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
-    return from_recordings.identify(known, [Path(path) for path in vehicle], [Path(path) for path in bed])
+    on_the_road, on_the_bed = ([Path(path) for path in paths] for paths in (vehicle, bed))
+    return run(tuned_case_of(case), on_the_road, on_the_bed, tell or (lambda _: None), diagnosis_limit)
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
     """Judge recordings of the controlled bed beside vehicle and prediction.
 
+    Frequency responses with their uncertainty, the response error, frequency and damping of the target modes, and
+    R_XiL. The answer is as_predicted, short or undetermined. A recording holds the compared torques and sensors by name
+    and lasts four periods of the lowest frequency of the band or more. If the bed is short and the recording holds the
+    torque commands as well, the command diagnoses it. It writes verification.json, report.html and a figure.
+
     Parameters
     ----------
     case : Case or path
-        Tuned; a path is a directory or ``result.json`` of a match, or a case file.
+        Directory or result.json of a match, or a case file (TOML).
     recordings : paths
-        They hold the compared torques and sensors.
+        Recordings of the controlled bed (CSV, MDF, .mat, Parquet).
     channels : path, optional
-        A file that says what the signals are called in the recordings.
+        File that says what the signals are called in the recordings (TOML).
 
     Returns
     -------
@@ -621,35 +765,50 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     >>> judged.status  # doctest: +SKIP
     """
     from matching.bed.verify import judge, read_recordings
-    from matching.export import tuned_case
     from modelling.recordings.read import read_channels
 
-    tuned = tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
-    return judge(
-        tuned,
-        read_recordings(
-            [Path(path) for path in recordings], tuned, None if channels is None else read_channels(channels)
-        ),
-    )
+    tuned, names = tuned_case_of(case), None if channels is None else read_channels(channels)
+    return judge(tuned, read_recordings([Path(path) for path in recordings], tuned, names))
 
 
 def commission(
-    case: File, bed: File, out: File, order: CommissionOrder | None = None, *, tell: Callable[[str], None] | None = None
-) -> Commissioning:
-    """Go the whole way onto the bed: match, run, verify; excite, record, diagnose, match again.
+    case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
+    duration: float = 12.0, speed: float | None = None, diagnosis_limit: float = 600.0, seed: int = 0,
+    workers: int | None = None, follow: float | None = None, tell: Callable[[str], None] | None = None,
+) -> Commissioning:  # fmt: skip
+    """Go the whole way onto the bed: match, run, verify; then excite, record, diagnose and match again.
+
+    Rounds go on as long as a further round would gain. An FMU of the bed (FMI 2.0, inputs and outputs named as in the
+    rig file) is stepped with the exported controller. With a folder the command stops, says what to record and where to
+    put it. Called again it goes on where it stopped; finished steps are not repeated. The command writes a folder a
+    step, commission.json and report.html.
 
     Parameters
     ----------
     case : path
-        A case file, or the directory of a match.
+        Case file (TOML), or the directory of a match.
     bed : path
-        The FMU of a bed, or a folder that recordings are put into.
+        FMU of the bed, or a folder for its recordings.
     out : path
-        A folder a step is written there; called again, it goes on where it stopped.
-    order : CommissionOrder, optional
-        Rounds, excitation, seed, processes.
+        Directory to write to.
+    vehicle_recording : sequence of paths
+        Recordings of the vehicle on the road: its model is diagnosed on them before the first match.
+    rounds : int
+        Rounds at most.
+    duration : float
+        Length of the excitation in s.
+    speed : float, optional
+        Rotor speed of the excitation in rad/s; by default a quarter of the limit.
+    diagnosis_limit : float
+        A diagnosis that takes longer (s) ends with its best answer so far, and says so.
+    seed : int
+        Seed of the matches.
+    workers : int, optional
+        Processes; by default one a core.
+    follow : float, optional
+        With a folder: wait for each recording, and follow it until it has not grown for so many s.
     tell : callable, optional
-        Is given the name of each step.
+        Is called with the name of each step.
 
     Returns
     -------
@@ -667,35 +826,43 @@ def commission(
     >>> result.status  # doctest: +SKIP
     """
     from matching.bed.commission import Circle, CommissionOrder
+    from matching.bed.excite import ExcitationOrder
+    from modelling.resources import cores
 
-    circle = Circle(Path(out), Path(bed), order or CommissionOrder(), tell or (lambda _: None))
-    return circle.run(Path(case))
+    vehicle = tuple(Path(path) for path in vehicle_recording)
+    excitation = ExcitationOrder(duration=duration, speed=speed)
+    order = CommissionOrder(rounds, excitation, seed, workers or cores(), follow, vehicle, diagnosis_limit)
+    return Circle(Path(out), Path(bed), order, tell or (lambda _: None)).run(Path(case))
 
 
 # --- What a test bed can be tuned to: a match, over two quantities, over tolerances.
 
 
 def match(
-    case: Case | File, seed: int = 0, starts: int = 14, workers: int = 1,
+    case: Case | File, seed: int = 0, starts: int = 14, workers: int | None = None,
     progress: Callable[[str], None] | None = None, *, beds: int | None = None,
 ) -> MatchResult:  # fmt: skip
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
+    The quantities under [move] of the case are tuned; a second, independent method checks the result. If a match is not
+    possible the status is "limited" and the limits name the reasons. The command writes result.json, report.html,
+    figures, and the tuned files (case.toml, vehicle.toml, rig.toml, residual_vehicle*.toml), which rigmatch reads
+    again.
+
     Parameters
     ----------
     case : Case or path
-        A case.
+        Case file (TOML).
     seed : int
-        Of the random starts.
+        Seed of the starting points.
     starts : int
-        How many starts the search tries; the first is the case's own.
-    workers : int
-        Processes that share the starts.
+        Largest number of starting points; the first is the case's own.
+    workers : int, optional
+        Processes; by default one a core on the command line, one in Python.
     progress : callable, optional
         Is called with a line of text at every step.
     beds : int, optional
-        Fresh beds, drawn from the case's ``[uncertainty]``, that judge the result; 200 with an observer unless given,
-        none with a feedback law.
+        Fresh beds drawn from [uncertainty] that judge the result; by default 200 with an observer, else 40.
 
     Returns
     -------
@@ -716,7 +883,13 @@ def match(
     """
     from matching.match.match import match as run
 
-    return run(case_of(case), seed, starts, progress, workers, beds=beds)
+    case = case_of(case)
+    return run(case, seed, starts, progress, workers or 1, beds=fresh_beds(case) if beds is None else beds)
+
+
+def fresh_beds(case: Case) -> int | None:
+    """How many fresh beds judge a match unless asked otherwise; None: as many as the observer's search takes."""
+    return None if case.loop.structure.is_observer else 40  # of a feedback law; they take about two seconds
 
 
 # more than six parameters: the options of the command
@@ -727,21 +900,27 @@ def map(  # noqa: A001
 ) -> Map:  # fmt: skip
     """The response error that a match reaches over two quantities.
 
-    It runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included, else
-    on ``workers`` processes. Finished points are kept in ``record``, from which a map that was stopped continues.
+    A quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and
+    the number of values, or all values: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images
+    get the same value. Every point is solved again from its neighbours' solutions until none improves. Finished points
+    are kept in ``record`` (of the command: map.partial.jsonl), from which a map that was stopped continues. In Python
+    it runs on any ``concurrent.futures`` executor, that of a Dask cluster (``Client(…).get_executor()``) included. The
+    command writes map.json, report.html, map.svg and map.png.
 
     Parameters
     ----------
     case : Case or path
-        A case.
+        Case file (TOML).
     x, y : str or Axis
-        ``NAME``, ``NAME=LOW:HIGH[:N]`` or ``NAME=VALUE,VALUE,…``; units as in the case file, SI where none is written.
+        QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…; units as in the case file, SI where none is written.
     executor : Executor, optional
         Where the points are solved.
-    seed, starts : int
-        As of :func:`match`, for every point.
+    seed : int
+        Seed of the starting points.
+    starts : int
+        Starting points a match.
     workers : int, optional
-        Processes where there is no executor; by default one a core.
+        Processes; by default one a core.
     record : path, optional
         A file of finished points.
     progress : callable, optional
@@ -785,18 +964,25 @@ def tolerance(
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
+    Draws the rig's quantities from the ranges in its file and from those added, keeps the controller as it is, and
+    states the yield and which quantities cause the spread. The start values under [move] are taken as tuned. The
+    command writes tolerance.json, report.html and tolerance.svg; finished parts are kept in tolerance.partial.jsonl
+    until the end: a study that was stopped continues from them.
+
     Parameters
     ----------
     case : Case or path
-        A tuned case, e.g. ``case.toml`` of a match's directory.
+        Case file (TOML), as a match wrote it.
     draws : int
-        How many beds are drawn.
-    executor, workers, record, progress
-        As of :func:`map`.
+        Number of drawn beds, at least 100.
+    executor, record, progress : see :func:`map`
     seed : int
-        Of the draws.
+        Seed of the draws.
     added : mapping of str to float, optional
-        Relative tolerances by name or pattern beside those of the model files, e.g. ``{"loop.dead_time": 0.2}``.
+        Relative tolerance of a further quantity of rig or loop, e.g. loop.dead_time=0.2, or of many by a quoted
+        pattern, e.g. "rig.*.stiffness=0.05"; repeatable.
+    workers : int, optional
+        Processes; by default one a core.
 
     Returns
     -------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import re
 import shutil
 import signal
 import sys
@@ -13,14 +14,16 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
+from difflib import get_close_matches
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from matching.arguments import add_arguments, described
 from matching.commands import COMMANDS, Command
 from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, InputError, of_the_machine
 from modelling.escape import terminal
-from modelling.toml import line_of, read_toml
+from modelling.toml import line_of
 
 if TYPE_CHECKING:
     from matching.match.case import Case
@@ -147,6 +150,7 @@ def _counted(parts: Any, word: str) -> str:
 # PYTHON_ARGCOMPLETE_OK
 
 
+ABOUT = "Tunes a powertrain test bed until it reproduces the vehicle's response; checks models against recordings."
 MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
@@ -165,7 +169,9 @@ class HelpFormatter(argparse.HelpFormatter):
     """Help that wraps paragraphs and leaves the lines of examples as they are."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if text.startswith("examples,") else super()._fill_text(text, width, indent)
+        if text.startswith(("examples,", "begin,")):
+            return text
+        return "\n\n".join(super(HelpFormatter, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
 class Parser(argparse.ArgumentParser):
@@ -173,7 +179,25 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line on standard error and exit with 2."""
-        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
+        near = self._nearest(message)
+        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; {near}see {self.prog} --help\n")
+
+    def _nearest(self, message: str) -> str:
+        """``did you mean …?`` for a command or an option that does not exist."""
+        if wrong := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
+            known = list(COMMANDS)
+        elif wrong := re.match(r"unrecognized arguments: (--[\w-]+)", message):
+            known = [flag for action in self._all_actions() for flag in action.option_strings]
+        near = get_close_matches(wrong[1], known, 1, 0.6) if wrong else []
+        return f"did you mean {near[0]!r}? " if near else ""
+
+    def _all_actions(self) -> list[argparse.Action]:
+        """Those of the parser and of its commands."""
+        actions = list(self._actions)
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                actions += [each for command in action.choices.values() for each in command._actions]
+        return actions
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -211,34 +235,56 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build_parser(words: Sequence[str]) -> Parser:
-    """Parser for all commands; only the one that `words` call for gets its arguments."""
-    about = (
-        "Tunes a powertrain test bed until it reproduces the vehicle's response, and checks models against recordings."
-    )
-    tab = 'Tab in bash and zsh: eval "$(register-python-argcomplete rigmatch)"; other shells: docs/commands.md'
-    parser = Parser(prog="rigmatch", description=about, epilog=tab, allow_abbrev=False)
+    """Parser for all commands; only the one that ``words`` call for gets its arguments (help must be instant)."""
+    parser = Parser(
+        prog="rigmatch", usage="rigmatch COMMAND …", description=ABOUT, epilog=_commands_in_groups(),
+        allow_abbrev=False, formatter_class=HelpFormatter,
+    )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"rigmatch {VERSION}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog="rigmatch"
+    )
     wanted = next((word for word in words if not word.startswith("-")), None)
     for name, known in COMMANDS.items():
-        command = commands.add_parser(name, help=known.line, allow_abbrev=False, formatter_class=HelpFormatter)
-        command.add_argument(
-            "--json", action="store_true", help="print the result object on standard output, nothing else"
-        )
+        if name != wanted:
+            commands.add_parser(name, add_help=False)
+            continue
+        command = commands.add_parser(
+            name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(known.examples),
+            description=described(known.function).text,
+        )  # fmt: skip
+        add_arguments(command, known.function, known.required, known.hidden)
+        if known.out is not None:
+            here = {"required": True} if not known.out else {"default": known.out}
+            at = " (default: here)" if known.out == "." else ""
+            command.add_argument("--out", metavar="DIR", help=f"directory to write to{at}", **here)
+        if known.further:
+            known.further(command)
+        command.add_argument("--json", action="store_true", help="print the result object and nothing else")
         command.add_argument("--traceback", action="store_true", help="show where a fault of the program arose")
-        if name == wanted:
-            command.description = known.help
-            command.epilog = _examples(known.examples)
-            known.add_arguments(command)
-            if name not in WITHOUT:
-                _add_check(command, words)
+        if name not in WITHOUT:
+            _add_check(command, words)
     return parser
+
+
+def _commands_in_groups() -> str:
+    """The commands in the order of work, with their first lines of help."""
+    lines, group = [], ""
+    for name, known in COMMANDS.items():
+        if known.group != group:
+            group = known.group
+            lines += ["", f"{group}:"]
+        lines.append(f"  {name:12}{described(known.function).line}")
+    return "\n".join(
+        [*lines[1:], "", "rigmatch COMMAND --help explains a command; docs/commands.md: completion on Tab"]
+    )
 
 
 def _examples(calls: Sequence[str]) -> str:
     """Calls as one types them, one after the other, and where."""
     before = f" ({MADE_BY_MAKE_RUN} is what make run writes)" if any(MADE_BY_MAKE_RUN in call for call in calls) else ""
-    return f"examples, in the program's folder{before}:\n" + "".join(f"  {call}\n" for call in calls)
+    lines = "".join(f"  {call if call.startswith('python ') else f'rigmatch {call}'}\n" for call in calls)
+    return f"examples, in the program's folder{before}:\n{lines}"
 
 
 def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -388,53 +434,6 @@ def _offer_completion(parser: Any) -> None:
         import argcomplete
 
         argcomplete.autocomplete(parser)
-
-
-# --- Names that a shell offers on Tab, read from the files alone: nothing that computes is imported.
-
-# Quantities that every component of a table has, and those it has where its file gives them
-ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",)}
-WHERE_GIVEN = {"shafts": ("ratio",)}
-LOOP = ("dead_time", "inverter_lag", "torque_sensor_lag", "sample_time")  # of every control structure
-SPEED_CONTROLLER = (
-    "proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward", "lead_time",
-)  # fmt: skip
-OBSERVER = (
-    "torque_drift", "dynamometer_drift", "dynamometer_swing", "dynamometer_noise", "shaft_noise", "command_weight",
-    "command_change_weight", "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
-)  # fmt: skip
-# As the structures themselves have them, which a test compares: to import them takes a second, and Tab should not wait
-STRUCTURES = {"pi": SPEED_CONTROLLER, "model_based": SPEED_CONTROLLER, "observer": OBSERVER}
-
-
-def parameters_of_model(path: str | Path) -> list[str]:
-    """Names of a model's quantities; those of effects as far as its file gives them."""
-    return _completed_parameters(read_toml(path))
-
-
-def quantities_of_case(path: str | Path) -> list[str]:
-    """Names of a case's quantities that can be set, as :func:`matching.match.map.quantities` has them."""
-    data = read_toml(path)
-    vehicle, rig = (_completed_parameters(read_toml(Path(path).parent / data[key])) for key in ("vehicle", "rig"))
-    loop = data["loop"]
-    of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], ())))
-    return [
-        *(f"residual_vehicle.{name}" for name in vehicle if name not in rig),
-        *(f"rig.{name}" for name in rig if name not in vehicle),
-        *(f"loop.{name}" for name in of_loop),
-    ]
-
-
-def _completed_parameters(model: dict[str, Any]) -> list[str]:
-    names = [
-        f"{table}.{name}.{key}"
-        for table, keys in ALWAYS.items()
-        for name, content in model.get(table, {}).items()
-        for key in (*keys, *(key for key in WHERE_GIVEN.get(table, ()) if key in content))
-    ]
-    for effect in model.get("effects", []):
-        names += [f"{effect['at']}.{effect['kind']}.{key}" for key in effect if key not in ("at", "kind")]
-    return names
 
 
 # --- The command in a process of its own, so that Ctrl-C also ends native code and worker processes

@@ -1,14 +1,12 @@
-"""What commands share: whole numbers as arguments, and a progress bar where a terminal watches."""
+"""A progress bar where a terminal watches, and how long a command will still take."""
 
 from __future__ import annotations
 
-import argparse
-import math
 import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -45,60 +43,7 @@ def time_left(step: str, seconds: float, shares: Mapping[str, float | tuple[floa
     return f", about {left:.0f} s left" if left < 90 else f", about {left / 60:.0f} min left"
 
 
-# --- Arguments
-
 PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although no terminal watches
-
-
-def count(least: int) -> Callable[[str], int]:
-    """An argument that is a whole number, ``least`` or more; else the parser raises with one line."""
-
-    def whole(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
-        if number < least:
-            raise argparse.ArgumentTypeError(f"{number} is less than {least}")
-        return number
-
-    return whole
-
-
-def seconds(text: str) -> float:
-    """Type of an argument that is a positive time in s.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If the text is no positive, finite number.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
-    return value
-
-
-def scale_out(parser: argparse.ArgumentParser) -> None:
-    """Where a study runs: processes here, or a cluster."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--workers", metavar="N", type=count(1), help="processes (default: one a core)")
-    where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, e.g. tcp://host:8786")
-
-
-def completed(argument: argparse.Action, names: Callable[[argparse.Namespace], Iterable[str]]) -> None:
-    """Have the shell complete an argument with names, found from the arguments that stand before it."""
-
-    def completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-        try:
-            return [name for name in names(parsed_args) if name.startswith(prefix)]
-        except Exception:  # a file that is not there yet or not right: nothing to offer, and the prompt stays clean
-            return []
-
-    argument.completer = completer  # type: ignore[attr-defined]
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 
 from matching.cli import build_parser
-from matching.commands import ONE_LINE, available
+from matching.commands import COMMANDS
 
 TOP = """# Commands
 
@@ -18,33 +18,18 @@ EVERYWHERE = {"help", "json", "traceback", "check"}
 
 
 def commands_page() -> str:
-    """One section a command: what it does, how it is called, its arguments, two examples."""
-    return "\n".join([TOP, *(_section(name) for name in available())])
+    """One section a command, in the order of work: what it does, how it is called, its arguments, examples."""
+    return "\n".join([TOP, *(_section(name) for name in COMMANDS)])
 
 
 def _section(name: str) -> str:
-    parser, modules = build_parser([name])
+    parser = build_parser([name])
     commands = next(action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    command, module = commands.choices[name], modules[name]
-    examples = "\n".join(module.EXAMPLES)
+    command = commands.choices[name]
     rows = list(_rows(command))
     table = ["| argument | means |", "|---|---|", *rows] if rows else []
-    return "\n".join(
-        [
-            f"## rigmatch {name}",
-            "",
-            f"{ONE_LINE[name][0].upper()}{ONE_LINE[name][1:]}.",
-            "",
-            module.HELP,
-            "",
-            "```",
-            examples,
-            "```",
-            "",
-            *table,
-            "",
-        ]
-    )
+    calls = (call if call.startswith("python ") else f"rigmatch {call}" for call in COMMANDS[name].examples)
+    return "\n".join([f"## rigmatch {name}", "", command.description or "", "", "```", *calls, "```", "", *table, ""])
 
 
 def _rows(command: argparse.ArgumentParser) -> Iterator[str]:

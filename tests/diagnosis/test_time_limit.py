@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from modelling.interruption import limited, time_is_over
 
 from matching.diagnosis.diagnose import diagnose
 from modelling import interruption as time_limit
-from modelling.interruption import limited, time_is_over
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
 

@@ -5,10 +5,10 @@ import signal
 import threading
 
 import pytest
+from modelling.interruption import Interrupted, install, none_swallowed, put_off, whatever_it_became
 
 from matching.match.programme import solved
 from modelling import interruption
-from modelling.interruption import Interrupted, install, none_swallowed, put_off, whatever_it_became
 
 
 @pytest.fixture
