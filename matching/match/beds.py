@@ -715,6 +715,7 @@ class Judge:
         low, high = np.log(case.band)
         self.frequencies = np.exp(low + (high - low) * (np.arange(ERROR_POINTS) + 0.5) / ERROR_POINTS)
         self.acting = frequency_response(controller, self.frequencies)
+        self._own = np.linalg.eigvals(controller.own_matrix)
 
     def verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
         """Beds with these values, by name, SI."""
@@ -724,7 +725,7 @@ class Judge:
 
     def _verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
         beds = bed_set(self.case, values, self.frequencies)
-        z = closed_poles(beds.sampled, self.controller)
+        z = self._poles(beds.sampled)
         ratios, stable = self._ratios(z)
         least, step = self.required.damping_ratio, self.controller.sample_time
         weights = damping_weights(beds.sampled, z, step, least, self.required.rolled_off_from)
@@ -734,11 +735,16 @@ class Judge:
         damped = (weights * ratios).min(axis=1) >= least
         return BedVerdicts(stable, ratios.min(axis=1), damped, measured, unmeasured)
 
+    def _poles(self, beds: SampledBeds) -> np.ndarray:
+        """Poles (b, x) of the loops and of what runs on known torques alone."""
+        z = closed_poles(beds, self.controller)
+        return np.hstack([z, np.broadcast_to(self._own, (len(z), len(self._own)))])
+
     def _ratios(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Damping ratios (b, x) of poles (b, x), 1 of what does not swing, and which beds (b,) are stable."""
         resting = np.abs(z - 1) < AT_REST
         moving = np.where(resting, 0.0, z)
-        stable = (np.abs(moving) < 1).all(axis=1) & (resting.sum(axis=1) <= self.neutral)
+        stable = (np.abs(moving) < 1).all(axis=1) & (resting.sum(axis=1) <= self.neutral * (1 + bool(len(self._own))))
         return damping_ratios(moving, self.controller.sample_time), stable
 
     def dampings(self, positions: np.ndarray) -> np.ndarray:
@@ -747,7 +753,7 @@ class Judge:
 
     def dampings_of(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
         """Damping ratios (b, m) of the least damped modes, least first; −1 where a bed grows without swinging."""
-        ratios, stable = self._ratios(closed_poles(sampled_beds(self.case, values), self.controller))
+        ratios, stable = self._ratios(self._poles(sampled_beds(self.case, values)))
         least = np.sort(ratios, axis=1)[:, : 2 * MODES : 2]  # pairs
         least[:, 0] = np.where(stable | (least[:, 0] < 0), least[:, 0], -1.0)
         return least

@@ -76,9 +76,15 @@ def check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
     return *_margin(problem, v), inside_unit_circle(poles, neutral_motions(bed))
 
 
+def _parameters(problem: Problem, v: np.ndarray) -> np.ndarray:
+    """p (p,) of the programme's loop at decisions (v,)."""
+    values = problem.values(v)
+    return problem.vector({move.name: values[move.name] for move in problem.moves})
+
+
 def _margin(problem: Problem, v: np.ndarray) -> tuple[float, float]:
     """Least singular value of I + L(jω), and where, Hz: the lowest minima of a grid, refined."""
-    p, grid = problem.vector(problem.values(v)), SURVEY_HZ
+    p, grid = _parameters(problem, v), SURVEY_HZ
     near = [mode.frequency for mode in modes(problem.case.rig) if 0 < mode.frequency < SURVEY_HZ[-1]]
     grid = np.union1d(grid, np.outer(near, np.linspace(0.95, 1.05, 21)))
     function = problem.loop.difference
@@ -394,7 +400,7 @@ def with_nearest_roots(problem: Problem, v: np.ndarray) -> np.ndarray:
     bed = linear_bed(apply(problem.case, problem.values(v)))
     z = closed_poles(side_by_side([bed.bed]), feedback_on(bed))[0]
     roots = np.log(z[np.abs(z) > 1e-3].astype(complex)) / bed.case.loop["sample_time"]
-    roots, p = roots[roots.imag >= 0], problem.vector(problem.values(v))
+    roots, p = roots[roots.imag >= 0], _parameters(problem, v)
 
     def difference(s: complex) -> np.ndarray:
         re, im = problem.loop.difference(s.real, s.imag, p)
