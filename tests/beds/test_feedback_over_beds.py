@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from independent.dynamic_stiffness import Judge, check_loop
 from small_bed import CASE, FEEDBACK_GAINS, write
 
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from independent.dynamic_stiffness import Judge, check_loop
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from matching.match.robustness import drawn_beds, feedback_tuner

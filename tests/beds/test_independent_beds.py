@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from independent.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
+from matching.match.continuous_loop import sampled_poles
 
 from matching.match.beds import (
     action,
@@ -18,8 +20,6 @@ from matching.match.beds import (
     sampled_beds,
 )
 from matching.match.case import Box, Uncertain
-from matching.match.continuous_loop import sampled_poles
-from independent.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
 from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from modelling.bed.controllers import STRUCTURES
@@ -56,9 +56,9 @@ def test_a_mode_of_the_beds_own_beyond_the_roll_off_needs_no_more_damping_than_i
         Judge(small_case, law, required=(0.07, rolled_off_from)).verdict(worn) for rolled_off_from in (100.0, 300.0)
     ]
     assert [verdict.damped for verdict in verdicts] == [True, False]
-    assert bed_of(small_case, worn).own_damping < 0.02 < verdicts[0].damping_ratio < 0.06
+    assert bed_of(small_case, worn).open_loop_damping < 0.02 < verdicts[0].damping_ratio < 0.06
     assert not Judge(small_case, law, required=(0.09, 100.0)).verdict(worn).damped  # slower modes need all of it
-    assert bed_of(small_case, {}).own_damping > 0.08
+    assert bed_of(small_case, {}).open_loop_damping > 0.08
 
 
 def test_the_search_asks_no_more_of_such_a_mode_either(small_case, small_search):

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from independent.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
 
 from matching.match import tune_observer as opened
 from matching.match import tune_observer as tune
-from matching.match.beds import SHARES, Requirements, softened
+from matching.match.beds import SHARES, Requirements, with_reduced_stiffness
 from matching.match.case_file import load_case
-from independent.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
 from matching.match.robustness import noted
 from matching.match.tune_observer import (
     DAMPING_RESERVE,
@@ -47,7 +47,7 @@ def begun(small_search, small_case):
 def test_only_the_cut_shaft_opens_and_other_values_of_the_bed_stay(small_case):
     drawn = {"rig.shafts.side.stiffness": 3800.0, "loop.dead_time": 0.0029}
     damping = small_case.rig.parameters["shafts.side.damping"].value
-    assert softened(small_case, drawn, 0.2) == pytest.approx(
+    assert with_reduced_stiffness(small_case, drawn, 0.2) == pytest.approx(
         {"rig.shafts.side.stiffness": 760.0, "rig.shafts.side.damping": 0.2 * damping, "loop.dead_time": 0.0029}
     )
 
@@ -58,7 +58,7 @@ def test_the_search_sees_what_the_independent_assembly_says_of_opened_shafts(beg
     for left in SHARES:
         search.add(np.zeros((1, search.positions.shape[1])), STABLE_SHARE, left)
     needed = search.required.damping_ratio * (1 + DAMPING_RESERVE)
-    opened = [judge.damping(softened(small_case, {}, left)) for left in SHARES]
+    opened = [judge.damping(with_reduced_stiffness(small_case, {}, left)) for left in SHARES]
     wanted = [ratio / needed - STABLE_SHARE * left**0.5 for ratio, left in zip(opened, SHARES, strict=True)]
     assert search.guarded[-len(SHARES) :] == tuple(range(6, 6 + len(SHARES)))
     room = search.judged(start).least[: len(search.guarded)][-len(SHARES) :]
@@ -74,8 +74,8 @@ def test_of_drawn_beds_with_opened_shafts_the_least_stable_are_named(begun, smal
     assert tuple(named) == SHARES
     drawn = [small_case.uncertainty.at(position) for position in small_case.uncertainty.spread(16)]
     for left, (position,) in named.items():
-        ratios = [judge.damping(softened(small_case, of_bed, left)) for of_bed in drawn]
-        least = judge.damping(softened(small_case, small_case.uncertainty.at(position), left))
+        ratios = [judge.damping(with_reduced_stiffness(small_case, of_bed, left)) for of_bed in drawn]
+        least = judge.damping(with_reduced_stiffness(small_case, small_case.uncertainty.at(position), left))
         assert least == pytest.approx(min(ratios), rel=1e-6, abs=1e-9)
 
 
@@ -95,7 +95,7 @@ def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
     _, _, judge = begun
     checked = check_beds(small_case, judge.law, 0.01, 2, 0)
     for left in SHARES:
-        assert checked.opened[left] == judge.damping(softened(small_case, {}, left))
+        assert checked.opened[left] == judge.damping(with_reduced_stiffness(small_case, {}, left))
     for entry, left in zip(checked.to_dict()["opened_cut_shafts"], SHARES, strict=True):
         ratio = checked.opened[left]
         assert entry == {

@@ -9,9 +9,10 @@ import argparse
 import time
 from dataclasses import replace
 
+from independent.dynamic_stiffness import quantile
+
 from matching.match.attempt import question_of
 from matching.match.case import Case
-from independent.dynamic_stiffness import quantile
 from matching.match.match import match_with_observer
 from matching.match.tune_observer import TuningEffort
 from tests.benchmarks.observer_table import case_of

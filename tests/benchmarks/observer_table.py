@@ -12,10 +12,11 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from independent.dynamic_stiffness import quantile
+
 from matching.match.attempt import question_of
 from matching.match.case import Case
 from matching.match.case_file import load_case
-from independent.dynamic_stiffness import quantile
 from matching.match.match import match_with_observer
 from matching.match.tune_observer import TuningEffort
 

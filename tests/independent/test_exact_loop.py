@@ -19,7 +19,6 @@ from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BEDS = 3  # variants of each bed, beside the bed as planned
-GRID = 0.02  # of the margin: one side looks for its minimum on a grid of 240 frequencies
 
 
 def assert_alike(case, bed: LinearBed, seed: int) -> None:
@@ -41,8 +40,9 @@ def assert_alike(case, bed: LinearBed, seed: int) -> None:
     noise = sensor_noise(case, controller.sensors)
     figures = loop_figures(planned(case, noise), controller, required)
     judged = check_loop(case, law, noise[: len(law.sensors)], required.margin_from, required.rolled_off_from)
-    assert figures.modulus_margin <= judged.modulus_margin * (1 + 1e-6)
-    assert figures.modulus_margin == pytest.approx(judged.modulus_margin, rel=GRID)
+    difference = Independent(case, law, np.array([figures.margin_at])).planned()[0][0]
+    assert figures.modulus_margin == pytest.approx(np.linalg.svd(difference, compute_uv=False)[-1], rel=1e-6)
+    assert figures.modulus_margin <= judged.modulus_margin * (1 + 1e-6)  # of a grid
     assert figures.largest_rolled_off == pytest.approx(judged.largest_rolled_off, rel=1e-6, abs=1e-9)
     for name, value in zip(law.dynamometers, judged.command_noise, strict=True):
         assert figures.command_noise[name] == pytest.approx(value, rel=5e-3, abs=1e-9)
@@ -52,7 +52,12 @@ def in_structure(case, name: str):
     """The case with another control structure at its start values."""
     structure = STRUCTURES[name]
     values = {**case.loop.values, **{key: quantity.start for key, quantity in structure.quantities.items()}}
-    return replace(case, loop=replace(case.loop, structure=structure, values=values))
+    return read_alike(replace(case, loop=replace(case.loop, structure=structure, values=values)))
+
+
+def read_alike(case):
+    """Without the sensors that a feedback law makes nothing of: the independent law has no rows for them."""
+    return case if case.loop.structure.is_observer else replace(case, loop=replace(case.loop, further_sensors=()))
 
 
 @pytest.mark.parametrize("structure", ["pi", "model_based", "observer"])
@@ -70,7 +75,7 @@ def test_without_control():
 @pytest.mark.parametrize("seed", range(30))
 def test_drives_drawn_at_random(seed, tmp_path):
     """One to four dynamometers, chains, axles and independent motors, 0.5 to 20 ms, every structure."""
-    case = load_case(draw(seed, tmp_path))
+    case = read_alike(load_case(draw(seed, tmp_path)))
     try:
         assert_alike(case, linear_bed(case), seed)
     except (NotCovered, InputError) as reason:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 from match import drawn
+from matching.match.continuous_loop import encirclements
 
 from matching.match import solve as searching
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import encirclements
 from matching.match.loop import linear_bed
 from matching.match.solve import blind_draws
 from modelling.bed.controllers import STRUCTURES

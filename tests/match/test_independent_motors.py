@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import tomli_w
+from matching.match.continuous_loop import ExactLoop, encirclements
 
 from matching.match.case import demands
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import ExactLoop, encirclements
 from matching.match.loop import linear_bed
 from matching.match.responses import error_figures
 from matching.report.drivetrain import layout

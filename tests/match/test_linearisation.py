@@ -68,7 +68,9 @@ def test_under_load_and_in_motion_both_are_as_if_they_were_not_there(plain, hard
                 wanted = np.array(one(0.0, omega, first.values)).ravel()
                 np.testing.assert_allclose(np.array(other(0.0, omega, second.values)).ravel(), wanted, rtol=1e-6)
     for one, other in zip(
-        (linear_bed(plain).rig, *linear_bed(plain).residual), (linear_bed(hard).rig, *linear_bed(hard).residual), strict=True
+        (linear_bed(plain).rig, *linear_bed(plain).residual),
+        (linear_bed(hard).rig, *linear_bed(hard).residual),
+        strict=True,
     ):
         np.testing.assert_allclose(other.space.A, one.space.A, rtol=1e-7, atol=1e-6)
 

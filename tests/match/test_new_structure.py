@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from match import drawn
+from matching.match.continuous_loop import encirclements
 
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import encirclements
 from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.verify import verify

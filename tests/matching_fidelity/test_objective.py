@@ -6,9 +6,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from matching.match.continuous_loop import PLACE
 
 from matching.match.case_file import case_text, load_case
-from matching.match.continuous_loop import PLACE
 from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.objectives import FidelityObjective

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matching.match.continuous_loop import ExactLoop
 from scipy.linalg import expm
 
 from matching.match.adapters import curves_of
-from matching.match.continuous_loop import ExactLoop
 from matching.match.loop import body, linear_bed, watched
 from matching.match.responses import ComparedBed, SampledLoop, feed_forward_action, feed_forward_of
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matching.match.continuous_loop import ExactLoop, sampled_poles
 from scipy.signal import cont2discrete
 
-from matching.match.continuous_loop import ExactLoop, sampled_poles
 from matching.match.loop import LinearMotion, arrivals, linear_bed
 from matching.match.responses import feed_forward_of
 from matching.match.verify import free_motion, matched_motion

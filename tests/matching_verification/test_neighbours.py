@@ -5,11 +5,11 @@ import tomllib
 
 import pytest
 import tomli_w
+from matching.match.continuous_loop import feed_forward_modes
 from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.case import target_modes
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import feed_forward_modes
 from matching.match.loop import linear_bed
 from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case, target_modes_of
 from modelling.bed.vehicle import cut

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matching.match.continuous_loop import ExactLoop, match_mode
 
 from matching.match.adapters import lower_bound
-from matching.match.continuous_loop import ExactLoop, match_mode
 from matching.match.loop import linear_bed
 from matching.match.responses import ComparedBed, error_figures
 from matching.match.verify import _deviating, verify

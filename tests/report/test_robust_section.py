@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import pytest
+from independent.dynamic_stiffness import BedsCheck
 
 from matching.match.beds import LoopFigures, Requirements
-from independent.dynamic_stiffness import BedsCheck
 from matching.report.match import beds_figure, error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))

@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from independent.dynamic_stiffness import check_loop
 from kept_values import same_values
 from kept_words import same_numbers, same_words
+from matching.match.continuous_loop import encirclements, feedback_modes
 from result_keys import same_keys
 
 import rigmatch as rm
 from matching.cli import main
 from matching.commands import tolerance_summary as command_summary
-from matching.match.case import requirements
-from matching.match.case import apply
+from matching.match.case import apply, requirements
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import encirclements, feedback_modes
-from independent.dynamic_stiffness import check_loop
 from matching.match.loop import control_law
 from matching.match.map import Axis
 from matching.match.tolerance import (
