@@ -60,7 +60,6 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "objective_from_own_starts": "of a point, before the solutions of its neighbours were tried",
         "yield": "shares of the drawn beds that are `stable`, keep the margin, keep each target mode, and `all` of it",
         "modulus_margin_asked": "required modulus margin", "modulus_margin_from": "from which frequency, Hz",
-        "checked_exactly": "draws that were calculated exactly beside the fast way",
         "largest_difference": "largest relative difference between both ways, by result",
         "standard_deviation": "of a result over the draws", "quantiles": "of a result over the draws, by level",
         "quantile_intervals": "where each quantile lies with 95 % confidence; null where the draws do not bound it",

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
-from matching.bed.verify import compared_bed
+from matching.match.responses import ComparedBed as compared_bed
 from matching.cli import main
 from matching.export import read_export_source, tuned_case
 from matching.fidelity import read_case, xil_fidelity

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matching.match.continuous_loop import PLACE, emulated
 
+from matching.match.loop_modes import PLACE, emulated
 from matching.match.verify import match_fidelity
 from matching.report.match import fidelity_line, fidelity_rows
 

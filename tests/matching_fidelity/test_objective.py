@@ -6,10 +6,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from matching.match.continuous_loop import PLACE
 
 from matching.match.case_file import case_text, load_case
 from matching.match.loop import linear_bed
+from matching.match.loop_modes import PLACE
 from matching.match.match import match
 from matching.match.objectives import FidelityObjective
 from matching.match.programme import build, closed_loop
