@@ -28,7 +28,6 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "smallest_damping_ratio": "of any mode on any drawn bed", "required_damping_ratio": "what the case asks of it",
         "depends_most_on": "quantities whose values make this bed bad, the strongest first",
         "largest_error": "the bed with the largest error that a search over the whole box finds",
-        "not_covered": "what of the case the independent check does not know; empty where it knows all",
         "not_simulated": "why there is no table in time; empty where there is one",
         "what_is_wrong": "what of the bed of this row differs from the model, in words",
         "open_lash": "drawn beds after a short torque pulse with the lash open",
