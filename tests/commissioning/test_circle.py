@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from needs import compiles
 from plant.engine import compiler
-from result_keys import same_keys
+from result_schema import check_schema
 from small_bed import CASE, write
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 
@@ -79,7 +79,7 @@ def test_a_bed_like_its_model_needs_one_round(proven):
     assert result["status"] == "as_predicted"
     assert len(result["rounds"]) == 1
     assert "as well as the match can make it" in result["end"]
-    same_keys("commission", result)
+    check_schema("commission", result)
     assert "as predicted" in (proven[1] / "report.html").read_text(encoding="utf-8")
     recorded = (proven[1] / "1_verify" / "recording.csv").read_text(encoding="utf-8").splitlines()[0]
     assert recorded.startswith("time [s],motor_torque [N*m],dyno [N*m],")  # the command, for a diagnosis

@@ -7,7 +7,6 @@ import pytest
 
 pytest.importorskip("panel")
 
-from kept_words import same_words
 from structure.imports import ROOT
 
 from matching.explore.files.workspace import opened, starter
@@ -49,11 +48,10 @@ def said(panel):
             yield f"Figure {shown.title.text}: {shown.xaxis.axis_label or ''}, {shown.yaxis.axis_label or ''}."
 
 
-def test_every_tab_says_what_it_said(tmp_path):
-    for name, make in _makers(opened(files(tmp_path), tmp_path / "out")).items():
+def test_no_tab_shows_a_missing_value(tmp_path):
+    for make in _makers(opened(files(tmp_path), tmp_path / "out")).values():
         text = " ".join(said(make()))
         assert "None" not in text
-        same_words(f"explore, {name}", text, tmp_path, ROOT)
 
 
 def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):

@@ -28,14 +28,3 @@ def test_the_line_of_progress_says_when_the_end_is_expected(monkeypatch, capsys)
     with steps("match", OF_A_MATCH) as tell:
         tell("weights")
     assert "match: weights, about 0 s left [" in capsys.readouterr().err
-
-
-def test_every_step_that_a_match_tells_is_known():
-    """The words stand where they are told; a step renamed there would lose its share here."""
-    from structure.imports import ROOT
-
-    search = ROOT / "matching" / "frequency"
-    files = ("search/match.py", "search/observed.py", "search/solve_and_verify.py")
-    text = "".join((search / file).read_text(encoding="utf-8") for file in files)
-    assert [word for word in OF_A_MATCH if f'tell("{word}")' not in text and word != "start"] == []
-    assert 'progress(f"start {' in (search / "solver" / "solve.py").read_text(encoding="utf-8")

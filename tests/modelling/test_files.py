@@ -161,7 +161,7 @@ def line_of(path):
 
 
 @pytest.mark.parametrize("name", SPOILED)
-def test_one_line_for_what_is_wrong(name, tmp_path, kept_line):
+def test_one_line_for_what_is_wrong(name, tmp_path):
     old, new, expected = SPOILED[name]
     assert old in GOOD
     path = tmp_path / "spoiled.toml"
@@ -169,8 +169,6 @@ def test_one_line_for_what_is_wrong(name, tmp_path, kept_line):
     line = line_of(path)
     assert line.startswith(str(path))
     assert re.search(expected, line), line
-    if not re.search("is not TOML|cannot be read", line):  # there a library says what is wrong
-        kept_line(line, tmp_path)
 
 
 @pytest.mark.parametrize(("ratio", "expected"), [("6", "says again"), ("5", "locks the drivetrain")])

@@ -5,7 +5,6 @@ from itertools import combinations, pairwise
 from xml.etree import ElementTree
 
 import pytest
-from kept_values import same_places
 from matplotlib.patches import FancyBboxPatch
 from structure.imports import ROOT
 
@@ -34,11 +33,6 @@ def case():
 
 def texts(figure):
     return [text.get_text() for axes in figure.axes for text in axes.texts]
-
-
-@pytest.mark.parametrize("example", ["road_to_rig/case.toml", "compact_bev/case.toml", "four_wheel/case.toml"])
-def test_parts_stand_where_they_always_stood(example):
-    same_places(f"drawing, {example}", case_figure(rm.load_case(ROOT / "examples" / example)))
 
 
 def test_a_chain_stands_in_one_row_from_one_of_its_ends():
