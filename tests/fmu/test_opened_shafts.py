@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fmu.opened_bed import Trial, run
 from plant.marks import needs_compiler
 
 from matching.fmu.controller import exported_controller
@@ -12,7 +13,6 @@ from matching.fmu.write import write_controller
 from matching.frequency.case.load import load_case
 from modelling.controller.opened_shaft import WATCHED_SAMPLES, ShaftWatch, WatchedShafts, nothing_watched
 from modelling.controller.settings import NO_LIMIT, TORQUE_GONE
-from tests.benchmarks.opened_shafts import Trial, run
 
 SMALLEST, SHARE, SETTLED = 50.0, 0.5, 3  # N·m, of the torque, samples
 
