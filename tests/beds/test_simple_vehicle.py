@@ -12,7 +12,6 @@ from small_bed import CASE, RIG, VEHICLE
 
 from matching.frequency.case.case_file import case_files
 from matching.frequency.case.load import load_case
-from matching.frequency.in_time.table import TruthInTime
 from matching.frequency.loop.control_law import control_law
 from matching.frequency.loop.parts import parts_of
 from matching.frequency.response.simple_vehicle import SimpleVehicle, fitted_simple_vehicle
@@ -20,7 +19,6 @@ from matching.frequency.search.match import with_simple_vehicle
 from matching.frequency.search.observed import match_with_observer
 from matching.frequency.search.question import question_of
 from matching.frequency.tuning.rounds import TuningEffort
-from matching.report.match.page import context
 from modelling.bed.residual_vehicle import cut
 from modelling.common.errors import InputError
 from modelling.linear.reference_motion import speeds_of, torques_of
@@ -32,12 +30,6 @@ J = { value = 30, lower = 5, upper = 100 }
 drag = 0.5
 [inputs.road]
 on = "wheel"
-"""
-LINK = """
-[shafts.link]
-between = ["wheel", "car"]
-stiffness = 1e6
-damping = 20
 """
 AS_THE_VEHICLE = """
 [inertias.wheel]
@@ -109,24 +101,6 @@ def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
         question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
     )
     assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
-
-
-def test_a_part_with_a_name_of_its_own_stands_in_the_page_with_what_its_file_says(tmp_path):
-    """No part of the vehicle is called so; and its lack of a tyre is the first reason, not the dead time."""
-    own = RIGID_BODY + "[inertias.car]\nJ = { value = 2, lower = 1, upper = 3 }\n" + LINK
-    case, found = fitted_simple_vehicle(written(tmp_path, own))
-    result = match_with_observer(
-        question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
-    )
-    result = replace(with_simple_vehicle(result, found), simulated_in_time=TruthInTime(not_simulated="not asked here"))
-    assert result.status == "limited"
-    assert result.limits[0] == found.sentence()
-    assert result.response_error.bound < 0.02 < case.tolerance < found.fitted
-    rows = {row["name"]: row for row in context(result, {})["residual"]}
-    assert rows["inertias.car.J"]["before"] == 2
-    assert rows["inertias.wheel.J"]["before"] == 30
-    assert rows["inertias.wheel.J"]["moved"]
-    assert not rows["shafts.link.stiffness"]["moved"]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import json
 import shutil
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 from needs import compiles
@@ -119,16 +118,6 @@ def test_a_case_without_a_steady_speed_is_told_before_its_match(tmp_path, monkey
     begun = circle.Circle(tmp_path / "out", tmp_path / "bed", circle.CommissionOrder())
     with pytest.raises(InputError, match=r"limits\.dynamometer_speed: is missing"):
         begun.run(write(tmp_path))
-
-
-@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device")
-def test_a_device_is_no_bed_and_no_recording(tmp_path):
-    """It never ends, and was read until no memory was left."""
-    endless = Path("/dev/zero")
-    with pytest.raises(InputError, match="/dev/zero: is no regular file and no folder"):
-        circle.Circle(tmp_path, endless, circle.CommissionOrder())
-    with pytest.raises(InputError, match="/dev/zero is no regular file"):
-        circle.Stages(tmp_path).of_files(endless)
 
 
 @pytest.mark.parametrize(("content", "wrong"), [(None, "does not exist"), (b"no archive", "cannot be read as an FMU")])

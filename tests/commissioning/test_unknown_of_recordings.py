@@ -13,7 +13,7 @@ from matching.diagnosis.fitting.uncertainty import Estimate
 from matching.frequency.case.case import Move
 from matching.frequency.case.load import load_case
 from matching.frequency.case.uncertainty import LARGEST_SHARE, Box, Uncertain
-from matching.report.commissioning.page import gain, page
+from matching.report.commissioning.page import gain
 from modelling.model.components import Effect
 from modelling.model.quantity import Quantity
 
@@ -109,13 +109,3 @@ def test_the_gain_is_the_first_error_over_the_last():
     assert gain({"rounds": [a_round(1, 0.4), a_round(2, None)]}) is None
     judged_again = {**a_round(1, 0.4), "against_last_vehicle": {"errors": [{"error": 0.8}]}}
     assert gain({"rounds": [judged_again, a_round(2, 0.1)]}) == pytest.approx(8)
-
-
-def test_the_page_lists_what_was_found_of_the_vehicle():
-    value = {"name": "vehicle.inertias.body.J", "before": 40.0, "after": 43.25, "half_width": 0.5}
-    vehicle = {"verdict": "adequate", "causes": [], "notes": [], "values": [value], "torque_gains": {}}
-    result = {"status": "waiting", "rounds": [], "waiting_for": "run it", "end": "", "best_round": None}
-    html = page(result | {"vehicle": vehicle})
-    assert 'id="vehicle"' in html
-    assert "inertias.body.J" in html
-    assert "43.25" in html

@@ -10,14 +10,10 @@ pytest.importorskip("panel")
 from structure.imports import ROOT
 
 from matching.explore.files.workspace import opened, starter
-from matching.explore.page import match_result
 from matching.explore.page.map_view import MapView
 from matching.explore.page.match import MatchTab
 from matching.explore.page.measurement import MeasurementTab
 from matching.explore.page.server import _makers
-from matching.explore.page.widgets.drivetrain_view import DrivetrainView
-from matching.explore.page.widgets.slider import Slider
-from matching.explore.page.widgets.tab_bar import TabBar
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 OWN_NAME = re.compile(r"[A-Za-z]+\d{5}")  # Panel's, of what has no name
@@ -67,11 +63,6 @@ def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
             assert not isinstance(value, pn.widgets.base.WidgetBase) or id(value) in there, f"{name}: {key}"
 
 
-@pytest.mark.parametrize("component", [DrivetrainView, Slider, TabBar])
-def test_what_runs_in_the_browser_has_its_program(component):
-    assert "export function render" in component._esm
-
-
 @pytest.fixture
 def asked(tmp_path):
     workspace = opened([starter(tmp_path)], tmp_path / "out")
@@ -95,18 +86,6 @@ def test_what_a_map_shows_under_the_mouse_is_of_its_points(asked: MapView):
     assert {key for _, text in tool.tooltips for key in FIELD.findall(text)} <= cells.data_source.data.keys()
     assert list(cells.data_source.data["status"]) == [point["status"] for point in MAP["points"]]
     assert list(cells.data_source.data["error"]) == [point["error"] for point in MAP["points"]]
-
-
-@pytest.mark.parametrize(("as_ordered", "said_so"), [(0.1, False), (0.2, True)])
-def test_an_order_says_where_the_gains_were_tuned_again(tmp_path, monkeypatch, as_ordered, said_so):
-    monkeypatch.setattr(match_result, "summary", lambda _: "in words")
-    trade = {"name": "rig.shafts.flange.stiffness", "unit": "N*m/rad", "planned": 2e5, "ordered": 3e5,
-             "acceptable": (2.5e5, 3.5e5), "error_as_planned": 0.5, "error_as_ordered": as_ordered}  # fmt: skip
-    result = {"adapters": [trade], "response_error": {"unmeasured_after": 0.1}}
-    page = match_result.result_html(result, tmp_path / "match", tmp_path)
-    assert ("that make it 0.1" in page) == said_so
-    for text in ("in words", "flange, stiffness", "250", "350", "0.5", f"{as_ordered:g}"):
-        assert text in page
 
 
 @pytest.mark.parametrize("as_dropped", [str, str.encode])

@@ -79,15 +79,6 @@ def test_a_map_shows_its_errors_in_the_terminal_and_in_a_notebook():
     assert all(value in a_map()._repr_html_() for value in ("&lt;map&gt;", "0.01", "0.02"))
 
 
-def test_a_map_of_nothing_has_a_page():
-    none = Point(1e-3, 1.0, "impossible", None, None, None, False, None, ("so",))
-    axes = Axis("loop.dead_time", "s", (1e-3,), 5e-3), Axis(STIFFNESS, "N*m/rad", (1.0,), 1.0)
-    found = Map("", (0.5, 30.0), *axes, ((none,),))
-    html = map_page.page(found, image(map_figure(found)))
-    assert "No point has a response error" in html
-    assert "no match possible" in html
-
-
 def test_fields_of_a_map_act_and_say_their_error():
     pytest.importorskip("bokeh")
     from matching.report.map.acting import acting_map
@@ -95,26 +86,6 @@ def test_fields_of_a_map_act_and_say_their_error():
     script = acting_map(a_map())["script"]
     for words in ('"no stable loop found"', '"matched"', '"0.3"', "the case as it is", "1 (loop.dead_time in ms)"):
         assert words in script
-
-
-def test_colours_of_an_acting_map_have_a_scale_with_quantity_and_band():
-    pytest.importorskip("bokeh")
-    from bokeh.models import ColorBar
-
-    from matching.report.map import acting
-
-    found = a_map()
-    fig = acting._panel(found, "unmeasured", found.errors("unmeasured"))
-    (bar,) = [part for part in fig.below if isinstance(part, ColorBar)]
-    assert bar.title == "rms of |log(H_rig/H_vehicle)|, 0.5–30 Hz"
-    assert (bar.color_mapper.low, bar.color_mapper.high) == pytest.approx((0.02 / 1.02, 0.4 * 1.02))
-    fields = [drawn for drawn in fig.renderers if type(drawn.glyph).__name__ == "Quad"]
-    assert sorted(value for drawn in fields for value in drawn.data_source.data["fill"]) == [0.02, 0.02, 0.4, 0.4]
-    assert {drawn.glyph.fill_color.transform for drawn in fields} == {bar.color_mapper}
-    tips = {name: shown for hover in fig.hover for name, shown in hover.tooltips}
-    told = [shown.removeprefix("@") for shown in tips.values()]
-    assert {"error", "margin", "x", "y"} <= tips.keys()
-    assert all(set(told) <= drawn.data_source.data.keys() for drawn in fields)
 
 
 def a_study(stable=0.9):
@@ -125,17 +96,6 @@ def a_study(stable=0.9):
     margin = Spread("modulus_margin", "", 0.56, 0.55, 0.05, quantiles, intervals, drivers, 0.81, 100, edges, counts)
     shares = {"stable": stable, "modulus_margin": stable, "all": stable}
     return Tolerance("bed", 100, 0, (), (margin,), {"modulus_margin": 2e-3}, shares, 0.5, 16.2)
-
-
-def test_a_lost_target_mode_says_what_is_required_and_the_figure_shows_it():
-    study = a_study()
-    (margin,) = study.spreads
-    mode = replace(margin, name="target 3 frequency", unit="Hz", nominal=8.0, edges=np.linspace(7.9, 8.04, 4))
-    study = replace(study, spreads=(margin, mode), shares=study.shares | {mode.name: 0.6})
-    drawn = plot(study)
-    assert "required: 7.92 to 8.08 Hz, about the bed as planned" in tolerance_page.page(study, drawn, image(drawn))
-    lines = {line.get_linestyle(): line.get_xdata()[0] for line in drawn.axes[2].get_lines()}
-    assert lines == pytest.approx({"-": 8.0, "--": 7.92})  # 8.08 lies beyond all draws
 
 
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
@@ -227,12 +187,6 @@ def test_figures_of_a_map_hold_its_points():
         f"{map_page.CAPTION} {map_page.CAPTION_OF_RING}",
         True,
     )
-
-
-def test_a_map_beside_its_case_does_not_speak_of_a_ring():
-    found = a_map()
-    found = replace(found, y=replace(found.y, here=3.0))
-    assert on_page(map_page.page(found, image(map_figure(found))), "map") == (map_page.CAPTION, True)
 
 
 def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
