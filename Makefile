@@ -42,7 +42,7 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 
-test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
+test-long: .venv/test.stamp  ## set up, then the tests that take a quarter of a minute or more each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \
 		|| [ $$? = 5 ]  # 5: there is none
 

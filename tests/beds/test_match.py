@@ -33,6 +33,7 @@ def test_the_target_is_met_in_the_loop_and_in_the_simulation(result):
     assert result.response_error.unmeasured < result.case.unmeasured_tolerance
 
 
+@pytest.mark.long
 def test_with_40_ms_the_dead_time_is_named_first_and_the_search_is_short(small_case):
     """A controller that knew every torque would miss both tolerances: no long search finds another."""
     box = small_case.uncertainty.about({"loop.dead_time": 0.04})

@@ -143,6 +143,7 @@ def test_what_must_be_known_is_ranked(verified):
     assert sorted(late) == pytest.approx([-5e-4, 5e-4])
 
 
+@pytest.mark.long
 def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedback):
     case = feedback
     everywhere = verify(case, deviations=False)
