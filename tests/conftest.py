@@ -11,8 +11,7 @@ from hypothesis import settings
 import matching  # noqa: F401  brings the views of results, whichever test runs first
 from modelling.common import floating_point
 
-TEAR_DOWN_SECONDS = 60  # of a test that failed; then its process ends and says where
-STANDARD_ERROR = os.dup(2)
+TEAR_DOWN_SECONDS = 3  # of a test that failed; then its process ends and says where
 mpl.use("agg")  # no display, whatever the machine has
 settings.register_profile("repeatable", derandomize=True, deadline=None)  # `make test`: the same examples every time
 settings.register_profile("search", deadline=None, max_examples=1000)  # on request: new ones each time
@@ -25,11 +24,15 @@ def ieee_arithmetic() -> None:
     floating_point.restore()
 
 
+def pytest_configure(config) -> None:
+    config.standard_error = os.dup(2)  # nothing is captured yet
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_exception_interact(node) -> None:
     """With a failure the limits of pytest-timeout and of faulthandler end: its tear-down gets another."""
     if isinstance(node, pytest.Item):
-        faulthandler.dump_traceback_later(TEAR_DOWN_SECONDS, exit=True, file=STANDARD_ERROR)
+        faulthandler.dump_traceback_later(TEAR_DOWN_SECONDS, exit=True, file=node.config.standard_error)
 
 
 def pytest_collection_finish() -> None:
