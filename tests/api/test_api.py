@@ -15,8 +15,8 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching import commands as explore
 from matching.commands import available
+from matching import commands as explore
 from modelling.errors import InputError
 from modelling.writing import strict_json
 
@@ -173,13 +173,3 @@ def test_a_damped_mode_swings_out_of_step():
     assert out_of_step >= 2
     axes = drawn.plot().axes
     assert [one.get_ylabel().split(" ")[0] for one in axes] == ["amplitude", "phase"]
-
-
-def test_figures_keep_to_the_colours_of_the_house():
-    from matching.report import common as style
-
-    responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
-    curves = responses.plot().axes[0].lines
-    assert {line.get_color() for line in curves} <= set(style.CURVE_COLOURS)
-    looks = [tuple(style.curve(place).values()) for place in range(32)]
-    assert len(set(looks)) == 32

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, flawed, imperfections
-from modelling.system import Effect, Quantity
+from modelling.system import Effect
+from modelling.system import Quantity
 
 NOTHING = Imperfection("")
 

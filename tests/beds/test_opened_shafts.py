@@ -6,22 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from matching.match.beds import Requirements
+from matching.match.beds import SHARES, softened
+from matching.match.tune_observer import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE, tuner
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds
+from matching.match.dynamic_stiffness import dampings_opened
 from matching.match import tune_observer as opened
 from matching.match import tune_observer as tune
-from matching.match.beds import SHARES, Requirements, softened
-from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
-from matching.match.robustness import noted
-from matching.match.tune_observer import (
-    DAMPING_RESERVE,
-    LARGEST_ROOM,
-    STABLE_SHARE,
-    TuningEffort,
-    least_stable_opened,
-    tuned_weights,
-    tuner,
-)
+from matching.match.tune_observer import least_stable_opened
+from matching.match.tune_observer import TuningEffort
+from matching.match.tune_observer import tuned_weights
 from matching.match.verify import RobustVerification
+from matching.match.robustness import noted
 from modelling.controller.law import law_of_observer
 
 REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
@@ -143,6 +140,7 @@ def test_at_5_ms_the_reference_keeps_opened_shafts_stable(late, monkeypatch):
     assert weights["command_weight"] < 1e-9  # beyond it the emulated mode of 1.6 Hz is damped too much
 
 
+@pytest.mark.long
 def test_shorter_dead_times_lead_to_opened_shafts_that_are_stable(late):
     """From weights for 3 ms that know no opened shafts, with few beds: to 5 ms over 2.5, 3, 3.5, 4 and 4.5 ms."""
     search, effort = tuner(late, 8, 16), TuningEffort(drawn=8, pool=16)

@@ -16,7 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from matching.studies import finished, whole_lines
+from matching.studies import whole_lines
+from matching.studies import finished
 from tests.campaign.work import Prepared, diagnosed, prepared
 
 

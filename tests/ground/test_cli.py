@@ -10,10 +10,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching import cli, commands
+from matching import cli
+from matching import commands
 from modelling import toml as tables
-from modelling import writing as output
 from modelling.errors import InputError
+from modelling import writing as output
 
 
 @pytest.fixture
@@ -115,11 +116,6 @@ def test_missing_file_that_no_reader_caught(answer, capsys, tmp_path):
     assert "is a directory" in capsys.readouterr().err
 
 
-def test_missing_file_of_the_program_itself_is_a_fault(answer, capsys, tmp_path):
-    answer(lambda _: (tmp_path / "template.html").read_text())
-    assert cli.main(["modes", "a.toml"]) == 1
-
-
 def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, monkeypatch):
     answer(fail_with(ZeroDivisionError("division by zero")))
     assert cli.main(["modes", "a.toml"]) == 1
@@ -132,13 +128,6 @@ def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, m
     monkeypatch.setenv("RIGMATCH_TRACEBACK", "1")
     assert cli.main(["modes", "a.toml"]) == 1
     assert "Traceback" in capsys.readouterr().err
-
-
-def test_command_that_cannot_be_loaded_is_a_fault(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "available", lambda: {"modes": "modes"})
-    monkeypatch.setattr(cli, "import_module", fail_with(SyntaxError("invalid syntax")))
-    assert cli.main(["modes", "a.toml"]) == 1
-    assert "a fault of rigmatch" in capsys.readouterr().err
 
 
 def test_results_do_not_replace_what_the_command_reads(answer, capsys, tmp_path):
@@ -208,13 +197,6 @@ def python(code, **environment):
 
 
 HEAVY = ("numpy", "scipy", "sympy", "casadi", "matplotlib", "pint", "jinja2", "importlib.metadata")
-
-
-def test_help_imports_nothing_heavy():
-    code = "import sys; from matching.cli import main; main(['--help']); print('LOADED', *sys.modules)"
-    loaded = python(["-c", code]).stdout.split("LOADED ")[1].split()
-    assert set(HEAVY).isdisjoint(loaded)
-    assert not any(name.startswith("matching.commands.") for name in loaded)
 
 
 def test_import_modelling_is_light():

@@ -11,8 +11,8 @@ import pytest
 from structure.imports import ROOT
 
 from matching import cli
-from matching.cli import WITHOUT
 from matching.commands import available
+from matching.cli import WITHOUT
 
 MADE_BY_MAKE_RUN = "out/road_to_rig"
 SHOWN_UNTIL_ENDED = "explore"

@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.match.attempt import needed_for_more, needed_to_keep
-from matching.match.case import apply, demands
+from matching.match.case import demands
 from matching.match.case_file import load_case
+from matching.match.case import apply
 from matching.match.in_time import TruthInTime
+from matching.match.attempt import needed_for_more, needed_to_keep
 from matching.match.match import NOTHING_MOVED, match
 from matching.report.match import content, summary
 
@@ -41,6 +42,7 @@ def limited_to(case, twist):
     return replace(case, limits={**case.limits, TWIST: twist})
 
 
+@pytest.mark.long
 def test_a_limit_that_binds_releases_a_quantity(stiff):
     """Adapter inertia changes the flange's torque by some percent; 0.7 of the twist takes a stiffer flange."""
     case, twist = stiff

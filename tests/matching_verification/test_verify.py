@@ -6,14 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.adapters import lower_bound
-from matching.match.continuous_loop import ExactLoop, match_mode
+from matching.match.continuous_loop import ExactLoop
+from matching.match.continuous_loop import match_mode
 from matching.match.loop import parts_of
-from matching.match.responses import ComparedBed, error_figures
-from matching.match.verify import _deviating, verify
+from matching.match.responses import error_figures
+from matching.match.responses import ComparedBed
+from matching.match.adapters import lower_bound
+from matching.match.verify import _deviating
+from matching.match.verify import verify
 from matching.report.match import margin_counted_from
-from modelling.bed.controllers import STRUCTURES
 from modelling.bed.vehicle import cut
+from modelling.bed.controllers import STRUCTURES
 from modelling.modal.modes import modes
 
 
@@ -140,6 +143,7 @@ def test_what_must_be_known_is_ranked(verified):
     assert sorted(late) == pytest.approx([-5e-4, 5e-4])
 
 
+@pytest.mark.long
 def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedback):
     case = feedback
     everywhere = verify(case, deviations=False)
@@ -161,10 +165,6 @@ def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedbac
     assert margin_counted_from(everywhere) == ""
     assert f"from {counted_from:.3g} Hz on" in margin_counted_from(checked)
     assert f"{everywhere.modulus_margin:.2g} at" in margin_counted_from(checked)
-
-
-def test_dictionary_is_plain(verified):
-    assert json.loads(json.dumps(verified.to_dict(), allow_nan=False))["stable"] is True
 
 
 def test_an_unstable_loop_is_never_called_stable(reference):

@@ -8,18 +8,9 @@ import pytest
 from modelling.equations.casadi_code import compiled
 from modelling.simulation import compiled as native
 from modelling.simulation import interpreted as virtual
-from modelling.simulation.stepping import (
-    FASTEST,
-    KINKED_ORDER,
-    SMOOTH_ORDER,
-    InitialValueProblem,
-    Stepping,
-    difference,
-    divisions,
-    local_errors,
-    run_to_tolerance,
-)
 from modelling.simulation.task import make_task
+from modelling.simulation.stepping import FASTEST, InitialValueProblem, run_to_tolerance
+from modelling.simulation.stepping import KINKED_ORDER, SMOOTH_ORDER, Stepping, difference, divisions, local_errors
 from tests.simulation.drives import excitation, system_with
 
 
@@ -44,7 +35,7 @@ def test_both_paths_give_the_same_local_errors(implicit):
     task = make_task(
         given.model, given.time, given.inputs, given.p, given.start, 1000.0, refinement=2, implicit=implicit
     )
-    fast, slow = native.run(task, errors=True), virtual.run(task, errors=True)
+    fast, slow = native.run_compiled(task, errors=True), virtual.run(task, errors=True)
     if fast is None:
         pytest.skip("no compiler")
     assert fast.errors.shape[2] == len(given.model.sensors) + len(given.model.states) - given.model.n

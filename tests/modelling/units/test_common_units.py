@@ -2,7 +2,7 @@
 
 import pytest
 
-from modelling import units as registry
+from modelling.units import registry
 from modelling.units import BY_TEXT
 
 
